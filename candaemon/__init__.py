@@ -1,0 +1,81 @@
+"""A CAN-bus radar tracking daemon: radar object frames in, obstacles with a lasting identity out.
+
+For notebooks::
+
+    from pathlib import Path
+    from candaemon import ReplayRequest, bind, load_config, replay
+
+    done = replay(bind(load_config(Path("config/toyota_rav4.yaml"))), ReplayRequest(Path("drive.log.gz")))
+
+Names are imported when they are first used, so that `import candaemon` itself costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from candaemon.binding import Binding, bind
+    from candaemon.bus.frame import Frame, Tick
+    from candaemon.config import json_schema, load_config
+    from candaemon.estimation.imm import Imm
+    from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel
+    from candaemon.pipeline import Cycle, Pipeline
+    from candaemon.replay import Replayed, ReplayRequest, replay
+    from candaemon.summary import summarise
+    from candaemon.tracking.obstacles import Obstacles
+    from candaemon.tracking.tracker import Tracker
+
+__version__ = "0.1.0"
+
+_EXPORTS = {
+    "candaemon.binding": ("Binding", "bind"),
+    "candaemon.bus.frame": ("Frame", "Tick"),
+    "candaemon.config": ("json_schema", "load_config"),
+    "candaemon.estimation.imm": ("Imm",),
+    "candaemon.estimation.models": ("CoordinatedTurn", "CurrentStatistical", "LinearModel"),
+    "candaemon.pipeline": ("Cycle", "Pipeline"),
+    "candaemon.replay": ("ReplayRequest", "Replayed", "replay"),
+    "candaemon.summary": ("summarise",),
+    "candaemon.tracking.obstacles": ("Obstacles",),
+    "candaemon.tracking.tracker": ("Tracker",),
+}
+_MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
+
+__all__ = [
+    "Binding",
+    "CoordinatedTurn",
+    "CurrentStatistical",
+    "Cycle",
+    "Frame",
+    "Imm",
+    "LinearModel",
+    "Obstacles",
+    "Pipeline",
+    "ReplayRequest",
+    "Replayed",
+    "Tick",
+    "Tracker",
+    "__version__",
+    "bind",
+    "json_schema",
+    "load_config",
+    "replay",
+    "summarise",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import what is asked for."""
+    module = _MODULE_OF.get(name)
+    if module is None:
+        raise AttributeError(f"module 'candaemon' has no attribute '{name}'")
+    loaded = import_module(module)
+    # All names of a module at once: importing `candaemon.replay` leaves the module where the function belongs.
+    globals().update({each: getattr(loaded, each) for each in _EXPORTS[module]})
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,56 @@
+"""The exception tree.
+
+::
+
+    CandaemonError              anything candaemon raises on purpose
+    ├── ConfigError             the YAML, the DBC files or how they fit: exit code 2
+    │   └── DatabaseError       a DBC file that cannot be loaded even tolerantly
+    └── InputError              a log or table that cannot be used at all: exit code 1
+        └── BusError            a live bus that cannot be opened, read or written
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class CandaemonError(Exception):
+    """Base of every error that candaemon raises on purpose.
+
+    Args:
+        message: what was found, what was expected, what to do.
+        file: the file it was found in, where there is one.
+        line: 1-based line in that file, where it is known.
+    """
+
+    exit_code = 1
+
+    def __init__(self, message: str, *, file: Path | str | None = None, line: int | None = None) -> None:
+        self.message = message
+        self.file = None if file is None else str(file)
+        self.line = line
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        if self.file is None:
+            return self.message
+        where = self.file if self.line is None else f"{self.file}:{self.line}"
+        return f"{where}: {self.message}"
+
+
+class ConfigError(CandaemonError):
+    """A configuration that cannot be used: the YAML, its DBC files, or how the two fit together."""
+
+    exit_code = 2
+
+
+class DatabaseError(ConfigError):
+    """A DBC file that cannot be loaded, even tolerantly."""
+
+
+class InputError(CandaemonError):
+    """A log or table that cannot be used at all."""
+
+
+class BusError(InputError):
+    """A live bus that cannot be opened, read or written."""

@@ -1,0 +1,28 @@
+"""What several test files share: where the project and the real data lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = ROOT.parent / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def drive() -> Path:
+    """Return the folder of the recorded drive, or skip."""
+    folder = DATA / "rav4_drive"
+    if not folder.is_dir():
+        pytest.skip(f"the recorded drive is not at {folder}")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def vendor_dbc() -> Path:
+    """Return the folder of public vendor DBC files, or skip."""
+    folder = DATA / "dbc"
+    if not folder.is_dir():
+        pytest.skip(f"the vendors' DBC files are not at {folder}")
+    return folder
