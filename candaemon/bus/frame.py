@@ -1,0 +1,36 @@
+"""What crosses the pipeline's border: frames and ticks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+EXTENDED = 0x8000_0000
+"""Set in `Frame.can_id` for a 29-bit identifier, as SocketCAN's CAN_EFF_FLAG."""
+
+
+class Frame(NamedTuple):
+    """One CAN data frame. A tuple, because hundreds of thousands a second are made.
+
+    Attributes:
+        time_ns: receive time, integer nanoseconds, from the kernel or the log.
+        bus: index of the bus in the configuration's order; −1 for a channel no bus claims.
+        can_id: identifier, with `EXTENDED` set for a 29-bit one.
+        data: payload, 0 to 8 bytes, or up to 64 for CAN FD.
+        fd: whether it is a CAN FD frame.
+    """
+
+    time_ns: int
+    bus: int
+    can_id: int
+    data: bytes
+    fd: bool = False
+
+
+class Tick(NamedTuple):
+    """It is this late: lets a silent sensor time out without a frame.
+
+    Attributes:
+        time_ns: the time, in the clock of the frames.
+    """
+
+    time_ns: int
