@@ -1,0 +1,53 @@
+"""Frames as arrays: what offline work takes instead of one object a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from candaemon.bus.frame import Frame
+
+FD_LENGTHS = frozenset((*range(9), 12, 16, 20, 24, 32, 48, 64))
+"""Payload lengths in bytes that CAN FD can carry."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameBlock:
+    """Consecutive data frames of a log, in the order of its lines.
+
+    Attributes:
+        time_ns: int64 (n,), the log's time stamps.
+        bus: int16 (n,), index of the bus.
+        can_id: uint32 (n,), with `EXTENDED` set for a 29-bit identifier.
+        length: uint8 (n,), payload length in bytes.
+        fd: bool (n,), whether it is a CAN FD frame.
+        payload: uint8 (n, 8), or (n, 64) where the block holds CAN FD; zeros after the length.
+        line: int64 (n,), 1-based number of the line.
+    """
+
+    time_ns: npt.NDArray[np.int64]
+    bus: npt.NDArray[np.int16]
+    can_id: npt.NDArray[np.uint32]
+    length: npt.NDArray[np.uint8]
+    fd: npt.NDArray[np.bool_]
+    payload: npt.NDArray[np.uint8]
+    line: npt.NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    def frames(self) -> Iterator[Frame]:
+        """Return the frames one by one."""
+        width = self.payload.shape[1]
+        padded = cast("list[bytes]", self.payload.view(f"V{width}").ravel().tolist())
+        data = [payload[:length] for payload, length in zip(padded, self.length.tolist(), strict=True)]
+        columns = zip(
+            self.time_ns.tolist(), self.bus.tolist(), self.can_id.tolist(), data, self.fd.tolist(), strict=True
+        )
+        # Frame(…) and Frame._make(…) are Python calls; this one stays in C
+        return map(cast("Any", partial(tuple.__new__, Frame)), columns)

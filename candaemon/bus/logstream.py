@@ -1,0 +1,236 @@
+"""What all log readers share: counters, the byte stream of a plain or gzip file, and the names of channels."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import logging
+import re
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from candaemon.errors import InputError
+
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
+
+logger = logging.getLogger(__name__)
+
+ANY_CHANNEL = "*"
+"""Key of a channel mapping that stands for every channel that no other key names."""
+
+NO_CHANNEL = "none"
+"""What `LogCounts.other_channels` calls the channel of a format that keeps none."""
+
+_EXAMPLES = 5
+_TRAILING_NUMBER = re.compile(r"(\d+)$")
+
+
+@dataclass(slots=True)
+class LogCounts:
+    """What a log reader met; filled while it reads, up to one chunk ahead of the frames taken from it.
+
+    Attributes:
+        lines: lines of a text log, messages of a `.blf`.
+        frames: data frames passed on.
+        malformed: lines that are not a frame although they should be.
+        examples: the first few of them, as "line N: text".
+        remote: remote frames, skipped.
+        error_frames: error frames, skipped.
+        other_channels: frames of each channel that no bus claims, skipped.
+        truncated: whether the file ends before its content does.
+        stream_error: what ended it: a gzip stream cut short, a read error; empty where nothing did.
+        bytes_read: position in the file as it lies on the disk, compressed or not; for a progress bar.
+        bytes_total: size of that file.
+    """
+
+    lines: int = 0
+    frames: int = 0
+    malformed: int = 0
+    examples: list[str] = field(default_factory=list)
+    remote: int = 0
+    error_frames: int = 0
+    other_channels: dict[str, int] = field(default_factory=dict)
+    truncated: bool = False
+    stream_error: str = ""
+    bytes_read: int = 0
+    bytes_total: int = 0
+
+    def note_malformed(self, line: int, text: str) -> None:
+        """Count a line that is no frame; keep and log the first few.
+
+        Args:
+            line: 1-based number of the line.
+            text: the line, or what is wrong with it.
+        """
+        self.malformed += 1
+        if len(self.examples) >= _EXAMPLES:
+            return
+        example = f"line {line}: {text.strip()[:80]!r}"
+        self.examples.append(example)
+        last = "; further ones are only counted" if len(self.examples) == _EXAMPLES else ""
+        logger.warning("not a CAN frame, skipped: %s%s", example, last)
+
+    def note_other_channel(self, channel: str, frames: int = 1) -> None:
+        """Count frames of a channel that no bus claims."""
+        self.other_channels[channel] = self.other_channels.get(channel, 0) + frames
+
+    def note_end(self, reason: str) -> None:
+        """Note that the file ended before its content did."""
+        self.truncated = True
+        self.stream_error = reason
+        logger.warning("the log ends early: %s; what came before it is used", reason)
+
+    def require_frames(self, path: Path) -> None:
+        """Refuse a log that, read to its end, gave not one frame.
+
+        Args:
+            path: the log, for the message.
+
+        Raises:
+            InputError: there was no frame; says what was there instead, and what to do.
+        """
+        if self.frames:
+            return
+        found = [f"{self.malformed} malformed"] if self.malformed else []
+        found += [f"{self.remote} remote"] if self.remote else []
+        found += [f"{self.error_frames} error frames"] if self.error_frames else []
+        found += [f"{count} of channel '{name}'" for name, count in self.other_channels.items()]
+        found += [f"the file ends early ({self.stream_error})"] if self.stream_error else []
+        text = f"not one usable frame in {self.lines} lines"
+        text += f": {', '.join(found)}" if found else ""
+        text += f"; first, {self.examples[0]}" if self.examples else ""
+        if self.other_channels:
+            text += "; give a bus that channel as its log_channel, or replay with --map CHANNEL=BUS"
+        else:
+            text += "; expected a recorded CAN log, such as `candump -L` writes"
+        raise InputError(text, file=path)
+
+
+class ChannelMap:
+    """Which bus a log's channel belongs to.
+
+    A channel is looked up by its exact name. The *numbered* channels of `.asc`, `.blf` and `.trc` count from 0 here, as
+    python-can does (channel 1 in the file is `0`): a number is looked up as a name, then as the number in which the
+    names of exactly one bus end, so that 0 finds `can0`. Last comes `ANY_CHANNEL`. A format without channels belongs to
+    `ANY_CHANNEL`, or to the only bus there is.
+
+    Args:
+        channels: bus index by channel name; several names may lead to one bus.
+    """
+
+    def __init__(self, channels: Mapping[str, int]) -> None:
+        self._by_name = {name: bus for name, bus in channels.items() if name != ANY_CHANNEL}
+        buses = set(channels.values())
+        self._any = channels.get(ANY_CHANNEL, -1)
+        self._unnamed = self._any if self._any >= 0 or len(buses) != 1 else buses.pop()
+        ends: dict[int, set[int]] = {}
+        for name, bus in self._by_name.items():
+            number = channel_number(name)
+            if number is not None:
+                ends.setdefault(number, set()).add(bus)
+        self._by_number = {number: next(iter(claimed)) for number, claimed in ends.items() if len(claimed) == 1}
+
+    def named(self, channel: str) -> int:
+        """Return the bus of a named channel, −1 where none claims it."""
+        return self._by_name.get(channel, self._any)
+
+    def numbered(self, channel: int | None) -> int:
+        """Return the bus of a numbered channel, or of a frame without one; −1 where none claims it."""
+        if channel is None:
+            return self._unnamed
+        bus = self._by_name.get(str(channel))
+        return self._by_number.get(channel, self._any) if bus is None else bus
+
+
+def channel_number(name: str) -> int | None:
+    """Return the number that a channel's name ends in: 0 of `can0`."""
+    match = _TRAILING_NUMBER.search(name)
+    return None if match is None else int(match[1])
+
+
+class _Source(Protocol):
+    """What gives up to `size` bytes with one read."""
+
+    def read1(self, size: int, /) -> bytes: ...
+
+    def close(self) -> None: ...
+
+
+class LogBytes(io.RawIOBase):
+    """The bytes of a log, decompressed where the name ends in `.gz`, with its position in the counts.
+
+    A gzip stream that is cut short or damaged ends there: everything decompressed until then is given out, and the
+    reason is noted in the counts.
+
+    Args:
+        path: the file.
+        counts: takes the size, the position and the reason of an early end.
+
+    Attributes:
+        given: bytes given out, decompressed.
+
+    Raises:
+        InputError: the file is not there or cannot be opened.
+    """
+
+    def __init__(self, path: Path, counts: LogCounts) -> None:
+        self._counts = counts
+        self.given = 0
+        try:
+            self._file = path.open("rb")
+            counts.bytes_total = path.stat().st_size
+        except FileNotFoundError:
+            raise InputError("there is no such log; check the path", file=path) from None
+        except OSError as error:
+            raise InputError(f"the log cannot be opened: {error.strerror}", file=path) from error
+        compressed = path.suffix.lower() == ".gz"
+        self._source: _Source = gzip.GzipFile(fileobj=self._file, mode="rb") if compressed else self._file
+
+    def read1(self, size: int) -> bytes:
+        """Return up to `size` bytes, b"" at the end."""
+        if self._counts.truncated:
+            return b""
+        try:
+            piece = self._source.read1(size)
+        except (EOFError, OSError, zlib.error) as error:
+            self._counts.note_end(str(error))
+            piece = b""
+        self.given += len(piece)
+        self._counts.bytes_read = self._file.tell()
+        return piece
+
+    def chunks(self, size: int) -> Iterator[bytes]:
+        """Yield the content in chunks of at least `size` bytes, the last one shorter."""
+        pieces: list[bytes] = []
+        gathered = 0
+        while piece := self.read1(size):
+            pieces.append(piece)
+            gathered += len(piece)
+            if gathered >= size:
+                yield b"".join(pieces)
+                pieces.clear()
+                gathered = 0
+        if pieces:
+            yield b"".join(pieces)
+
+    def readable(self) -> bool:
+        """Say that it can be read."""
+        return True
+
+    def readinto(self, buffer: WriteableBuffer) -> int:
+        """Fill `buffer` with what one read gives; return how many bytes that is."""
+        target = memoryview(buffer).cast("B")
+        piece = self.read1(len(target))
+        target[: len(piece)] = piece
+        return len(piece)
+
+    def close(self) -> None:
+        """Close the file."""
+        if not self.closed:
+            self._source.close()
+            self._file.close()
+        super().close()

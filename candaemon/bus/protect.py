@@ -1,0 +1,165 @@
+"""Counters' companions: checksums of frames, one at a time to verify, a whole cycle at once to fill.
+
+Every checksum covers all bytes of the payload but its own. Kinds:
+
+- `toyota`: sum of the identifier's bytes, the length and the payload, modulo 256.
+- `xor`: exclusive or of the payload.
+- `additive`: sum of the payload modulo 256.
+- `crc8_sae_j1850`: polynomial 0x1D, start 0xFF, final XOR 0xFF; "123456789" gives 0x4B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from candaemon.bus.frame import EXTENDED
+from candaemon.bus.layout import first_bit
+from candaemon.bus.spec import MessageSpec
+from candaemon.errors import ConfigError
+
+Kind = Literal["toyota", "xor", "additive", "crc8_sae_j1850"]
+Bytes = npt.NDArray[np.uint8]
+Integers = npt.NDArray[np.int64]
+
+POLYNOMIAL: Final = 0x1D
+
+
+def _crc_table() -> bytes:
+    """CRC-8 remainder of every byte."""
+    table = bytearray(256)
+    for byte in range(256):
+        crc = byte
+        for _ in range(8):
+            crc = (crc << 1) ^ (POLYNOMIAL if crc & 0x80 else 0)
+            crc &= 0xFF
+        table[byte] = crc
+    return bytes(table)
+
+
+CRC_TABLE: Final = _crc_table()
+
+
+def crc8_sae_j1850(data: bytes) -> int:
+    """CRC-8 SAE J1850 of some bytes."""
+    crc, table = 0xFF, CRC_TABLE
+    for byte in data:
+        crc = table[crc ^ byte]
+    return crc ^ 0xFF
+
+
+def id_sum(can_id: int) -> int:
+    """Sum of an identifier's bytes, the extended flag left out."""
+    return sum((can_id & ~EXTENDED).to_bytes(4, "big"))
+
+
+class _Place(NamedTuple):
+    """Where one message keeps its checksum."""
+
+    position: int
+    length: int
+    id_sum: int
+
+
+class Protector:
+    """The checksum of messages of one kind; where in the frame it is may differ between them.
+
+    Args:
+        kind: how the checksum is made.
+        messages: the messages.
+        signal: name of the checksum signal in each: 8 bits, on a byte of its own.
+
+    Raises:
+        ConfigError: a message has no such signal, or it does not fill one byte.
+
+    """
+
+    def __init__(self, kind: Kind, messages: Sequence[MessageSpec], signal: str) -> None:
+        self.kind: Final = kind
+        self._places = {message.can_id: _place(message, signal) for message in messages}
+        self._position, self._length, _ = self._places[messages[0].can_id]
+        self._others = np.array([byte for byte in range(self._length) if byte != self._position], dtype=np.intp)
+        if kind == "crc8_sae_j1850":
+            self._tables, self._start = self._positional_tables()
+
+    def position(self, can_id: int) -> int:
+        """Give the byte of a message's checksum."""
+        return self._places[can_id].position
+
+    def checksum(self, can_id: int, data: bytes) -> int:
+        """Compute the checksum that a frame should carry, which is at least as long as its message."""
+        position, _, identifier = self._places[can_id]
+        match self.kind:
+            case "toyota":
+                return (sum(data) - data[position] + identifier + len(data)) & 0xFF
+            case "additive":
+                return (sum(data) - data[position]) & 0xFF
+            case "xor":
+                value = data[position]
+                for byte in data:
+                    value ^= byte
+                return value
+            case "crc8_sae_j1850":
+                return crc8_sae_j1850(data[:position] + data[position + 1 :])
+
+    def verify(self, can_id: int, data: bytes) -> bool:
+        """Tell whether a frame of one of the messages carries the checksum it should; one too short never does."""
+        place = self._places[can_id]
+        return len(data) >= place.length and data[place.position] == self.checksum(can_id, data)
+
+    def fill(self, can_ids: Integers, payloads: Bytes) -> None:
+        """Write the checksums of a cycle's frames into them.
+
+        All must be of messages laid out as the first one is.
+
+        Args:
+            can_ids: (n,) identifiers, with the extended flag where they have it.
+            payloads: (n, length), changed in place.
+
+        """
+        others = payloads[:, self._others]
+        match self.kind:
+            case "toyota":
+                ids = can_ids & ~EXTENDED
+                head = (ids & 0xFF) + (ids >> 8 & 0xFF) + (ids >> 16 & 0xFF) + (ids >> 24) + self._length
+                sums = others.sum(axis=1, dtype=np.int64) + head
+                payloads[:, self._position] = sums & 0xFF
+            case "additive":
+                payloads[:, self._position] = others.sum(axis=1, dtype=np.int64) & 0xFF
+            case "xor":
+                payloads[:, self._position] = np.bitwise_xor.reduce(others, axis=1)
+            case "crc8_sae_j1850":
+                terms = self._tables[np.arange(self._length - 1), others]
+                payloads[:, self._position] = np.bitwise_xor.reduce(terms, axis=1) ^ self._start
+
+    def _positional_tables(self) -> tuple[Bytes, np.uint8]:
+        """Tabulate what each value of each byte contributes to the CRC, and give the CRC of all zeros.
+
+        A CRC of a fixed length is affine in its bits, so the bytes' shares are looked up at once and XORed.
+        """
+        count = self._length - 1
+        start = crc8_sae_j1850(bytes(count))
+        tables = np.zeros((count, 256), np.uint8)
+        for byte in range(count):
+            for value in range(256):
+                message = bytearray(count)
+                message[byte] = value
+                tables[byte, value] = crc8_sae_j1850(bytes(message)) ^ start
+        return tables, np.uint8(start)
+
+
+def _place(message: MessageSpec, signal: str) -> _Place:
+    """Find a message's checksum byte."""
+    spec = message.signal(signal)
+    first = first_bit(spec)
+    if spec.length != 8 or first % 8 or first + 8 > 8 * message.length:
+        raise ConfigError(
+            f"checksum signal '{signal}' of '{message.name}' starts at bit {spec.start} with {spec.length} bits; "
+            "expected 8 bits that fill one byte of the message",
+            file=message.file,
+            line=spec.line or None,
+        )
+    return _Place(first // 8, message.length, id_sum(message.can_id))

@@ -1,0 +1,192 @@
+"""python-can's log formats: what each keeps, and what a damaged file of each gives."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from candaemon.bus.frame import EXTENDED, Frame
+from candaemon.bus.logs import read_log
+from candaemon.bus.logstream import ChannelMap, LogCounts
+from candaemon.bus.logwriters import open_log_writer
+from candaemon.errors import InputError
+
+NAMES = ["can0", "can1"]
+CHANNELS = {"can0": 0, "can1": 1}
+START = 1_533_226_488_434_433_000
+CLASSIC = [
+    Frame(START, 0, 0x260, bytes(8)),
+    Frame(START + 1_000, 1, 0x123_4567 | EXTENDED, b"\x01\x02\x03"),
+    Frame(START + 123_456_000, 0, 0x7FF, b""),
+    Frame(START + 10_000_999_000, 1, 0x000, b"\xff" * 8),
+    Frame(START + 3_600_000_001_000, 1, 0x12 | EXTENDED, b"\x12"),
+]
+FD = [
+    Frame(START + 3_700_000_000_000, 0, 0x123, bytes(range(64)), True),
+    Frame(START + 3_700_000_001_000, 1, 0x123 | EXTENDED, b"\x01", True),
+]
+
+
+def round_trip(
+    path: Path, frames: list[Frame], channels: dict[str, int] | None = None
+) -> tuple[list[Frame], LogCounts]:
+    with open_log_writer(path, NAMES) as writer:
+        writer.write(frames[:2])
+        writer.write(frames[2:])
+    counts = LogCounts()
+    return list(read_log(path, CHANNELS if channels is None else channels, counts)), counts
+
+
+def relative(frames: list[Frame]) -> list[Frame]:
+    return [frame._replace(time_ns=frame.time_ns - frames[0].time_ns) for frame in frames]
+
+
+@pytest.mark.parametrize("suffix", [".log", ".log.gz", ".blf"])
+def test_all_is_kept(tmp_path: Path, suffix: str) -> None:
+    found, counts = round_trip(tmp_path / f"a{suffix}", CLASSIC + FD)
+    assert found == CLASSIC + FD
+    assert (counts.lines, counts.frames) == (7, 7)
+    assert counts.bytes_read == counts.bytes_total
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".asc.gz"])
+def test_asc_keeps_all_but_the_epoch(tmp_path: Path, suffix: str) -> None:
+    found, _ = round_trip(tmp_path / f"a{suffix}", CLASSIC + FD)
+    assert found == relative(CLASSIC + FD)
+
+
+@pytest.mark.parametrize("suffix", [".trc", ".trc.gz"])
+def test_trc_keeps_classic_frames_to_a_microsecond(tmp_path: Path, suffix: str) -> None:
+    found, _ = round_trip(tmp_path / f"a{suffix}", CLASSIC)
+    assert [frame[1:] for frame in found] == [frame[1:] for frame in CLASSIC]
+    assert all(abs(a.time_ns - b.time_ns) <= 2_000 for a, b in zip(found, CLASSIC, strict=True))
+    with pytest.raises(InputError, match=r"no CAN FD to \.trc; choose \.log, \.asc or \.blf"):
+        round_trip(tmp_path / f"b{suffix}", CLASSIC + FD)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".csv.gz"])
+def test_csv_keeps_neither_channel_nor_short_can_fd(tmp_path: Path, suffix: str) -> None:
+    found, counts = round_trip(tmp_path / f"a{suffix}", CLASSIC + FD)
+    assert found == []
+    assert counts.other_channels == {"none": 7}
+    one_bus = [frame._replace(bus=3, fd=len(frame.data) > 8) for frame in CLASSIC + FD]
+    assert round_trip(tmp_path / f"a{suffix}", CLASSIC + FD, {"can0": 3})[0] == one_bus
+    assert round_trip(tmp_path / f"a{suffix}", CLASSIC + FD, {"can0": 0, "can1": 1, "*": 3})[0] == one_bus
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".blf", ".trc"])
+def test_channel_numbers(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    assert [frame.bus for frame in round_trip(path, CLASSIC, {"1": 0, "0": 1})[0]] == [1, 0, 1, 0, 0]
+    found, counts = round_trip(path, CLASSIC, {"vcan1": 4})
+    assert [frame.bus for frame in found] == [4, 4, 4]
+    assert counts.other_channels == {"0": 2}
+
+
+def test_a_number_that_two_buses_end_in_is_nobodys() -> None:
+    channels = ChannelMap({"can0": 0, "vcan0": 1, "can1": 2, "radar": 2})
+    assert [channels.numbered(number) for number in (0, 1, None)] == [-1, 2, -1]
+
+
+@pytest.fixture
+def another_zone() -> Iterator[None]:
+    before = os.environ.get("TZ")
+    os.environ["TZ"] = "Asia/Tokyo"
+    time.tzset()
+    yield
+    if before is None:
+        del os.environ["TZ"]
+    else:
+        os.environ["TZ"] = before
+    time.tzset()
+
+
+@pytest.mark.parametrize("suffix", [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".trc.gz"])
+def test_same_frames_same_bytes(tmp_path: Path, suffix: str, request: pytest.FixtureRequest) -> None:
+    here, there = tmp_path / f"here{suffix}", tmp_path / f"there{suffix}"
+    round_trip(here, CLASSIC)
+    time.sleep(0.002)
+    request.getfixturevalue("another_zone")
+    round_trip(there, CLASSIC)
+    assert here.read_bytes() == there.read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".csv", ".trc", ".trc.gz"])
+def test_no_frames_make_a_log_without_frames(tmp_path: Path, suffix: str) -> None:
+    found, counts = round_trip(tmp_path / f"a{suffix}", [])
+    assert (found, counts.malformed) == ([], 0)
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".csv", ".trc"])
+def test_a_bad_line_loses_no_other(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    round_trip(path, CLASSIC)
+    lines = path.read_bytes().splitlines(keepends=True)
+    bad = {
+        ".asc": b" 0.000001 1  26Q             Rx   d 8 00 00 00 00 00 00 00 00\n",
+        ".csv": b"1533226488.4,0x260,0\n",
+        ".trc": b"      1         0.001 DT  2  12345Q7 Rx -  3    01 02 03\n",
+    }[suffix]
+    at = next(i for i, text in enumerate(lines) if b"1234567" in text)
+    path.write_bytes(b"".join([*lines[:at], bad, bad, *lines[at:], b"\xff\xfe\n"]))
+    counts = LogCounts()
+    found = list(read_log(path, CHANNELS | {"*": 0}, counts))
+    assert [frame.data for frame in found] == [frame.data for frame in CLASSIC]
+    assert counts.malformed >= 2
+    assert counts.examples[0] == f"line {at + 1}: {bad.decode().strip()!r}"
+
+
+@pytest.mark.parametrize(
+    "row", ["nan,0x1,0,0,0,0,", "1.0,-0x1,0,0,0,0,", "1.0,0x800,0,0,0,0,", f"1.0,0x1,0,0,0,8,{'AAAA' * 30}"]
+)
+def test_values_that_no_frame_has(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"header\n{row}\n2.0,0x1,0,0,0,1,AQ==\n3.0,0x1,0,1,0,1,\n4.0,0x0,0,0,1,0,\n")
+    counts = LogCounts()
+    assert list(read_log(path, {"can0": 0}, counts)) == [Frame(2_000_000_000, 0, 1, b"\x01")]
+    assert (counts.malformed, counts.remote, counts.error_frames) == (1, 1, 1)
+
+
+def test_a_damaged_blf(tmp_path: Path) -> None:
+    path = tmp_path / "a.blf"
+    frames = [CLASSIC[0]._replace(time_ns=START + i * 1_000_000) for i in range(9000)]
+    round_trip(path, frames)
+    whole = path.read_bytes()
+    counts = LogCounts()
+    path.write_bytes(whole[: len(whole) - 100])
+    assert 0 < len(list(read_log(path, CHANNELS, counts))) < 9000
+    assert counts.truncated
+    for damaged in (b"", b"garbage", whole[:144] + b"garbage that is no object of a BLF file"):
+        path.write_bytes(damaged)
+        counts = LogCounts()
+        assert list(read_log(path, CHANNELS, counts)) == []
+        with pytest.raises(InputError, match="not one usable frame"):
+            counts.require_frames(path)
+
+
+def test_writers_refuse(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"compressed already; expected a name that ends in \.blf"):
+        open_log_writer(tmp_path / "a.blf.gz", NAMES)
+    with pytest.raises(InputError, match="expected one of"):
+        open_log_writer(tmp_path / "a.txt", NAMES)
+    with pytest.raises(InputError, match="cannot be written: No such file or directory"):
+        open_log_writer(tmp_path / "nowhere" / "a.log", NAMES)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.symlink_to("/dev/full")
+    writer = open_log_writer(path, NAMES)
+    with pytest.raises(InputError, match="No space left"):
+        writer.write(CLASSIC * 1000)
+    writer.close()
+    writer = open_log_writer(path, NAMES)
+    writer.write(CLASSIC)
+    with pytest.raises(InputError, match="No space left"):
+        writer.close()
+    writer.close()
