@@ -1,0 +1,158 @@
+"""What binding gives: settings with every name resolved, ready for the hot path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from candaemon.binding.ego import BoundEgo
+from candaemon.binding.objects import ObjectReader
+from candaemon.binding.status import Header, StatusWriter
+from candaemon.binding.where import Where
+from candaemon.binding.writer import ObjectWriter
+from candaemon.bus.protect import Protector
+from candaemon.bus.spec import Database, MessageSpec
+from candaemon.config.base import SignalRef
+from candaemon.config.buses import BusSettings
+from candaemon.config.load import LoadedConfig
+from candaemon.config.output import OutputSettings
+from candaemon.config.sensors import CounterScan, ObjectSignals, SensorSettings
+from candaemon.config.settings import Config
+
+
+@dataclass(frozen=True, slots=True)
+class BoundBus:
+    """A bus and what is expected on it.
+
+    Attributes:
+        index: position in the configuration, which `Frame.bus` holds.
+        name: as configured.
+        settings: from the configuration.
+        can_ids: identifiers that sensors and own motion take from it.
+        load: share of its time that the configured input takes, from 0 to 1.
+        output_load: share that our own output adds with every slot occupied.
+        databases: DBC files that say what is on it: the sensors', own motion's and those of the bus itself.
+
+    """
+
+    index: int
+    name: str
+    settings: BusSettings
+    can_ids: frozenset[int]
+    load: float
+    output_load: float
+    databases: tuple[Database, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class BoundSensor:
+    """A sensor, its DBC and the readers that its scans need.
+
+    Attributes:
+        index: position in the configuration.
+        name: as configured.
+        settings: from the configuration.
+        bus: index of the bus.
+        database: the DBC.
+        reader: payloads → quantities.
+        can_ids: every identifier it takes: the objects', the header's, the trigger's.
+        counters: per part, payload → scan counter; empty unless a scan is told by its counter.
+        trigger: the message that closes a scan, None unless one does.
+        header: the message that opens a scan, None unless one does.
+        protectors: per part, the checksum to verify, None where its frames carry none.
+
+    """
+
+    index: int
+    name: str
+    settings: SensorSettings
+    bus: int
+    database: Database
+    reader: ObjectReader
+    can_ids: frozenset[int]
+    counters: tuple[Callable[[bytes], int], ...]
+    trigger: MessageSpec | None
+    header: Header | None
+    protectors: tuple[Protector | None, ...]
+
+    @property
+    def trigger_id(self) -> int | None:
+        """CAN id of the trigger message."""
+        return None if self.trigger is None else self.trigger.can_id
+
+    def writer(self, where: Where | None = None) -> ObjectWriter:
+        """Make the writer of this sensor's own frames, as the simulation needs it.
+
+        Raises:
+            ConfigError: a slot cannot be written as the configuration says.
+
+        """
+        settings = self.settings
+        counters = [settings.scan.signal] if isinstance(settings.scan, CounterScan) else []
+        return ObjectWriter(
+            settings.objects,
+            {**quantities_of(settings.signals)},
+            self.database,
+            settings.protection,
+            counters=counters,
+            where=where,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BoundOutput:
+    """The output, its DBC and its writers.
+
+    Attributes:
+        settings: from the configuration.
+        bus: index of the bus.
+        database: the DBC.
+        writer: obstacles → payloads.
+        status: the message once a cycle, None where there is none.
+        can_ids: every identifier it sends.
+        fd_ids: those of them that are CAN FD frames.
+
+    """
+
+    settings: OutputSettings
+    bus: int
+    database: Database
+    writer: ObjectWriter
+    status: StatusWriter | None
+    can_ids: frozenset[int]
+    fd_ids: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True)
+class Binding:
+    """A whole configuration, bound to its DBC files.
+
+    Attributes:
+        loaded: the configuration and where it was written.
+        buses: in the configuration's order; `Frame.bus` is an index into it.
+        sensors: in the configuration's order.
+        ego: own motion, None where the vehicle stands for good.
+        output: None where obstacles do not go onto a bus.
+        databases: every DBC used, by path.
+        warnings: what looks wrong but can be used.
+
+    """
+
+    loaded: LoadedConfig
+    buses: tuple[BoundBus, ...]
+    sensors: tuple[BoundSensor, ...]
+    ego: BoundEgo | None
+    output: BoundOutput | None
+    databases: Mapping[str, Database]
+    warnings: tuple[str, ...]
+
+    @property
+    def settings(self) -> Config:
+        """The configuration itself."""
+        return self.loaded.config
+
+
+def quantities_of(signals: ObjectSignals) -> dict[str, SignalRef]:
+    """List the quantities that a sensor measures, with their signals."""
+    found = {name: getattr(signals, name) for name in type(signals).model_fields}
+    return {name: ref for name, ref in found.items() if ref is not None}

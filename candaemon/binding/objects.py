@@ -1,0 +1,269 @@
+"""Payloads of one scan's objects into quantities, vectorised."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from candaemon.binding.conditions import Test, compile_condition
+from candaemon.binding.parts import Part, check_layouts, find_in_parts, resolve_parts
+from candaemon.binding.signals import SignalBinding, bind_signal, field_reader
+from candaemon.binding.where import Where, collected, raise_all
+from candaemon.bus.codec import BatchDecoder
+from candaemon.bus.spec import Database, SignalSpec
+from candaemon.config.base import Condition, SignalRef
+from candaemon.config.sensors import ObjectFormat
+from candaemon.errors import ConfigError
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Booleans = npt.NDArray[np.bool_]
+
+Column = Sequence[bytes | None]
+"""Payloads of one part, one an object; None where it did not come."""
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectBatch:
+    """Objects of one scan, a structure of arrays of length n.
+
+    Attributes:
+        identity: the identity signal's value, −1 where the format has none.
+        valid: whether all conditions hold and every required message came.
+        new: whether the object is new in its slot.
+        paired: whether the pair signals are equal.
+        values: (quantities, n), SI, sensor axes, rows as `ObjectReader.quantities`; NaN where a message did not come.
+
+    """
+
+    identity: Integers
+    valid: Booleans
+    new: Booleans
+    paired: Booleans
+    values: Floats
+
+
+@dataclass(slots=True)
+class _PartPlan:
+    """What to do with one part: rows of its decoder, the first of them quantities."""
+
+    part: Part
+    rows: dict[str, int]
+    bindings: list[SignalBinding]
+    valid: list[tuple[int, Test]]
+    new: list[tuple[int, Test]]
+    first: int = 0
+    decoder: BatchDecoder | None = None
+    gain: Floats = field(default_factory=lambda: np.empty((0, 1)))
+    bias: Floats | None = None
+    uncertain: bool = False
+
+    def row(self, signal: SignalSpec) -> int:
+        """Row of a signal, given one where it has none."""
+        return self.rows.setdefault(signal.name, len(self.rows))
+
+    def compile(self, first: int) -> None:
+        """Make the decoder and the affine map of the quantities into rows from `first` on."""
+        self.first = first
+        # Signals that are no number in every frame (floats, multiplexed ones) can make a quantity NaN.
+        self.uncertain = any(b.signal.is_float or b.signal.multiplexer_signal for b in self.bindings)
+        if self.rows:
+            self.decoder = BatchDecoder(self.part.layout, list(self.rows))
+        self.gain = np.array([[binding.gain] for binding in self.bindings])
+        bias = np.array([[binding.bias] for binding in self.bindings])
+        self.bias = bias if bias.any() else None
+
+
+class ObjectReader:
+    """Reads objects of one format.
+
+    Args:
+        form: where the objects lie in the frames.
+        signals: quantity → the signal it comes from.
+        database: the DBC.
+        where: place of the sensor in the configuration, holding `objects` and `signals`.
+
+    Attributes:
+        slots: objects the format can hold.
+        parts: the messages of an object.
+        routes: CAN id → (part, slot); slot −1 where all objects share the message.
+        quantities: names of the rows of `ObjectBatch.values`.
+        multiplexed: whether `object_key` tells the object.
+        bindings: the quantities' signals, in the order of `quantities`.
+
+    Raises:
+        ConfigError: naming every message, signal and unit that is wrong.
+
+    """
+
+    def __init__(
+        self, form: ObjectFormat, signals: Mapping[str, SignalRef], database: Database, *, where: Where | None = None
+    ) -> None:
+        where = where or Where()
+        place = where.at("objects")
+        self.slots = form.slots
+        self.multiplexed = form.multiplexed
+        self.parts = resolve_parts(form, database, place)
+        self.routes = _routes(self.parts, form.multiplexed, place)
+        self._plans = [_PartPlan(part, {}, [], [], []) for part in self.parts]
+        errors: list[ConfigError] = []
+        for quantity, ref in signals.items():
+            with collected(errors):
+                self._add_quantity(quantity, ref, where.at("signals", quantity))
+        for name, conditions in (("valid", form.valid), ("new", form.new)):
+            for index, condition in enumerate(conditions):
+                with collected(errors):
+                    self._add_condition(name, condition, place.at(name, index))
+        self._pairs: list[tuple[int, int]] = []
+        for index, name in enumerate(form.pair):
+            with collected(errors):
+                self._pairs.append(self._row_of(name, place.at("pair", index)))
+        self._identity: tuple[int, int] | None = None
+        if form.identity is not None:
+            with collected(errors):
+                self._identity = self._row_of(form.identity, place.at("identity"))
+        for kind, named in (("fixed", form.fixed), ("empty", form.empty)):
+            for name in named:
+                with collected(errors):
+                    find_in_parts(self.parts, name, place.at(kind, name))
+        raise_all(errors)
+        for plan in self._plans:
+            check_layouts(plan.part, [*plan.rows, *_id_name(plan.part)], place)
+            plan.compile(sum(len(earlier.bindings) for earlier in self._plans[: plan.part.index]))
+        self.bindings = tuple(binding for plan in self._plans for binding in plan.bindings)
+        self.quantities = tuple(binding.quantity for binding in self.bindings)
+        self._has_new = any(plan.new for plan in self._plans)
+        self._keys = [
+            field_reader(part.layout, part.id_signal) if part.id_signal is not None else None for part in self.parts
+        ]
+
+    def object_key(self, part: int, data: bytes) -> int:
+        """Read the object id from a payload of a multiplexed format, 0 where there is only one object."""
+        key = self._keys[part]
+        return 0 if key is None else key(data)
+
+    def read(self, columns: Sequence[Column]) -> ObjectBatch:
+        """Read the objects of a scan.
+
+        Args:
+            columns: per part n payloads, each of the part's length or longer, or None where it did not come. Without a
+                required part an object is not valid; without an optional one its quantities are NaN.
+
+        """
+        n = len(columns[0])
+        values = np.empty((len(self.quantities), n))
+        valid = np.ones(n, np.bool_)
+        new = np.ones(n, np.bool_) if self._has_new else np.zeros(n, np.bool_)
+        raws: list[Floats] = []
+        for plan in self._plans:
+            payload, missing = _joined(columns[plan.part.index], plan.part.length)
+            if plan.decoder is None:
+                raws.append(values)
+                if missing is not None and not plan.part.optional:
+                    valid &= ~missing
+                continue
+            raw = plan.decoder.decode(payload)
+            raws.append(raw)
+            count = len(plan.bindings)
+            if count:
+                rows = values[plan.first : plan.first + count]
+                np.multiply(raw[:count], plan.gain, out=rows)
+                if plan.bias is not None:
+                    rows += plan.bias
+                if plan.uncertain:
+                    valid &= np.isfinite(rows).all(axis=0)
+                if missing is not None:
+                    rows[:, missing] = np.nan
+            if missing is None:
+                for row, test in plan.valid:
+                    valid &= test(raw[row])
+                for row, test in plan.new:
+                    new &= test(raw[row])
+            else:
+                self._apply_with_gaps(plan, raw, missing, valid, new)
+        return ObjectBatch(self._identities(raws, n), valid, new, self._paired(raws, columns, n), values)
+
+    @staticmethod
+    def _apply_with_gaps(plan: _PartPlan, raw: Floats, missing: Booleans, valid: Booleans, new: Booleans) -> None:
+        """Apply a part's conditions where some objects lack it: nothing is known of those."""
+        if not plan.part.optional:
+            valid &= ~missing
+        for row, test in plan.valid:
+            valid &= test(raw[row]) | missing
+        for row, test in plan.new:
+            new &= test(raw[row]) & ~missing
+
+    def _identities(self, raws: Sequence[Floats], n: int) -> Integers:
+        if self._identity is None:
+            return np.full(n, -1, np.int64)
+        part, row = self._identity
+        identities: Integers = raws[part][row].astype(np.int64)
+        return identities
+
+    def _paired(self, raws: Sequence[Floats], columns: Sequence[Column], n: int) -> Booleans:
+        paired = np.ones(n, np.bool_)
+        if len(self._pairs) > 1:
+            (first, first_row), *others = self._pairs
+            for part, row in others:
+                equal = raws[first][first_row] == raws[part][row]
+                if self.parts[part].optional:
+                    equal |= np.array([payload is None for payload in columns[part]], np.bool_)
+                paired &= equal
+        return paired
+
+    def _add_quantity(self, quantity: str, ref: SignalRef, where: Where) -> None:
+        part, signal = find_in_parts(self.parts, ref.signal, where)[0]
+        plan = self._plans[part.index]
+        binding = bind_signal(quantity, ref, signal, where)
+        if signal.name in plan.rows:
+            other = plan.bindings[plan.rows[signal.name]].quantity
+            raise where.error(f"signal '{signal.name}' is {other} already; a signal gives one quantity")
+        plan.row(signal)
+        plan.bindings.append(binding)
+
+    def _add_condition(self, name: str, condition: Condition, where: Where) -> None:
+        part, signal = find_in_parts(self.parts, condition.signal, where)[0]
+        plan = self._plans[part.index]
+        test = compile_condition(condition, signal, where)
+        (plan.valid if name == "valid" else plan.new).append((plan.row(signal), test))
+
+    def _row_of(self, name: str, where: Where) -> tuple[int, int]:
+        part, signal = find_in_parts(self.parts, name, where)[0]
+        return part.index, self._plans[part.index].row(signal)
+
+
+def _id_name(part: Part) -> list[str]:
+    return [] if part.id_signal is None else [part.id_signal.name]
+
+
+def _routes(parts: Sequence[Part], multiplexed: bool, where: Where) -> dict[int, tuple[int, int]]:
+    """Map each CAN id to its part and slot."""
+    routes: dict[int, tuple[int, int]] = {}
+    for part in parts:
+        for slot, message in enumerate(part.messages):
+            if message.can_id in routes:
+                other = parts[routes[message.can_id][0]]
+                raise where.at("messages", part.index).error(
+                    f"message '{message.name}' has the id 0x{message.can_id & 0x1FFFFFFF:X} "
+                    f"that '{other.pattern}' has already; every message of an object needs its own"
+                )
+            routes[message.can_id] = (part.index, -1 if multiplexed else slot)
+    return routes
+
+
+def _joined(column: Column, length: int) -> tuple[bytes, Booleans | None]:
+    """Join a part's payloads, zeros for those missing, and tell which are."""
+    missing = None
+    try:
+        payload = b"".join(column)  # type: ignore[arg-type]  # a None in it is what the except is for
+    except TypeError:
+        blank = bytes(length)
+        missing = np.array([data is None for data in column], np.bool_)
+        column = [blank if data is None else data for data in column]
+        payload = b"".join(data for data in column if data is not None)
+    if len(payload) != len(column) * length:
+        payload = b"".join(data[:length] for data in column if data is not None)
+    return payload, missing

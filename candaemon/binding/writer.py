@@ -1,0 +1,274 @@
+"""Objects into payloads, vectorised: the mirror of the reader, for output and simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from candaemon.binding.parts import Part, check_layouts, find_in_parts, find_signal, resolve_parts
+from candaemon.binding.plan import PartPlan, SignalPlan, add_conditions, add_quantity, add_values
+from candaemon.binding.signals import wraps_at
+from candaemon.binding.where import Where, collected, raise_all
+from candaemon.bus.codec import BatchEncoder
+from candaemon.bus.protect import Protector
+from candaemon.bus.spec import Database, MessageSpec
+from candaemon.config.base import SignalRef
+from candaemon.config.sensors import ObjectFormat, ProtectionSettings
+from candaemon.errors import ConfigError
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Booleans = npt.NDArray[np.bool_]
+Values: TypeAlias = Mapping[str, npt.NDArray[np.float64] | npt.NDArray[np.integer]]
+Refs: TypeAlias = Mapping[str, SignalRef | tuple[SignalRef, ...]]
+
+
+class ObjectWriter:
+    """Writes objects of one format.
+
+    Args:
+        form: where the objects lie in the frames.
+        signals: quantity → the signal, or signals, that carry it, in every message of the object that has them.
+        database: the DBC.
+        protection: counter and checksum of the frames.
+        counters: further signals that count scans (a shared counter by which a scan is told).
+        where: place of the sensor or output in the configuration.
+
+    Attributes:
+        slots: objects the format can hold.
+        parts: the messages of an object.
+        quantities: those that `write` takes.
+        saturated: values so far that did not fit their signal and were brought to its limits.
+
+    Raises:
+        ConfigError: naming every message, signal, unit and value that is wrong.
+
+    """
+
+    def __init__(
+        self,
+        form: ObjectFormat,
+        signals: Refs,
+        database: Database,
+        protection: ProtectionSettings | None = None,
+        *,
+        counters: Iterable[str] = (),
+        where: Where | None = None,
+    ) -> None:
+        where = where or Where()
+        place = where.at("objects")
+        protection = protection or ProtectionSettings()
+        self.slots = form.slots
+        self.parts = resolve_parts(form, database, place)
+        self.quantities = tuple(signals)
+        self.saturated = 0
+        plans = [PartPlan(part) for part in self.parts]
+        errors: list[ConfigError] = []
+        counted = list(counters)
+        for quantity, refs in signals.items():
+            for ref in refs if isinstance(refs, tuple) else (refs,):
+                if quantity == "counter":
+                    counted.append(ref.signal)
+                    continue
+                with collected(errors):
+                    add_quantity(plans, quantity, ref, where.at("signals", quantity))
+        for kind, values in (("fixed", form.fixed), ("empty", form.empty)):
+            with collected(errors):
+                add_values(plans, values, kind, place)
+        with collected(errors):
+            add_conditions(plans, form, place)
+        named = [*form.pair, *counted, *([protection.counter] if protection.counter is not None else [])]
+        with collected(errors):
+            _add_counted(plans, named, form.identity, where)
+        raise_all(errors)
+        self._writers = [
+            _PartWriter(plan, slots, protection, where)
+            for plan in plans
+            for slots in _alike(plan.part, protection.checksum)
+        ]
+
+    def write(
+        self,
+        slot: Integers,
+        values: Values,
+        occupied: Booleans,
+        *,
+        counter: int | Integers,
+        new: Booleans | None = None,
+        identity: Integers | None = None,
+    ) -> list[tuple[int, bytes]]:
+        """Write m slots.
+
+        Args:
+            slot: (m,) slots, from 0.
+            values: quantity → (m,) in SI and the signals' axes; one left out is written as 0.
+            occupied: (m,) whether the slot holds an object; an empty one is written so that it reads invalid.
+            counter: what counters and pair signals show, modulo their width; one for all or (m,).
+            new: (m,) whether the object is new in its slot; default: none is.
+            identity: (m,) the objects' identities, modulo their signal's width; default: the slots.
+
+        Returns:
+            CAN id and payload: the first message of every slot, then the second, and so on.
+
+        """
+        frames: list[tuple[int, bytes]] = []
+        if not len(slot):
+            return frames
+        identity = slot if identity is None else identity
+        for writer in self._writers:
+            self.saturated += writer.write(frames, slot, values, occupied, counter, new, identity)
+        return frames
+
+
+def _add_counted(plans: list[PartPlan], counted: Iterable[str], identity: str | None, where: Where) -> None:
+    """Note which signals show the counter and which the identity."""
+    parts = [plan.part for plan in plans]
+    for name in dict.fromkeys(counted):
+        for part, signal in find_in_parts(parts, name, where.at("protection", "counter")):
+            plans[part.index].plan(signal)
+            plans[part.index].counters.append(signal.name)
+    if identity is not None:
+        for part, signal in find_in_parts(parts, identity, where.at("objects", "identity")):
+            plans[part.index].plan(signal)
+            plans[part.index].identities.append(signal.name)
+    for plan in plans:
+        signal_of_id = plan.part.id_signal
+        if signal_of_id is not None and signal_of_id.name not in plan.identities:
+            plan.plan(signal_of_id)
+            plan.identities.append(signal_of_id.name)
+
+
+class _PartWriter:
+    """Writes the messages of one part that are laid out alike.
+
+    Args:
+        plan: how the part's signals are written.
+        slots: the slots whose messages these are, in their order.
+        protection: counter and checksum.
+        where: place of the sensor or output.
+
+    """
+
+    def __init__(self, plan: PartPlan, slots: Sequence[int], protection: ProtectionSettings, where: Where) -> None:
+        self.part = plan.part
+        messages = [plan.part.messages[slot] for slot in slots]
+        layout = messages[0]
+        self._length = layout.length
+        self._protector = part_protector(messages, protection, where)
+        checksum = None if self._protector is None else protection.checksum
+        for signal in layout.signals:
+            # Bits left 0 would say something where zero is not raw 0.
+            if signal.offset and signal.multiplexer_signal is None:
+                plan.plan(signal)
+        plans = [each for name, each in plan.signals.items() if name != checksum]
+        names = [each.signal.name for each in plans]
+        check_layouts(plan.part, names, where.at("objects"))
+        self._encoder = BatchEncoder(layout, names)
+        self._ids = np.array([message.can_id for message in plan.part.messages], np.int64)
+        self._mine = None
+        if len(messages) != len(plan.part.messages):
+            self._mine = np.zeros(len(plan.part.messages), np.bool_)
+            self._mine[list(slots)] = True
+        self._templates = np.array([[each.empty, each.occupied] for each in plans]).reshape(len(plans), 2)
+        self._quantities = [(row, each) for row, each in enumerate(plans) if each.binding is not None]
+        self._new = [(row, each.new) for row, each in enumerate(plans) if each.new is not None]
+        self._counters = [(names.index(name), wraps_at(plan.signals[name].signal)) for name in plan.counters]
+        self._identities = [
+            (names.index(name), wraps_at(plan.signals[name].signal))
+            for name in plan.identities
+            if plan.signals[name].binding is None
+        ]
+
+    def write(
+        self,
+        frames: list[tuple[int, bytes]],
+        slot: Integers,
+        values: Values,
+        occupied: Booleans,
+        counter: int | Integers,
+        new: Booleans | None,
+        identity: Integers,
+    ) -> int:
+        """Append the frames; return how many values were saturated."""
+        if self._mine is not None:
+            chosen = np.flatnonzero(self._mine[slot])
+            if not len(chosen):
+                return 0
+            slot, occupied, identity = slot[chosen], occupied[chosen], identity[chosen]
+            values = {quantity: found[chosen] for quantity, found in values.items()}
+            counter = counter if isinstance(counter, int) else counter[chosen]
+            new = None if new is None else new[chosen]
+        table = self._templates[:, occupied.view(np.int8)]
+        full = bool(occupied.all())
+        outside = 0
+        for row, plan in self._quantities:
+            found = values.get(plan.binding.quantity) if plan.binding is not None else None
+            if found is None:
+                continue
+            wire, clipped = _wire(plan, found)
+            if clipped is not None:
+                outside += int(np.count_nonzero(clipped & occupied))
+            table[row] = wire if full else np.where(occupied, wire, table[row])
+        if new is not None:
+            for row, value in self._new:
+                table[row, new & occupied] = value
+        for row, wrap in self._identities:
+            table[row] = np.where(occupied, identity % wrap, table[row])
+        for row, wrap in self._counters:
+            table[row] = counter % wrap
+        payloads, saturated = self._encoder.encode(table)
+        ids = np.full(len(slot), self._ids[0]) if len(self._ids) == 1 else self._ids[slot]
+        if self._protector is not None:
+            if not payloads.flags.writeable:
+                payloads = payloads.copy()
+            self._protector.fill(ids, payloads)
+        data, length = payloads.tobytes(), self._length
+        frames += [(can_id, data[at : at + length]) for can_id, at in zip(ids.tolist(), range(0, len(data), length))]  # noqa: B905  # as long, by construction
+        return saturated + outside
+
+
+def _wire(plan: SignalPlan, found: npt.NDArray[np.float64] | npt.NDArray[np.integer]) -> tuple[Floats, Booleans | None]:
+    """Turn a quantity into the signal's values, and tell which were brought into the interval that reads as valid."""
+    binding = plan.binding
+    assert binding is not None  # noqa: S101  # only signals that carry a quantity come here
+    wire: Floats = np.asarray(found % plan.wrap if plan.wrap else found, np.float64)
+    if binding.bias:
+        wire = wire - binding.bias
+    if binding.gain != 1.0:
+        wire = wire / binding.gain
+    if plan.interval is None:
+        return wire, None
+    inside = np.clip(wire, *plan.interval)
+    return inside, (inside < wire) | (inside > wire)
+
+
+def _alike(part: Part, checksum: str | None) -> list[list[int]]:
+    """Group the slots whose messages have one length and one place for the checksum."""
+    groups: dict[tuple[int, int | None], list[int]] = {}
+    for slot, message in enumerate(part.messages):
+        start = next((signal.start for signal in message.signals if signal.name == checksum), None)
+        groups.setdefault((message.length, start), []).append(slot)
+    return list(groups.values())
+
+
+def part_protector(messages: Sequence[MessageSpec], protection: ProtectionSettings, where: Where) -> Protector | None:
+    """Make the protector of some messages, None where the configuration asks for none.
+
+    Raises:
+        ConfigError: a kind without a signal or the other way round, no such signal, or it does not fill a byte.
+
+    """
+    place = where.at("protection")
+    if (protection.kind == "none") != (protection.checksum is None):
+        raise place.error("checksum and kind go together; give both or neither")
+    if protection.kind == "none" or protection.checksum is None:
+        return None
+    for message in messages:
+        find_signal(message, protection.checksum, place.at("checksum"))
+    try:
+        return Protector(protection.kind, messages, protection.checksum)
+    except ConfigError as error:
+        raise place.at("checksum").error(error.message) from None

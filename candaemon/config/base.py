@@ -1,0 +1,95 @@
+"""What all settings share: strict, frozen models, and the way a signal is named."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+Unit = Literal["m", "rad", "deg", "m/s", "km/h", "mph", "rad/s", "deg/s", "m/s^2", "g", "1/m", "s", "%", "1"]
+
+UNIT_FACTORS: dict[str, float] = {
+    "m": 1.0,
+    "rad": 1.0,
+    "deg": math.pi / 180,
+    "m/s": 1.0,
+    "km/h": 1 / 3.6,
+    "mph": 0.44704,
+    "rad/s": 1.0,
+    "deg/s": math.pi / 180,
+    "m/s^2": 1.0,
+    "g": 9.80665,
+    "1/m": 1.0,
+    "s": 1.0,
+    "%": 0.01,
+    "1": 1.0,
+}
+"""SI value of one unit."""
+
+
+class Settings(BaseModel):
+    """Base of all settings: unknown keys are errors, values are checked once and frozen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class SignalRef(Settings):
+    """A DBC signal read as, or written from, a physical quantity: quantity = unit × (scale × signal + offset).
+
+    In YAML either a mapping of these fields or a short text: `PosLat`, `-LAT_DIST` (scale −1: an axis that
+    points the other way), `Velocity.VelNorth` (message and signal).
+    """
+
+    signal: str = Field(description="signal name, or MESSAGE.SIGNAL")
+    unit: Unit | None = Field(None, description="unit of the signal; default: the DBC's, and SI where it names none")
+    scale: float = Field(1.0, description="factor on the DBC's physical value; −1 turns an axis round")
+    offset: float = Field(0.0, description="added after the scale, in the signal's unit")
+
+    @model_validator(mode="after")
+    def _scale_is_invertible(self) -> SignalRef:
+        if self.scale == 0.0:
+            raise ValueError("scale 0 makes the signal a constant; give a factor other than 0")
+        return self
+
+
+def _signal_from_text(value: Any) -> Any:
+    """Turn the short text of a signal into its fields."""
+    if not isinstance(value, str):
+        return value
+    name = value.removeprefix("-").strip()
+    return {"signal": name, "scale": -1.0 if value.startswith("-") else 1.0}
+
+
+Signal = Annotated[SignalRef, BeforeValidator(_signal_from_text, json_schema_input_type=str | SignalRef)]
+
+
+def _listed(value: Any) -> Any:
+    """Let one signal stand for a list of one."""
+    return (value,) if isinstance(value, str | dict | SignalRef) else value
+
+
+Signals = Annotated[tuple[Signal, ...], BeforeValidator(_listed, json_schema_input_type=tuple[Signal, ...] | Signal)]
+"""One signal or a list of them."""
+
+
+class Condition(Settings):
+    """A test on one DBC signal: true where every bound given holds.
+
+    `in` lists the values that pass, `min` and `max` are inclusive, `below` and `above` are exclusive; all in the
+    DBC's own unit.
+    """
+
+    signal: str = Field(description="signal name in one of the object's messages")
+    values: tuple[float, ...] | None = Field(None, alias="in", min_length=1, description="values that pass")
+    min: float | None = Field(None, description="smallest value that passes")
+    max: float | None = Field(None, description="largest value that passes")
+    below: float | None = Field(None, description="passes under this value")
+    above: float | None = Field(None, description="passes over this value")
+
+    @model_validator(mode="after")
+    def _tests_something(self) -> Condition:
+        bounds = (self.values, self.min, self.max, self.below, self.above)
+        if all(bound is None for bound in bounds):
+            raise ValueError("the condition tests nothing; give one of: in, min, max, below, above")
+        return self

@@ -1,0 +1,150 @@
+"""The vehicle's own motion: which signals give it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from candaemon.config.base import Settings, Signal, Signals
+
+
+class LeverArm(Settings):
+    """Where the INS measures, in vehicle axes."""
+
+    x: float = Field(0.0, ge=-30, le=30, description="m forward of the rear axle's centre")
+    y: float = Field(0.0, ge=-5, le=5, description="m to the left")
+
+
+class EgoCommon(Settings):
+    """What every source of own motion has."""
+
+    bus: str = Field(description="name of the bus")
+    dbc: str = Field(description="DBC file, relative to this YAML")
+    age_limit: float = Field(0.5, gt=0, le=10, description="s without an update before own motion counts as lost")
+    dead_reckoning: float = Field(
+        10.0, gt=0, le=600, description="s without an update before even dead reckoning is given up"
+    )
+    latency: float = Field(0.0, ge=-0.5, le=0.5, description="s from measurement to the frame's time stamp")
+
+
+class InsSignals(Settings):
+    """Signals of a GPS/INS as MESSAGE.SIGNAL. Either the velocity's two components or speed and course."""
+
+    latitude: Signal | None = Field(None, description="geodetic latitude, deg")
+    longitude: Signal | None = Field(None, description="geodetic longitude, deg")
+    velocity_north: Signal | None = Field(None, description="velocity over ground, north")
+    velocity_east: Signal | None = Field(None, description="velocity over ground, east")
+    speed: Signal | None = Field(None, description="speed over ground, where there are no velocity components")
+    heading: Signal = Field(description="true heading of the vehicle, clockwise from north")
+    yaw_rate: Signal | None = Field(None, description="positive to the left")
+    curvature: Signal | None = Field(
+        None, description="of the path, 1/m, positive to the left; times speed is yaw rate"
+    )
+    valid: str | None = Field(None, description="MESSAGE.SIGNAL that is not 0 while the solution is valid")
+
+    @model_validator(mode="after")
+    def _has_velocity(self) -> InsSignals:
+        if (self.velocity_north is None) != (self.velocity_east is None):
+            raise ValueError("velocity_north and velocity_east go together; give both or neither")
+        if self.velocity_north is None and self.speed is None:
+            raise ValueError("no velocity; give velocity_north and velocity_east, or speed")
+        if (self.latitude is None) != (self.longitude is None):
+            raise ValueError("latitude and longitude go together; give both or neither")
+        return self
+
+
+class InsNoise(Settings):
+    """One standard deviation of what the INS says."""
+
+    velocity: float = Field(0.05, gt=0, le=5, description="m/s")
+    heading_deg: float = Field(0.15, gt=0, le=10, description="deg")
+    yaw_rate_deg: float = Field(0.3, gt=0, le=10, description="deg/s, of the given or derived yaw rate")
+
+
+class InsSettings(EgoCommon):
+    """Own motion from a GPS/INS."""
+
+    kind: Literal["ins"]
+    signals: InsSignals
+    lever_arm: LeverArm = Field(default_factory=LeverArm, description="where the INS measures, in vehicle axes")
+    noise: InsNoise = Field(default_factory=InsNoise)
+    smoothing: float = Field(0.1, ge=0, le=2, description="s, time constant of yaw rate and acceleration derived here")
+
+
+class OdometrySignals(Settings):
+    """Signals of the vehicle's own bus as MESSAGE.SIGNAL."""
+
+    speed: Signals = Field((), description="speedometer, or several signals whose mean is the speed")
+    left_wheels: Signals = Field(
+        (), description="wheel speeds on the left; with the right ones, their mean is the speed"
+    )
+    right_wheels: Signals = Field((), description="wheel speeds on the right")
+    yaw_rate: Signal = Field(description="positive to the left")
+
+    @model_validator(mode="after")
+    def _has_speed(self) -> OdometrySignals:
+        if len(self.left_wheels) != len(self.right_wheels):
+            raise ValueError("as many left_wheels as right_wheels are needed")
+        if bool(self.speed) == bool(self.left_wheels):
+            raise ValueError("own speed needs one source; give left_wheels and right_wheels, or speed")
+        return self
+
+
+class OdometryNoise(Settings):
+    """One standard deviation of what the sensors of own motion say."""
+
+    speed: float = Field(0.1, gt=0, le=5, description="m/s")
+    yaw_rate_deg: float = Field(0.3, gt=0, le=10, description="deg/s")
+
+
+class BiasSettings(Settings):
+    """Estimation of what the own motion sensors read wrongly."""
+
+    speed_scale_sd: float = Field(
+        0.02, ge=0, le=0.2, description="initial standard deviation of the speed's factor; 0: fixed"
+    )
+    yaw_rate_bias_sd_deg: float = Field(0.6, ge=0, le=10, description="deg/s, initial standard deviation; 0: fixed")
+    yaw_rate_drift_deg: float = Field(0.005, ge=0, le=1, description="deg/s per √s, random walk of the yaw rate's bias")
+    wheel_noise_deg: float = Field(
+        2.0, gt=0, le=20, description="deg/s, of the yaw rate that the wheels' difference gives"
+    )
+    wheel_mismatch_deg: float = Field(
+        0.3, ge=0, le=10, description="deg/s, standard deviation of its bias (unequal tyres)"
+    )
+    stationary_speed: float = Field(
+        1.0, gt=0, le=10, description="m/s, a return slower than this over ground may teach"
+    )
+    least_own_speed: float = Field(3.0, gt=0, le=30, description="m/s, slower a stationary return says little")
+    least_distance: float = Field(
+        15.0, gt=0, le=200, description="m ahead; nearer, drift across says little of the yaw rate"
+    )
+    least_cosine: float = Field(0.9, gt=0, le=1, description="of the angle between line of sight and travel")
+    least_age: float = Field(1.0, ge=0, le=10, description="s, of an obstacle whose returns may teach")
+    drift_time: float = Field(1.0, gt=0, le=10, description="s over which a stationary return's drift is watched")
+    drift_noise: float = Field(
+        0.2, gt=0, le=5, description="m, standard deviation of a stationary return's place across"
+    )
+    stationary_noise: float = Field(
+        0.25, gt=0, le=5, description="m/s, standard deviation of a stationary return's range rate"
+    )
+
+
+class OdometrySettings(EgoCommon):
+    """Own motion from speed and yaw rate, biases estimated on the way."""
+
+    kind: Literal["odometry"]
+    signals: OdometrySignals
+    track_width: float = Field(1.6, gt=0.5, le=4, description="m between the wheels whose speeds differ in a turn")
+    noise: OdometryNoise = Field(default_factory=OdometryNoise)
+    bias: BiasSettings = Field(default_factory=BiasSettings)
+    smoothing: float = Field(0.1, ge=0, le=2, description="s, time constant of the acceleration derived here")
+
+
+class StaticSettings(Settings):
+    """A vehicle that does not move, or a roadside radar: own motion is zero, always known."""
+
+    kind: Literal["static"]
+
+
+EgoSettings = Annotated[InsSettings | OdometrySettings | StaticSettings, Field(discriminator="kind")]

@@ -1,0 +1,207 @@
+"""A YAML file into checked settings; every problem with its file and line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from candaemon.config.settings import Config, CrossReferenceError, Location
+from candaemon.config.yaml_text import read_yaml
+from candaemon.errors import ConfigError
+
+SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedConfig:
+    """A configuration and where each part of it was written.
+
+    Attributes:
+        config: the settings.
+        path: the YAML file.
+        lines: 1-based line of each key and list item.
+
+    """
+
+    config: Config
+    path: Path
+    lines: Mapping[Location, int] = field(repr=False)
+
+    def line_of(self, location: Location) -> int:
+        """Line of the deepest part of a location that the YAML has; 1 where it has none of it."""
+        known = _written(location, self.lines)
+        return self.lines.get(known, 1)
+
+    def resolve(self, relative: str) -> Path:
+        """Path of a file that the YAML names, from the YAML's own folder."""
+        return self.path.parent / relative
+
+    def error(self, location: Location, text: str) -> ConfigError:
+        """Make the error for a problem at a location."""
+        return ConfigError(f"{_dotted(location)}: {text}", file=self.path, line=self.line_of(location))
+
+
+def load_config(path: Path) -> LoadedConfig:
+    """Load and check a configuration. DBC files are not opened here.
+
+    Args:
+        path: the YAML file.
+
+    Raises:
+        ConfigError: naming every problem with file, line, key, what was found and what was expected.
+
+    """
+    path = Path(path)
+    data, lines = read_yaml(path)
+    try:
+        # Strict, so that text is no number and a number no text; the reader gives tuples for lists.
+        config = Config.model_validate(data, strict=True)
+    except ValidationError as error:
+        problems = [problem for details in error.errors() for problem in _problems(details, lines)]
+        placed = sorted(
+            {(lines.get(_written(where, lines), 1), f"{_dotted(where)}: {text}") for where, text in problems}
+        )
+        raise join_problems(path, placed) from None
+    return LoadedConfig(config, path, lines)
+
+
+def join_problems(path: Path, problems: list[tuple[int, str]]) -> ConfigError:
+    """Make one error of several (line, text), each on a line of its own with file and line."""
+    (line, first), *others = problems
+    return ConfigError("\n".join([first, *(f"{path}:{at}: {text}" for at, text in others)]), file=path, line=line)
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of the configuration file, for editors."""
+    return {"$schema": SCHEMA_DIALECT} | Config.model_json_schema(by_alias=True)
+
+
+def _written(location: Location, lines: Mapping[Location, int]) -> Location:
+    """Deepest part of a location that is in the YAML, leaving out what pydantic put in (tags of unions)."""
+    known: Location = ()
+    for step in location:
+        if (*known, step) in lines:
+            known = (*known, step)
+    return known
+
+
+def _dotted(location: Location) -> str:
+    """Write a location as `sensors.front.messages[0]`."""
+    text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in location)
+    return text.removeprefix(".") or "the file"
+
+
+def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[tuple[Location, str]]:
+    """Translate one of pydantic's errors into (location, text)."""
+    location = details["loc"]
+    where = _written(location, lines)
+    found, context = details["input"], details.get("ctx", {})
+    match details["type"]:
+        case "missing":
+            key = str(location[-1])
+            about = _keys_at(location[:-1]).get(key, "")
+            yield (*where, key), "missing" + (f"; expected: {about}" if about else "; add it")
+        case "extra_forbidden":
+            known = sorted(_keys_at(location[:-1]))
+            yield (
+                where,
+                f"found an unknown key '{location[-1]}', expected one of {', '.join(known)}"
+                + _meant(str(location[-1]), known),
+            )
+        case "value_error" if isinstance(context.get("error"), CrossReferenceError):
+            yield from context["error"].problems
+        case "value_error":
+            yield where, str(context.get("error", details["msg"]))
+        case "union_tag_not_found":
+            yield (*where, context["discriminator"].strip("'")), "missing; it says which kind of settings follow"
+        case "union_tag_invalid":
+            key = context["discriminator"].strip("'")
+            tags = re.findall(r"'([^']+)'", context["expected_tags"])
+            yield (
+                (*where, key),
+                f"found '{context['tag']}', expected one of {', '.join(tags)}" + _meant(context["tag"], tags),
+            )
+        case _:
+            yield where, f"found {_shown(found)}, {_expected(details)}"
+
+
+def _expected(details: ErrorDetails) -> str:
+    """Say what a value should have been."""
+    text = details["msg"].replace("Input should be ", "expected ").replace("Input should have ", "expected ")
+    text = (
+        text.replace("a valid string", "text")
+        .replace("a valid tuple", "a list")
+        .replace("a valid boolean", "true or false")
+    )
+    text = re.sub(r"a valid dictionary( or instance of \w+)?|an instance of \w+", "a mapping", text)
+    found = details["input"]
+    if details["type"] == "string_type" and isinstance(found, int | float):
+        return f"{text}; write it in quotes"
+    if isinstance(found, str):
+        text += _meant(found, re.findall(r"'([^']+)'", details["msg"]))
+    return text[0].lower() + text[1:]
+
+
+def _shown(value: object) -> str:
+    """Show a value as the YAML has it."""
+    match value:
+        case None:
+            return "nothing"
+        case bool():
+            return str(value).lower()
+        case dict():
+            return "a mapping"
+        case tuple() | list():
+            return f"a list of {len(value)}"
+        case _:
+            return repr(value)
+
+
+def _meant(name: str, known: list[str]) -> str:
+    """Suggest the nearest known name, or nothing."""
+    near = get_close_matches(name.casefold(), [each.casefold() for each in known], n=1)
+    original = {each.casefold(): each for each in known}
+    return f"; did you mean '{original[near[0]]}'?" if near else ""
+
+
+@cache
+def _schema() -> dict[str, Any]:
+    return json_schema()
+
+
+def _keys_at(location: Location) -> dict[str, str]:
+    """Keys, with their descriptions, that the settings at a location can have."""
+    definitions = _schema()["$defs"]
+
+    def forms(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
+        if "$ref" in schema:
+            yield from forms(definitions[schema["$ref"].rpartition("/")[2]])
+        alternatives = schema.get("anyOf", []) + schema.get("oneOf", [])
+        for alternative in alternatives:
+            yield from forms(alternative)
+        if not alternatives and "$ref" not in schema:
+            yield schema
+
+    here = list(forms(_schema()))
+    for step in location:
+        tagged = [form for form in here if step in _tags(form)]
+        below = [form["properties"][str(step)] for form in here if str(step) in form.get("properties", {})]
+        below += [form["additionalProperties"] for form in here if isinstance(form.get("additionalProperties"), dict)]
+        below += [form["items"] for form in here if isinstance(step, int) and "items" in form]
+        here = tagged or [form for schema in below for form in forms(schema)]
+    return {
+        key: str(schema.get("description", "")) for form in here for key, schema in form.get("properties", {}).items()
+    }
+
+
+def _tags(form: dict[str, Any]) -> set[str]:
+    """Values by which one of several kinds of settings is told apart."""
+    return {str(value["const"]) for value in form.get("properties", {}).values() if "const" in value}

@@ -1,0 +1,43 @@
+"""Output: obstacles into slots, slots into frames."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from candaemon.config.base import Settings, Signals
+from candaemon.config.sensors import Mount, ObjectFormat, ProtectionSettings
+
+Quantity = Literal[
+    "id", "state", "x", "y", "vx", "vy", "ax", "ay", "range", "azimuth", "range_rate", "rel_vx", "rel_vy",
+    "rel_ax", "sx", "sy", "svx", "svy", "existence", "age", "sensors", "counter",
+]  # fmt: skip
+StatusQuantity = Literal["cycle", "occupied", "unreported", "ego", "health", "drops", "count", "counter"]
+
+
+class StatusFormat(Settings):
+    """The message sent once a cycle, before the slots."""
+
+    message: str = Field(description="message name")
+    signals: dict[str, StatusQuantity] = Field(default_factory=dict, description="signal: quantity")
+    fixed: dict[str, float] = Field(default_factory=dict, description="signal: value")
+
+
+class OutputSettings(Settings):
+    """How obstacles go onto a bus."""
+
+    bus: str = Field(description="name of the bus")
+    dbc: str = Field(description="DBC file, relative to this YAML")
+    objects: ObjectFormat
+    signals: dict[Quantity, Signals] = Field(description="quantity: the signal, or signals, it goes into")
+    status: StatusFormat | None = Field(None, description="message sent once a cycle")
+    mount: Mount = Field(default_factory=Mount, description="axes the obstacles are written in; default: vehicle axes")
+    send: Literal["occupied", "all"] = Field(
+        "occupied", description="occupied slots and freed ones once, or every slot each cycle"
+    )
+    tentative: bool = Field(False, description="send tentative obstacles too")
+    path_half_width: float = Field(
+        1.8, gt=0, le=20, description="m, half the width of the path in which obstacles come first"
+    )
+    protection: ProtectionSettings = Field(default_factory=ProtectionSettings)

@@ -1,0 +1,213 @@
+"""Sensors: how frames become scans, which signal is which quantity, how good a measurement is."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from candaemon.config.base import Condition, Settings, Signal
+
+
+class Mount(Settings):
+    """A sensor's pose in vehicle axes (x forward, y left, origin under the rear axle's centre)."""
+
+    x: float = Field(0.0, ge=-30, le=30, description="m forward")
+    y: float = Field(0.0, ge=-5, le=5, description="m to the left")
+    yaw_deg: float = Field(0.0, ge=-180, le=180, description="deg, positive to the left")
+
+
+def _message_from_text(value: Any) -> Any:
+    """Let the bare name of a message stand for its entry."""
+    return {"message": value} if isinstance(value, str) else value
+
+
+class ObjectMessage(Settings):
+    """One message of an object. `{slot}` in the name stands for the slot's number."""
+
+    message: str = Field(description="message name; `{slot}`, `{slot:02d}` … stands for the slot's number")
+    id_signal: str | None = Field(None, description="signal of this message that says which object it is of")
+    optional: bool = Field(False, description="an object is used without this message too")
+
+    @model_validator(mode="after")
+    def _name_has_only_slot(self) -> ObjectMessage:
+        try:
+            self.named(0)
+        except (KeyError, IndexError, ValueError) as error:
+            raise ValueError(
+                f"'{self.message}' has braces that are not {{slot}} or such as {{slot:02d}} ({error})"
+            ) from None
+        return self
+
+    def named(self, number: int) -> str:
+        """Name of the message for the slot of this number."""
+        return self.message.format(slot=number)
+
+
+Messages = tuple[
+    Annotated[ObjectMessage, BeforeValidator(_message_from_text, json_schema_input_type=str | ObjectMessage)], ...
+]
+
+
+class ObjectFormat(Settings):
+    """Where the objects lie in the frames; serves reading and writing alike."""
+
+    messages: Messages = Field(min_length=1, description="the messages that together make one object")
+    slots: int = Field(ge=1, le=256, description="objects the format can hold")
+    first: int = Field(0, ge=0, description="number of the first slot in the messages' names")
+    step: int = Field(1, ge=1, description="difference of the numbers of neighbouring slots")
+    identity: str | None = Field(None, description="signal that is the object's identity; default: the slot is")
+    pair: tuple[str, ...] = Field((), description="signals, one a message, that must be equal within an object")
+    valid: tuple[Condition, ...] = Field((), description="all must hold for an object to be used")
+    new: tuple[Condition, ...] = Field((), description="all hold on an object's first appearance in its slot")
+    empty: dict[str, float] = Field(default_factory=dict, description="signal values that write an empty slot")
+    fixed: dict[str, float] = Field(default_factory=dict, description="signal values that write any occupied slot")
+
+    @model_validator(mode="after")
+    def _slots_are_told_apart(self) -> ObjectFormat:
+        by_name = ["{slot" in entry.message for entry in self.messages]
+        for entry, numbered in zip(self.messages, by_name, strict=True):
+            if not numbered and entry.id_signal is None and self.slots > 1:
+                raise ValueError(
+                    f"message '{entry.message}' is the same for all {self.slots} slots; "
+                    "put {slot} into its name or give its id_signal"
+                )
+        if any(by_name) and not all(by_name):
+            raise ValueError("either every message of an object has {slot} in its name or none has")
+        return self
+
+    @property
+    def multiplexed(self) -> bool:
+        """Whether all objects share the same messages and an id in the payload tells them apart."""
+        return "{slot" not in self.messages[0].message
+
+
+class CounterScan(Settings):
+    """Frames with the same counter are one scan; a scan closes when all came, when the counter changes, or late."""
+
+    close: Literal["counter"]
+    signal: str = Field(description="counter signal in every object message")
+
+
+class TriggerScan(Settings):
+    """A scan closes with a certain message."""
+
+    close: Literal["trigger"]
+    message: str = Field(description="message that ends a scan; one of the objects' or another")
+
+
+class HeaderScan(Settings):
+    """A scan opens with a header message that says how many objects follow."""
+
+    close: Literal["header"]
+    message: str = Field(description="header message")
+    count: str = Field(description="its signal with the number of objects that follow")
+    counter: str | None = Field(None, description="its measurement counter, to tell a missed scan")
+    used_only: bool = Field(
+        True, description="only the objects counted are sent; false: all slots are, count tells how many hold"
+    )
+
+
+class TimeoutScan(Settings):
+    """A scan closes when no further frame of it came for a while, or all came."""
+
+    close: Literal["timeout"]
+
+
+ScanSettings = Annotated[CounterScan | TriggerScan | HeaderScan | TimeoutScan, Field(discriminator="close")]
+
+
+class ObjectSignals(Settings):
+    """Which signal is which quantity of an object, in sensor axes (x ahead, y left), relative to the sensor."""
+
+    x: Signal | None = Field(None, description="position ahead, m")
+    y: Signal | None = Field(None, description="position to the left, m")
+    range: Signal | None = Field(None, description="distance, m")
+    azimuth: Signal | None = Field(None, description="direction, positive to the left")
+    range_rate: Signal | None = Field(None, description="speed along the line of sight, positive away")
+    vx: Signal | None = Field(None, description="relative velocity along x")
+    vy: Signal | None = Field(None, description="relative velocity along y (lateral rate)")
+    ax: Signal | None = Field(None, description="relative acceleration along x, or along the line of sight")
+    width: Signal | None = Field(None, description="width, m")
+    length: Signal | None = Field(None, description="length, m")
+    score: Signal | None = Field(None, description="the sensor's own confidence")
+
+    @model_validator(mode="after")
+    def _has_a_position(self) -> ObjectSignals:
+        cartesian = (self.x is not None, self.y is not None)
+        polar = (self.range is not None, self.azimuth is not None)
+        if any(cartesian) and any(polar):
+            raise ValueError("give a position either as x and y or as range and azimuth, not parts of both")
+        if not all(cartesian) and not all(polar):
+            raise ValueError("no position; give x and y, or range and azimuth")
+        if self.range_rate is not None and self.vx is not None:
+            raise ValueError("range_rate and vx measure the same; give one")
+        return self
+
+    @property
+    def polar(self) -> bool:
+        """Whether positions come as range and azimuth."""
+        return self.range is not None
+
+
+class ObjectNoise(Settings):
+    """One standard deviation of each measured quantity; those the signals name are needed."""
+
+    x: float | None = Field(None, gt=0, le=50, description="m")
+    y: float | None = Field(None, gt=0, le=50, description="m")
+    range: float | None = Field(None, gt=0, le=50, description="m")
+    azimuth_deg: float | None = Field(None, gt=0, le=20, description="deg")
+    range_rate: float | None = Field(None, gt=0, le=20, description="m/s")
+    vx: float | None = Field(None, gt=0, le=20, description="m/s")
+    vy: float | None = Field(None, gt=0, le=20, description="m/s")
+
+
+class FieldOfView(Settings):
+    """What the sensor can see; used by the simulation, and by the tracker to let go of what left it."""
+
+    range: float = Field(150.0, gt=0, le=1000, description="m")
+    min_range: float = Field(1.0, ge=0, le=50, description="m")
+    azimuth_deg: float = Field(45.0, gt=0, le=180, description="deg, half the opening angle")
+
+
+class ProtectionSettings(Settings):
+    """Counter and checksum of a frame, in signals of its own."""
+
+    counter: str | None = Field(None, description="counter signal")
+    checksum: str | None = Field(None, description="checksum signal")
+    kind: Literal["none", "toyota", "xor", "additive", "crc8_sae_j1850"] = Field(
+        "none", description="how the checksum is made"
+    )
+
+
+class SensorSettings(Settings):
+    """One sensor that reports objects."""
+
+    kind: Literal["radar", "lidar", "camera"] = Field("radar", description="what it is; shown to the user")
+    bus: str = Field(description="name of the bus")
+    dbc: str = Field(description="DBC file, relative to this YAML")
+    mount: Mount = Field(default_factory=Mount)
+    cycle_time: float = Field(gt=0, le=2, description="s between scans")
+    timeout: float = Field(0.03, gt=0, le=2, description="s after a scan's first frame until it is closed as it is")
+    latency: float = Field(0.0, ge=-0.5, le=0.5, description="s from measurement to the scan's time stamp")
+    time_from: Literal["first", "last"] = Field("first", description="which frame of a scan gives its time stamp")
+    objects: ObjectFormat
+    scan: ScanSettings
+    signals: ObjectSignals
+    noise: ObjectNoise
+    rates: Literal["of_position", "over_ground"] = Field(
+        "of_position", description="vx and vy are rates of x and y in the turning sensor axes, or velocity differences"
+    )
+    field_of_view: FieldOfView = Field(default_factory=FieldOfView)
+    protection: ProtectionSettings = Field(default_factory=ProtectionSettings)
+
+    @model_validator(mode="after")
+    def _noise_is_complete(self) -> SensorSettings:
+        for quantity in ("x", "y", "range", "azimuth", "range_rate", "vx", "vy"):
+            field = "azimuth_deg" if quantity == "azimuth" else quantity
+            measured = getattr(self.signals, quantity) is not None
+            if measured and getattr(self.noise, field) is None:
+                raise ValueError(f"the sensor measures {quantity} but noise.{field} is missing")
+            if not measured and getattr(self.noise, field) is not None:
+                raise ValueError(f"noise.{field} is given but no signal gives {quantity}")
+        return self

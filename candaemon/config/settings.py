@@ -1,0 +1,97 @@
+"""The root of the configuration: one YAML file, one vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import TypeAlias
+
+from pydantic import Field, model_validator
+
+from candaemon.config.base import Settings
+from candaemon.config.buses import BusSettings
+from candaemon.config.ego import EgoSettings, StaticSettings
+from candaemon.config.output import OutputSettings
+from candaemon.config.sensors import SensorSettings
+from candaemon.config.tracker import GroupSettings, TrackerSettings
+
+Location: TypeAlias = tuple[str | int, ...]
+"""Path of keys and list positions from the YAML's root."""
+
+
+class CrossReferenceError(ValueError):
+    """Names in one part of the configuration that another part does not have.
+
+    Attributes:
+        problems: (location, text) of each.
+
+    """
+
+    def __init__(self, problems: tuple[tuple[Location, str], ...]) -> None:
+        self.problems = problems
+        super().__init__("; ".join(f"{'.'.join(map(str, location))}: {text}" for location, text in problems))
+
+
+def unknown_name(kind: str, name: str, known: list[str]) -> str:
+    """Say that a name is not known, what is, and which of it is near."""
+    near = get_close_matches(name, known, n=1)
+    meant = f"; did you mean '{near[0]}'?" if near else ""
+    return f"found {kind} '{name}', expected one of {', '.join(known)}{meant}"
+
+
+class Config(Settings):
+    """Everything a user can vary about one vehicle."""
+
+    name: str = Field("", description="what to call this configuration")
+    description: str = Field("", description="what it is for")
+    buses: dict[str, BusSettings] = Field(min_length=1, description="CAN buses by name")
+    ego: EgoSettings = Field(description="own motion")
+    sensors: dict[str, SensorSettings] = Field(min_length=1, description="sensors by name")
+    tracker: TrackerSettings = Field(default_factory=TrackerSettings, description="how detections become obstacles")
+    groups: dict[str, GroupSettings] = Field(
+        default_factory=dict, description="sensors tracked on their own, by group name; default: all together"
+    )
+    output: OutputSettings | None = Field(None, description="how obstacles go onto a bus; default: they do not")
+    ordering_window: float = Field(
+        0.0, ge=0, le=1, description="s, frames of several buses are put in order of time within it"
+    )
+
+    @model_validator(mode="after")
+    def _references_hold(self) -> Config:
+        problems = tuple(self._reference_problems())
+        if problems:
+            raise CrossReferenceError(problems)
+        return self
+
+    def _reference_problems(self) -> Iterator[tuple[Location, str]]:
+        """Yield each name that leads nowhere."""
+        buses = list(self.buses)
+        named: list[tuple[Location, str]] = [(("sensors", name, "bus"), s.bus) for name, s in self.sensors.items()]
+        if not isinstance(self.ego, StaticSettings):
+            named.append((("ego", "bus"), self.ego.bus))
+        if self.output is not None:
+            named.append((("output", "bus"), self.output.bus))
+        for location, bus in named:
+            if bus not in self.buses:
+                yield location, unknown_name("bus", bus, buses)
+        channels: dict[tuple[str, str], str] = {}
+        for bus, settings in self.buses.items():
+            first = channels.setdefault((settings.interface, settings.channel), bus)
+            if first != bus:
+                yield (
+                    ("buses", bus, "channel"),
+                    f"channel '{settings.channel}' is bus '{first}' already; a bus has its own",
+                )
+        yield from self._group_problems()
+
+    def _group_problems(self) -> Iterator[tuple[Location, str]]:
+        """Yield each sensor of a group that there is not, or that is in another group already."""
+        taken: dict[str, str] = {}
+        for group, settings in self.groups.items():
+            for position, sensor in enumerate(settings.sensors):
+                location = ("groups", group, "sensors", position)
+                if sensor not in self.sensors:
+                    yield location, unknown_name("sensor", sensor, list(self.sensors))
+                elif sensor in taken:
+                    yield location, f"sensor '{sensor}' is in group '{taken[sensor]}' already; a sensor has one group"
+                taken.setdefault(sensor, group)

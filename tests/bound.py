@@ -1,0 +1,16 @@
+"""The project's configurations, each bound once for all tests."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from conftest import ROOT
+
+from candaemon.binding import Binding, bind
+from candaemon.config import load_config
+
+
+@cache
+def binding(name: str) -> Binding:
+    """Bind a configuration of `config/` by its name."""
+    return bind(load_config(ROOT / "config" / f"{name}.yaml"))

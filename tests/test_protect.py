@@ -1,0 +1,108 @@
+"""Checksums: known values, one frame against a whole cycle, and damage found."""
+
+from __future__ import annotations
+
+import gzip
+from functools import reduce
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from candaemon.bus.frame import EXTENDED
+from candaemon.bus.protect import Kind, Protector, crc8_sae_j1850
+from candaemon.bus.spec import MessageSpec, SignalSpec
+from candaemon.errors import ConfigError
+
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+
+def message(position: int, length: int = 8, can_id: int = 0x210) -> MessageSpec:
+    checksum = SignalSpec(name="Sum", start=8 * position, length=8)
+    return MessageSpec(name="M", can_id=can_id, length=length, signals=(checksum,))
+
+
+def test_crc8_check_value() -> None:
+    assert crc8_sae_j1850(b"123456789") == 0x4B
+    assert crc8_sae_j1850(b"") == 0
+
+
+def test_known_checksums() -> None:
+    data = bytes.fromhex("93382608AC0901C9")
+    others = data[:7]
+    expected = {
+        "toyota": (0x02 + 0x10 + 8 + sum(others)) & 0xFF,
+        "additive": sum(others) & 0xFF,
+        "xor": reduce(lambda a, b: a ^ b, others),
+        "crc8_sae_j1850": crc8_sae_j1850(others),
+    }
+    assert expected["toyota"] == 0xC9
+    for kind in KINDS:
+        assert Protector(kind, [message(7)], "Sum").checksum(0x210, data) == expected[kind]
+
+
+def test_toyota_sums_every_byte_of_an_extended_identifier() -> None:
+    can_id = 0x18DA_10F1 | EXTENDED
+    protector = Protector("toyota", [message(7, can_id=can_id)], "Sum")
+    assert protector.checksum(can_id, bytes(8)) == (0x18 + 0xDA + 0x10 + 0xF1 + 8) & 0xFF
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    kind=st.sampled_from(KINDS),
+    length=st.integers(2, 64),
+    where=st.floats(0, 0.999),
+    seed=st.integers(0, 2**32 - 1),
+    extended=st.booleans(),
+)
+def test_a_cycle_is_filled_as_single_frames_are(
+    kind: Kind, length: int, where: float, seed: int, extended: bool
+) -> None:
+    position = int(where * length)
+    rng = np.random.default_rng(seed)
+    ids = rng.choice(0x1FFF_FFFF if extended else 0x7FF, 5, replace=False).astype(np.int64) | EXTENDED * extended
+    protector = Protector(kind, [message(position, length, int(i)) for i in ids], "Sum")
+    payloads = rng.integers(0, 256, (5, length), dtype=np.uint8)
+    protector.fill(ids, payloads)
+    for can_id, payload in zip(ids.tolist(), payloads, strict=True):
+        data = payload.tobytes()
+        assert data[position] == protector.checksum(can_id, data)
+        assert protector.verify(can_id, data)
+        bit = int(rng.integers(8 * length))
+        damaged = bytearray(data)
+        damaged[bit // 8] ^= 1 << bit % 8
+        assert not protector.verify(can_id, bytes(damaged))
+        assert not protector.verify(can_id, data[:-1])
+
+
+def test_messages_may_keep_it_in_different_places() -> None:
+    long, short = message(7, 8, 0x220), message(5, 6, 0x228)
+    protector = Protector("additive", [long, short], "Sum")
+    assert protector.verify(0x220, bytes([1, 2, 3, 4, 5, 6, 7, 28]))
+    assert protector.verify(0x228, bytes([1, 2, 3, 4, 5, 15]))
+    assert (protector.position(0x220), protector.position(0x228)) == (7, 5)
+
+
+@pytest.mark.parametrize(("start", "bits"), [(4, 8), (56, 7), (60, 8), (0, 16)])
+def test_checksum_must_fill_one_byte(start: int, bits: int) -> None:
+    spec = MessageSpec("M", 1, 8, (SignalSpec(name="Sum", start=start, length=bits),))
+    with pytest.raises(ConfigError, match="expected 8 bits that fill one byte"):
+        Protector("xor", [spec], "Sum")
+
+
+def test_every_radar_frame_of_the_drive_passes(drive: Path) -> None:
+    tracks = {0x210 + n: message(7, 8, 0x210 + n) for n in range(0x18)}
+    tracks |= {0x228 + n: message(5, 6, 0x228 + n) for n in range(8)}
+    protector = Protector("toyota", list(tracks.values()), "Sum")
+    seen = 0
+    with gzip.open(drive / "drive.log.gz", "rt") as lines:
+        for line in lines:
+            _, channel, frame = line.split()[:3]
+            number, _, data = frame.partition("#")
+            if channel == "can1" and int(number, 16) in tracks:
+                seen += 1
+                assert protector.verify(int(number, 16), bytes.fromhex(data))
+    assert seen == 38_400
