@@ -1,0 +1,1 @@
+"""Motion models and filters, pure and batched. Knows nothing of CAN, identity and configuration files."""

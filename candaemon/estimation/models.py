@@ -1,0 +1,278 @@
+"""Motion models over ground, batched over tracks.
+
+Every model speaks of the state [x, y, vx, vy, ax, ay, ω] in the level frame (m, m/s, m/s², rad/s, ω positive to the
+left) and uses the `components` it has; the others stay zero. Where a model treats the two axes differently, the axes
+are along and across the direction of travel, a unit vector a track.
+
+Linear models are built axis by axis: an axis has a 3 × 3 transition and noise over (position, velocity,
+acceleration), and the plane's matrices are F = Fₗ ⊗ A + Fₜ ⊗ (I − A) with A = d dᵀ of the direction d.
+Paper 000 writes the same matrices with the state ordered [x, ẋ, ẍ, y, ẏ, ÿ].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
+_NODES, _WEIGHTS = (_NODES + 1) / 2, _WEIGHTS / 2
+_EYE2 = np.eye(2)
+
+
+class MotionModel(Protocol):
+    """A motion model of n tracks at once."""
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Indices of the state's components that the model has."""
+        ...
+
+    def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the predicted mean (n, D), the Jacobian F and the noise Q, each (n or 1, D, D).
+
+        Args:
+            mean: state, (n, D), D the width of the state that the filter carries.
+            dt: time step, s.
+            direction: unit vector of travel in the level frame, (n, 2).
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis over one time step: transition and noise over (position, velocity, acceleration), 3 × 3 each."""
+
+    transition: Floats
+    noise: Floats
+
+
+def _integrated(gains: Floats, dt: float) -> Floats:
+    """Integrate gains gainsᵀ over the step by Gauss-Legendre quadrature.
+
+    The textbook closed forms cancel for small αT; a weighted sum of outer products neither cancels nor
+    leaves the positive semidefinite cone.
+    """
+    return (gains * (_WEIGHTS * dt)) @ gains.T
+
+
+def decaying_axis(rate: float, dt: float, intensity: float, *, order: int) -> Axis:
+    """Return an axis whose highest derivative decays exponentially.
+
+    Args:
+        rate: α, 1/s, the inverse time constant.
+        dt: T, s.
+        intensity: power of the white noise that drives the highest derivative.
+        order: 2, the acceleration decays: Singer and paper 000 (15), (19); 1, the velocity does: a drift that settles.
+
+    Returns:
+        Transition (15) and noise (19) of paper 000 for order 2.
+    """
+    decay, settled = _decay(rate, dt)
+    moments = np.zeros((3, len(_NODES)))
+    f = np.zeros((3, 3))
+    f[0, 0] = 1.0
+    elapsed = _NODES * dt
+    ramp = -np.expm1(-rate * elapsed) / rate
+    if order == 1:
+        f[0, 1], f[1, 1] = settled, decay
+        moments[0], moments[1] = ramp, 1.0 - rate * ramp
+    else:
+        f[0, 1], f[0, 2] = dt, (dt - settled) / rate
+        f[1, 1], f[1, 2], f[2, 2] = 1.0, settled, decay
+        moments[0], moments[1], moments[2] = (elapsed - ramp) / rate, ramp, 1.0 - rate * ramp
+    return Axis(f, intensity * _integrated(moments, dt))
+
+
+def _decay(rate: float, dt: float) -> tuple[float, float]:
+    """Return e^(−αT) and (1 − e^(−αT)) / α."""
+    settled = float(-np.expm1(-rate * dt)) / rate
+    return 1.0 - rate * settled, settled
+
+
+def white_axis(dt: float, intensity: float, *, order: int) -> Axis:
+    """Return an axis driven by white noise: order 1 nearly constant velocity, order 2 nearly constant acceleration.
+
+    Friedland's and Hampton's models with continuous white noise on the highest derivative.
+    """
+    f, q = np.zeros((3, 3)), np.zeros((3, 3))
+    f[0, 0], f[0, 1], f[1, 1] = 1.0, dt, 1.0
+    if order == 1:
+        q[:2, :2] = ((dt**3 / 3, dt**2 / 2), (dt**2 / 2, dt))
+    else:
+        f[0, 2], f[1, 2], f[2, 2] = dt**2 / 2, dt, 1.0
+        q[:] = (
+            (dt**5 / 20, dt**4 / 8, dt**3 / 6),
+            (dt**4 / 8, dt**3 / 3, dt**2 / 2),
+            (dt**3 / 6, dt**2 / 2, dt),
+        )
+    return Axis(f, intensity * q)
+
+
+def _plane(along: Floats, across: Floats, direction: Floats, width: int) -> Floats:
+    """Spread two 3 × 3 axis matrices over the plane, (n, width, width)."""
+    full = np.zeros((width, width))
+    full[:6, :6] = np.kron(across, _EYE2)
+    difference = along - across
+    if not difference.any():
+        return full[None]
+    projector = direction[:, :, None] * direction[:, None, :]
+    out = np.empty((len(direction), width, width))
+    out[:] = full
+    spread = difference[None, :, None, :, None] * projector[:, None, :, None, :]
+    out[:, :6, :6] += spread.reshape(-1, 6, 6)
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class LinearModel:
+    """Nearly constant velocity or acceleration, its noise and memory chosen along and across the travel.
+
+    Attributes:
+        order: 1 constant velocity (CV, Friedland), 2 constant acceleration (CA, Hampton).
+        noise: power of the white noise along and across, (m/s²)²/Hz for order 1, (m/s³)²/Hz for order 2.
+        settling: time constants along and across with which the highest derivative decays, s; None: it keeps.
+            Across, it is the *velocity* that decays, whatever the order: vehicles keep to their lane.
+        wander: power of a random walk of position along and across, m²/s: the reflection moves over the vehicle.
+    """
+
+    order: int
+    noise: tuple[float, float]
+    settling: tuple[float | None, float | None] = (None, None)
+    wander: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Indices of the state's components that the model has."""
+        return tuple(range(4 if self.order == 1 else 6))
+
+    def axes(self, dt: float) -> tuple[Axis, Axis]:
+        """Return the axis along and the axis across the direction of travel."""
+        return self._axis(0, self.order, dt), self._axis(1, self.order if self.settling[1] is None else 1, dt)
+
+    def _axis(self, which: int, order: int, dt: float) -> Axis:
+        time_constant = self.settling[which]
+        if time_constant is None:
+            axis = white_axis(dt, self.noise[which], order=order)
+        else:
+            axis = decaying_axis(1.0 / time_constant, dt, self.noise[which], order=order)
+        axis.noise[0, 0] += self.wander[which] * dt
+        return axis
+
+    def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
+        """Predict the mean with its own F; see `MotionModel.transition`."""
+        along, across = self.axes(dt)
+        f = _plane(along.transition, across.transition, direction, mean.shape[1])
+        q = _plane(along.noise, across.noise, direction, mean.shape[1])
+        return np.matmul(f, mean[:, :, None])[:, :, 0], f, q
+
+
+@dataclass(frozen=True, slots=True)
+class CurrentStatistical:
+    """The current statistical model of paper 000: acceleration decays to its current mean, its variance adapts.
+
+    The variance is that of a modified Rayleigh density between the current acceleration and the limit, (8) and (20).
+    At and beyond the limit (8) falls to zero, and past it grows again: a target that brakes at the limit would be lost.
+    So the distance to the limit is clamped at zero and the variance has a floor.
+
+    Attributes:
+        alpha: manoeuvre frequency α, 1/s.
+        limit: a_max, m/s², the same forwards and backwards.
+        floor: smallest variance of the acceleration, (m/s²)².
+    """
+
+    alpha: float
+    limit: float
+    floor: float
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Indices of the state's components that the model has."""
+        return tuple(range(6))
+
+    def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
+        """Predict the mean with (14), F by (15), Q by (18) to (20) of paper 000; see `MotionModel.transition`.
+
+        With ā the current acceleration (17), F x + U ā is the constant-acceleration transition exactly.
+        """
+        del direction  # the model is the same in every direction
+        width = mean.shape[1]
+        axis = decaying_axis(self.alpha, dt, 2 * self.alpha, order=2)
+        f = np.zeros((width, width))
+        f[:6, :6] = np.kron(axis.transition, _EYE2)
+        predicted = mean.copy()
+        acceleration = mean[:, ACCELERATION]
+        predicted[:, POSITION] += dt * mean[:, VELOCITY] + (dt * dt / 2) * acceleration
+        predicted[:, VELOCITY] += dt * acceleration
+        q = np.zeros((len(mean), width, width))
+        blocks = q[:, :6, :6].reshape(-1, 3, 2, 3, 2) if width == 6 else np.zeros((len(mean), 3, 2, 3, 2))
+        variance = self.variance(acceleration)
+        for a in (0, 1):
+            blocks[:, :, a, :, a] = variance[:, a, None, None] * axis.noise
+        if width != 6:
+            q[:, :6, :6] = blocks.reshape(-1, 6, 6)
+        return predicted, f[None], q
+
+    def variance(self, acceleration: Floats) -> Floats:
+        """Return σₐ² of (8) and (20), with the clamp and the floor."""
+        room = np.maximum(self.limit - np.abs(acceleration), 0.0)
+        return np.maximum((4 - np.pi) / np.pi * room**2, self.floor)
+
+
+@dataclass(frozen=True, slots=True)
+class CoordinatedTurn:
+    """Nearly constant speed turn, paper 002 (9) with the signs put right; valid on velocity over ground only.
+
+    Attributes:
+        noise: power of the white noise on velocity, (m/s²)²/Hz.
+        turn_noise: power of the white noise on ω, (rad/s²)²/Hz.
+        wander: power of a random walk of position, m²/s.
+    """
+
+    noise: float
+    turn_noise: float
+    wander: float = 0.0
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Indices of the state's components that the model has."""
+        return (0, 1, 2, 3, TURN)
+
+    def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
+        """Turn the velocity by ωT; F is the Jacobian; see `MotionModel.transition`."""
+        del direction  # the model is the same in every direction
+        vx, vy, w = mean[:, 2], mean[:, 3], mean[:, TURN]
+        angle = w * dt
+        small = np.abs(angle) < 1e-4
+        divisor = np.where(small, 1.0, w)
+        sine, cosine = np.sin(angle), np.cos(angle)
+        s = np.where(small, dt * (1 - angle**2 / 6), sine / divisor)
+        c = np.where(small, dt * angle / 2, (1 - cosine) / divisor)
+        s_w = np.where(small, -dt * dt * angle / 3, (dt * cosine - s) / divisor)
+        c_w = np.where(small, dt * dt / 2, (dt * sine - c) / divisor)
+        predicted = mean.copy()
+        predicted[:, 0] += s * vx - c * vy
+        predicted[:, 1] += c * vx + s * vy
+        predicted[:, 2] = cosine * vx - sine * vy
+        predicted[:, 3] = sine * vx + cosine * vy
+        f = np.zeros((len(mean), mean.shape[1], mean.shape[1]))
+        f[:, 0, 0] = f[:, 1, 1] = f[:, TURN, TURN] = 1.0
+        f[:, 0, 2] = f[:, 1, 3] = s
+        f[:, 0, 3], f[:, 1, 2] = -c, c
+        f[:, 2, 2] = f[:, 3, 3] = cosine
+        f[:, 2, 3], f[:, 3, 2] = -sine, sine
+        f[:, 0, TURN] = s_w * vx - c_w * vy
+        f[:, 1, TURN] = c_w * vx + s_w * vy
+        f[:, 2, TURN] = -dt * predicted[:, 3]
+        f[:, 3, TURN] = dt * predicted[:, 2]
+        axis = white_axis(dt, self.noise, order=1).noise
+        axis[0, 0] += self.wander * dt
+        q = np.zeros((1, mean.shape[1], mean.shape[1]))
+        q[0, :4, :4] = np.kron(axis[:2, :2], _EYE2)
+        q[0, TURN, TURN] = self.turn_noise * dt
+        return predicted, f, q
