@@ -1,0 +1,255 @@
+"""Frames into scans, whatever closes them: where frames are kept, and what a scan is made of when it closes.
+
+A frame costs a lookup in the caller, two calls and a dictionary entry here; numpy comes in when a scan closes.
+
+The caller holds `routes` of all its sensors and runs, for each frame or tick in order of time::
+
+    for assembler in assemblers:            # worth doing only once `time_ns` reaches the earliest deadline
+        if time_ns >= assembler.deadline_ns:
+            scan = assembler.expire(time_ns)
+    receive, part, slot = routes[can_id]
+    scan = receive(part, slot, data, time_ns)
+
+A scan that opens at t does not run out before t + `timeout_ns`, so the deadlines need a look only when the earliest of
+those known, or the last look plus the shortest time-out, has come.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from candaemon.binding.bound import BoundSensor
+from candaemon.sensing.scan import Scan, ScanCounts
+
+Receiver: TypeAlias = Callable[[int, int, bytes, int], Scan | None]
+"""Takes part, slot, payload and time stamp (ns) of a frame; gives the scan that it closes."""
+Route: TypeAlias = tuple[Receiver, int, int]
+"""Receiver of a CAN id, and the part and slot to call it with."""
+
+NEVER: Final = (1 << 63) - 1
+"""Deadline of a scan that is not open, ns."""
+UNKNOWN: Final = -1
+"""Frames awaited where a scan does not say how many it has: it is counted down from here and never reaches 0."""
+POSITION: Final = ("x", "y", "range", "azimuth")
+
+
+class ScanAssembler(ABC):
+    """Collects the frames of one sensor until their scan closes.
+
+    Args:
+        sensor: the bound sensor.
+        counts: where frames are counted; default: counts of its own.
+
+    Attributes:
+        counts: what became of the frames.
+        routes: each CAN id the sensor takes, and who receives it.
+        deadline_ns: when the open scan is closed as it is, `NEVER` where none is open.
+        timeout_ns: how long after its first frame that is.
+
+    """
+
+    def __init__(self, sensor: BoundSensor, counts: ScanCounts | None = None) -> None:
+        settings, reader = sensor.settings, sensor.reader
+        self.counts = ScanCounts() if counts is None else counts
+        self.deadline_ns = NEVER
+        self.timeout_ns: Final = round(settings.timeout * 1e9)
+        self._sensor, self._reader = sensor.index, reader
+        self._slots, self._multiplexed = reader.slots, reader.multiplexed
+        self._latency_ns = round(settings.latency * 1e9)
+        self._from_last = settings.time_from == "last"
+        self._has_identity = settings.objects.identity is not None
+        self._has_pairs = len(settings.objects.pair) > 1
+        self._half_cycle_ns = round(settings.cycle_time * 5e8)
+        self._messages = [[(message.can_id, message.length) for message in part.messages] for part in reader.parts]
+        # Some radars give the last slots shorter frames: here the least, to read a counter; `_admit` knows each.
+        self._lengths = [min(message.length for message in part.messages) for part in reader.parts]
+        self._alike = [len({message.length for message in part.messages}) == 1 for part in reader.parts]
+        self._protectors = sensor.protectors
+        self._required = [part.index for part in reader.parts if not part.optional]
+        self._optional = [part.index for part in reader.parts if part.optional]
+        # An optional message is awaited if the scan before had it: a radar is set to send it or not.
+        self._expected = [True] * len(reader.parts)
+        self._position = [row for row, name in enumerate(reader.quantities) if name in POSITION]
+        self._every_slot = np.arange(reader.slots, dtype=np.int64)
+        self._frames: list[dict[int, bytes]] = [{} for _ in reader.parts]
+        self._open = False
+        self._awaited = UNKNOWN
+        self._first_ns = self._last_ns = 0
+        self._closed_ns = -NEVER
+        self.routes: Mapping[int, Route] = self._all_routes()
+
+    @abstractmethod
+    def receive(self, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:
+        """Take a frame of an object, any scan it belongs to.
+
+        Args:
+            part: which of the object's messages it is.
+            slot: of the object.
+            data: payload, unchecked.
+            time_ns: time stamp.
+
+        Returns:
+            The scan that this closes.
+
+        """
+
+    def expire(self, time_ns: int) -> Scan | None:
+        """Close the open scan if its time is up, and return it."""
+        return self._close() if time_ns >= self.deadline_ns else None
+
+    def flush(self) -> Scan | None:
+        """Close the open scan, because no more frames come, and return it."""
+        return self._close() if self._open else None
+
+    def _all_routes(self) -> dict[int, Route]:
+        plain = [
+            self._alike[part] and self._protectors[part] is None and part in self._required and not self._multiplexed
+            for part in range(len(self._frames))
+        ]
+        return {
+            can_id: (self.receive if plain[part] else self._admit, part, slot)
+            for can_id, (part, slot) in self._reader.routes.items()
+        }
+
+    def _admit(self, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:
+        """Take a frame that needs more: its own length, a checksum verified, its object read, its part awaited."""
+        can_id, length = self._messages[part][slot]
+        if len(data) < length:
+            self.counts.short += 1
+            return None
+        protector = self._protectors[part]
+        if protector is not None and not protector.verify(can_id, data):
+            self.counts.checksum += 1
+            return None
+        if slot < 0:
+            slot = self._reader.object_key(part, data)
+            if slot < 0:
+                self.counts.surplus += 1
+                return None
+        if not self._expected[part]:
+            self._expected[part] = True
+            if self._awaited > 0:
+                self._awaited += self._objects() or 0
+        return self.receive(part, slot, data, time_ns)
+
+    def _start(self, time_ns: int) -> None:
+        """Open a scan with a frame of this time."""
+        self._open = True
+        self._first_ns = self._last_ns = time_ns
+        self.deadline_ns = time_ns + self.timeout_ns
+        self._awaited = self._awaits()
+
+    def _put(self, part: int, slot: int, data: bytes, time_ns: int, closed: Scan | None) -> Scan | None:
+        """Keep a frame of the open scan.
+
+        Returns:
+            The scan before, where the frame closed that; otherwise this one, if the frame was its last.
+
+        """
+        frames = self._frames[part]
+        if slot in frames:
+            self.counts.duplicate += 1
+            return closed
+        frames[slot] = data
+        self._last_ns = time_ns
+        self._awaited -= 1
+        # One call gives one scan: if it closed the one before, a scan of a single frame waits for its time-out.
+        if self._awaited or closed is not None:
+            return closed
+        return self._close()
+
+    def _straggles(self, time_ns: int, span_ns: int) -> bool:
+        """Tell whether a frame came within a span of the last closed scan's first one."""
+        return self._closed_ns <= time_ns < self._closed_ns + span_ns
+
+    def _objects(self) -> int | None:
+        """Say how many objects the open scan should bring frames of, None where it does not tell."""
+        return None if self._multiplexed else self._slots
+
+    def _awaits(self) -> int:
+        """Say how many frames of objects make the open scan complete, `UNKNOWN` where it does not close so."""
+        objects = self._objects()
+        return UNKNOWN if objects is None else objects * sum(self._expected)
+
+    def _limit(self) -> int:
+        """Say from which slot on objects do not hold."""
+        return NEVER
+
+    def _unmarked(self) -> int:
+        """Count the messages beside the objects' that the scan lacks."""
+        return 0
+
+    def _close(self) -> Scan:
+        """Make the scan of what came, and be ready for the next."""
+        counts, frames = self.counts, self._frames
+        stored = sum(map(len, frames))
+        missing = self._missing(stored) + self._unmarked()
+        slots = self._complete_objects()
+        scan = self._read(slots, missing) if slots else self._nothing(missing)
+        counts.used += stored
+        counts.scans += 1
+        counts.missing += missing
+        counts.incomplete += missing > 0
+        for part in self._optional:
+            self._expected[part] = bool(frames[part])
+        for column in frames:
+            column.clear()
+        self._open, self.deadline_ns, self._closed_ns = False, NEVER, self._first_ns
+        return scan
+
+    def _missing(self, stored: int) -> int:
+        """Count the objects' frames that did not come; of optional messages only if one came."""
+        objects = self._objects()
+        if objects is None:
+            objects = len(set[int]().union(*self._frames))
+        parts = len(self._required) + sum(1 for part in self._optional if self._frames[part])
+        return max(0, objects * parts - stored)
+
+    def _complete_objects(self) -> list[int]:
+        """List the slots whose required messages came, in order."""
+        frames, counts = self._frames, self.counts
+        first, *others = [frames[part] for part in self._required]
+        common = set(first).intersection(*others)
+        if others:
+            counts.rejected += len(set(first).union(*others)) - len(common)
+        slots = sorted(common)
+        if len(slots) > self._slots:
+            extra = slots[self._slots :]
+            surplus = sum(slot in column for column in frames for slot in extra)
+            counts.surplus += surplus
+            counts.used -= surplus
+            slots = slots[: self._slots]
+        limit = self._limit()
+        return slots if limit == NEVER else [slot for slot in slots if slot < limit]
+
+    def _read(self, slots: list[int], missing: int) -> Scan:
+        """Read the objects of these slots."""
+        counts = self.counts
+        batch = self._reader.read([list(map(column.get, slots)) for column in self._frames])
+        use = batch.valid
+        if self._has_pairs:
+            use = batch.valid & batch.paired
+            counts.unpaired += int(np.count_nonzero(batch.valid)) - int(np.count_nonzero(use))
+        if self._optional:
+            placed = np.isfinite(batch.values[self._position]).all(axis=0)
+            counts.rejected += int(np.count_nonzero(use & ~placed))
+            use = use & placed
+        full = len(slots) == self._slots and not self._multiplexed
+        slot: npt.NDArray[np.int64] = self._every_slot if full else np.array(slots, np.int64)
+        rows = np.flatnonzero(use)
+        slot = slot[rows]
+        object_id = batch.identity[rows] if self._has_identity else slot
+        return Scan(self._time_ns(), self._sensor, object_id, slot, batch.new[rows], batch.values[:, rows], missing)
+
+    def _nothing(self, missing: int) -> Scan:
+        none = np.empty(0, np.int64)
+        values = np.empty((len(self._reader.quantities), 0))
+        return Scan(self._time_ns(), self._sensor, none, none, np.empty(0, np.bool_), values, missing)
+
+    def _time_ns(self) -> int:
+        return (self._last_ns if self._from_last else self._first_ns) - self._latency_ns

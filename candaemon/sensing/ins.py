@@ -1,0 +1,107 @@
+"""Own motion from a GPS/INS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, hypot, pi, remainder, sin, tau
+
+from candaemon.config.ego import BiasSettings, InsSettings
+from candaemon.sensing.ego import MotionHistory, StationaryReturns
+from candaemon.sensing.pose import EgoPose
+
+
+class InsMotion:
+    """Own motion from velocity and heading over ground; GNSS positions are not integrated, only kept.
+
+    A sample is made when every quantity it needs has arrived afresh, at the time of the velocity.
+
+    Args:
+        settings: of the INS.
+    """
+
+    def __init__(self, settings: InsSettings) -> None:
+        self._settings = settings
+        self.teaching: BiasSettings | None = None
+        signals = settings.signals
+        self._components = signals.velocity_north is not None
+        self._turn = (
+            "yaw_rate" if signals.yaw_rate is not None else "curvature" if signals.curvature is not None else None
+        )
+        self._clock = "velocity_north" if self._components else "speed"
+        needed = {"heading", self._clock} | ({self._turn} if self._turn is not None else set())
+        self._needed = frozenset(needed | ({"velocity_east"} if self._components else set()))
+        self._latency_ns = round(settings.latency * 1e9)
+        self._fresh: set[str] = set()
+        self._value: dict[str, float] = {}
+        self._valid = True
+        self._sample_ns = 0
+        self._yaw_rate = 0.0
+        self._heading: float | None = None
+        self._heading_ns = 0
+        self.history = MotionHistory(
+            age_limit=settings.age_limit,
+            dead_reckoning=settings.dead_reckoning,
+            speed_variance=settings.noise.velocity**2,
+            smoothing=settings.smoothing,
+        )
+
+    def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
+        """Take the quantities of one frame."""
+        for name, value in zip(names, values, strict=True):
+            if name == "valid":
+                self._valid = value != 0.0
+            elif value == value:  # NaN: the DBC's multiplexer left it out
+                self._value[name] = value
+                self._fresh.add(name)
+                if name == self._clock:
+                    self._sample_ns = time_ns - self._latency_ns
+        if self._needed <= self._fresh:
+            self._fresh.clear()
+            if self._valid:
+                self._add_sample()
+
+    def _add_sample(self) -> None:
+        value = self._value
+        heading = self._continuous(pi / 2 - value["heading"])
+        yaw_rate = self._turned(heading)
+        if self._components:
+            ve, vn = value["velocity_east"], value["velocity_north"]
+        else:
+            ve, vn = value["speed"] * cos(heading), value["speed"] * sin(heading)
+        if self._turn == "curvature":
+            yaw_rate = value["curvature"] * hypot(ve, vn)
+        elif self._turn == "yaw_rate":
+            yaw_rate = value["yaw_rate"]
+        arm = self._settings.lever_arm
+        c, s = cos(heading), sin(heading)
+        ve += yaw_rate * (s * arm.x + c * arm.y)
+        vn -= yaw_rate * (c * arm.x - s * arm.y)
+        self._heading, self._heading_ns = heading, self._sample_ns
+        self.history.add(self._sample_ns, heading, ve, vn, yaw_rate)
+
+    def _continuous(self, heading: float) -> float:
+        """Unwrap the heading."""
+        if self._heading is None:
+            return heading
+        return self._heading + remainder(heading - self._heading, tau)
+
+    def _turned(self, heading: float) -> float:
+        """Return the smoothed derivative of the heading, for an INS that gives no turn."""
+        dt = (self._sample_ns - self._heading_ns) * 1e-9
+        if self._heading is None or dt <= 0.0:
+            return self._yaw_rate
+        share = dt / (dt + self._settings.smoothing)
+        self._yaw_rate += share * ((heading - self._heading) / dt - self._yaw_rate)
+        return self._yaw_rate
+
+    @property
+    def known_until_ns(self) -> int:
+        """Time of the latest sample."""
+        return self.history.latest_ns
+
+    def pose(self, time_ns: int) -> EgoPose | None:
+        """Return own pose at an instant; None before the first complete sample."""
+        return self.history.pose(time_ns)
+
+    def learn(self, returns: StationaryReturns) -> None:
+        """Ignore what stands still: the INS knows better."""

@@ -1,0 +1,113 @@
+"""Own motion from the vehicle's own speed and yaw rate, and of a vehicle that stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, sin
+
+from candaemon.config.ego import BiasSettings, OdometrySettings
+from candaemon.sensing.bias import MotionBias
+from candaemon.sensing.ego import MotionHistory, StationaryReturns
+from candaemon.sensing.pose import EgoPose, EgoStatus
+
+
+class OdometryMotion:
+    """Own motion from wheel speeds or a speedometer and a yaw rate sensor, biases estimated on the way.
+
+    A sample is made with each speed, once a yaw rate is known. The level frame's x axis is the first heading.
+
+    Args:
+        settings: of the odometry.
+    """
+
+    def __init__(self, settings: OdometrySettings) -> None:
+        self.teaching: BiasSettings | None = settings.bias
+        self._track_width = settings.track_width
+        self._latency_ns = round(settings.latency * 1e9)
+        self.bias = MotionBias(settings.bias)
+        self._yaw_rate: float | None = None
+        self._wheel_speed = 0.0
+        self._heading = 0.0
+        self._turned_to_ns: int | None = None
+        self.history = MotionHistory(
+            age_limit=settings.age_limit,
+            dead_reckoning=settings.dead_reckoning,
+            speed_variance=settings.noise.speed**2,
+            smoothing=settings.smoothing,
+        )
+        self._longest_step = settings.age_limit
+
+    def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
+        """Take the quantities of one frame."""
+        time_ns -= self._latency_ns
+        left = right = total = 0.0
+        speeds = pairs = 0
+        for name, value in zip(names, values, strict=True):
+            if value != value:  # NaN: the DBC's multiplexer left it out
+                continue
+            if name == "yaw_rate":
+                self._turn(time_ns)
+                self._yaw_rate = value
+            elif name == "left_wheels":
+                left += value
+                pairs += 1
+            elif name == "right_wheels":
+                right += value
+            else:
+                total += value
+                speeds += 1
+        if pairs:
+            self._wheels(right / pairs - left / pairs)
+            total, speeds = left + right, 2 * pairs
+        if speeds and self._yaw_rate is not None:
+            self._add_sample(time_ns, total / speeds)
+
+    def _wheels(self, difference: float) -> None:
+        if self._yaw_rate is not None:
+            self.bias.learn_from_wheels(difference / self._track_width - self._yaw_rate)
+
+    def _turn(self, time_ns: int) -> None:
+        """Integrate the heading up to an instant with the latest yaw rate."""
+        if self._yaw_rate is not None and self._turned_to_ns is not None and time_ns > self._turned_to_ns:
+            dt = min((time_ns - self._turned_to_ns) * 1e-9, self._longest_step)
+            self._heading += dt * (self._yaw_rate - self.bias.yaw_rate)
+            self.bias.age(dt)
+        if self._turned_to_ns is None or time_ns > self._turned_to_ns:
+            self._turned_to_ns = time_ns
+
+    def _add_sample(self, time_ns: int, wheel_speed: float) -> None:
+        self._turn(time_ns)
+        self._wheel_speed = wheel_speed
+        speed = self.bias.scale * wheel_speed
+        yaw_rate = (self._yaw_rate or 0.0) - self.bias.yaw_rate
+        self.history.add(time_ns, self._heading, speed * cos(self._heading), speed * sin(self._heading), yaw_rate)
+
+    @property
+    def known_until_ns(self) -> int:
+        """Time of the latest sample."""
+        return self.history.latest_ns
+
+    def pose(self, time_ns: int) -> EgoPose | None:
+        """Return own pose at an instant; None before speed and yaw rate are known."""
+        return self.history.pose(time_ns)
+
+    def learn(self, returns: StationaryReturns) -> None:
+        """Correct the speed's factor and the yaw rate's bias by what stands still."""
+        self.bias.learn_from_returns(returns, self._wheel_speed)
+
+
+class StandingStill:
+    """Own motion of a vehicle, or a mast, that never moves."""
+
+    teaching: BiasSettings | None = None
+    known_until_ns = 1 << 62
+
+    def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
+        """Take nothing: no signal is bound."""
+
+    def pose(self, time_ns: int) -> EgoPose:
+        """Return the origin, at rest."""
+        return EgoPose(time_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EgoStatus.VALID)
+
+    def learn(self, returns: StationaryReturns) -> None:
+        """Ignore what stands still: nothing can be learnt at rest."""
