@@ -1,0 +1,1 @@
+"""Identity over time: association, reflections, lifecycle. Knows nothing of CAN and DBC files."""

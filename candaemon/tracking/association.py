@@ -1,0 +1,81 @@
+"""Which detection belongs to which track."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.estimation.kalman import line_of_sight
+from candaemon.estimation.measurement import Measurement
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+_OUT_OF_GATE = 1e9
+_REACH = 30.0  # m; a pair farther apart passes no gate and is not worth the arithmetic
+
+
+def pair_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Floats:
+    """Return the normalised innovation squared of m aligned pairs.
+
+    Position and range rate are taken jointly, through the Schur complement of the position's 2 × 2 block.
+
+    Args:
+        mean: predicted states (m, 6).
+        covariance: (m, 6, 6).
+        measurement: m detections.
+    """
+    innovation = measurement.position - mean[:, :2]
+    s = covariance[:, :2, :2] + measurement.noise
+    a, b, d = s[:, 0, 0], s[:, 0, 1], s[:, 1, 1]
+    determinant = a * d - b * b
+    ix, iy = innovation[:, 0], innovation[:, 1]
+    nis = (d * ix * ix - 2 * b * ix * iy + a * iy * iy) / determinant
+    if measurement.range_rate is None or measurement.range_rate_variance is None:
+        return nis
+    rate, row = line_of_sight(mean, measurement.origin, measurement.velocity)
+    cross = np.matmul(covariance[:, :4, :4], row[:, :, None])[:, :, 0]
+    cx, cy = cross[:, 0], cross[:, 1]
+    gain_x, gain_y = (d * cx - b * cy) / determinant, (a * cy - b * cx) / determinant
+    residual = measurement.range_rate - rate - gain_x * ix - gain_y * iy
+    variance = (row * cross).sum(axis=1) + measurement.range_rate_variance - gain_x * cx - gain_y * cy
+    return nis + np.where(np.isfinite(residual), residual**2 / variance, 0.0)
+
+
+def nearest_neighbours(
+    mean: Floats, covariance: Floats, tracks: Rows, measurement: Measurement, detections: Rows, gate: float
+) -> tuple[Rows, Rows]:
+    """Assign detections to tracks by global nearest neighbour behind a gate.
+
+    Args:
+        mean: predicted states of all tracks (n, 6).
+        covariance: (n, 6, 6).
+        tracks: rows of the tracks that are free.
+        measurement: all detections.
+        detections: rows of the detections that are free.
+        gate: largest normalised innovation squared.
+
+    Returns:
+        Rows of tracks and rows of detections, aligned.
+    """
+    none = np.empty(0, dtype=np.intp)
+    if not len(tracks) or not len(detections):
+        return none, none
+    apart = np.abs(mean[tracks, None, :2] - measurement.position[None, detections]).max(axis=2)
+    t, d = np.nonzero(apart < _REACH)
+    if not len(t):
+        return none, none
+    nis = pair_nis(mean[tracks[t]], covariance[tracks[t]], measurement.take(detections[d]))
+    inside = nis <= gate
+    if not inside.any():
+        return none, none
+    t, d, nis = t[inside], d[inside], nis[inside]
+    if len(t) == 1:
+        return tracks[t], detections[d]
+    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - half a second of import, rarely needed
+
+    cost = np.full((len(tracks), len(detections)), _OUT_OF_GATE)
+    cost[t, d] = nis
+    chosen_t, chosen_d = linear_sum_assignment(cost)
+    real = cost[chosen_t, chosen_d] < _OUT_OF_GATE
+    return tracks[chosen_t[real]], detections[chosen_d[real]]

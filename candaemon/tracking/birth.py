@@ -1,0 +1,108 @@
+"""How tracks begin: as a reflection of a known obstacle, or as an obstacle of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.config.tracker import TrackerSettings
+from candaemon.estimation.kalman import line_of_sight
+from candaemon.sensing.detections import Detections
+from candaemon.sensing.pose import EgoPose
+from candaemon.tracking.population import Population
+from candaemon.tracking.reflections import to_travel_axes
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+_SPEED_WITHOUT_EVIDENCE = 15.0
+
+
+class Births:
+    """Begins reflections and obstacles.
+
+    Args:
+        settings: of the tracker.
+    """
+
+    def __init__(self, settings: TrackerSettings) -> None:
+        self._merge = settings.reflections.merge
+        self._near = settings.reflections
+        self._lateral_speed = settings.lifecycle.lateral_speed
+
+    def bear(self, free: Rows, detections: Detections, pose: EgoPose, tracks: Population) -> None:
+        """Begin a reflection for each free detection, in their order.
+
+        Args:
+            free: rows of the detections.
+            detections: the scan.
+            pose: own pose; what begins is taken to travel as the vehicle heads until its course is known.
+            tracks: what lives.
+        """
+        velocity, spread = self._first_velocity(detections)
+        heading = np.array([np.cos(pose.heading), np.sin(pose.heading)])
+        for row in free.tolist():
+            at = slice(row, row + 1)
+            position, noise = detections.measurement.position[at], detections.measurement.noise[at]
+            owner, like = self._kin(row, detections, tracks) if self._merge else (-1, -1)
+            if owner < 0:
+                owner = tracks.add_obstacle(detections.time_ns, heading)
+                tracks.estimator.spawn(position, noise, velocity[at], spread[at])
+            else:
+                tracks.estimator.clone(np.array([like]), position, noise)
+            tracks.add_reflection(owner, detections.sensor, int(detections.object_id[row]), detections.time_ns)
+
+    def _first_velocity(self, detections: Detections) -> tuple[Floats, Floats]:
+        """Return first velocities over ground (n, 2) and their covariances (n, 2, 2).
+
+        What a signal gives is taken, what none gives is zero over ground, give or take `lateral_speed`; without any
+        speed at all, give or take what traffic does.
+        """
+        measurement = detections.measurement
+        n = len(detections)
+        unit = measurement.position - measurement.origin
+        unit = unit / np.maximum(np.hypot(unit[:, 0], unit[:, 1]), 1e-3)[:, None]
+        velocity = np.zeros((n, 2))
+        covariance = np.zeros((n, 2, 2))
+        covariance[:] = np.eye(2) * _SPEED_WITHOUT_EVIDENCE**2
+        if measurement.range_rate is not None and measurement.range_rate_variance is not None:
+            speed = measurement.range_rate + unit @ measurement.velocity
+            known = np.isfinite(speed)
+            across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+            velocity[known] = (speed[:, None] * unit)[known]
+            covariance[known] = (
+                measurement.range_rate_variance[:, None, None] * unit[:, :, None] * unit[:, None, :]
+                + self._lateral_speed**2 * across[:, :, None] * across[:, None, :]
+            )[known]
+        for part in measurement.projections:
+            known = np.isfinite(part.value)
+            gain = np.matmul(covariance, part.direction[:, :, None])[:, :, 0]
+            s = (gain * part.direction).sum(axis=1) + part.variance
+            residual = np.where(known, part.value - (part.direction * velocity).sum(axis=1), 0.0)
+            velocity += gain * (residual / s)[:, None]
+            covariance -= np.where(known, 1.0 / s, 0.0)[:, None, None] * gain[:, :, None] * gain[:, None, :]
+        return velocity, covariance
+
+    def _kin(self, row: int, detections: Detections, tracks: Population) -> tuple[int, int]:
+        """Return the obstacle that a detection is one more reflection of, and its nearest reflection; or −1, −1."""
+        if not len(tracks.reflections):
+            return -1, -1
+        near, measurement = self._near, detections.measurement
+        mean, _ = tracks.states()
+        owner, direction = tracks.reflections.obstacle, tracks.direction
+        place = to_travel_axes(measurement.position[row] - mean[:, :2], direction)
+        reach = to_travel_axes(measurement.position[row] - tracks.reference()[owner], direction)
+        close = (
+            (np.abs(place[:, 0]) < near.along)
+            & (np.abs(place[:, 1]) < near.across)
+            & (np.abs(reach[:, 0]) < near.extent)
+            & (np.abs(reach[:, 1]) < 2 * near.across)
+        )
+        if measurement.range_rate is not None and np.isfinite(measurement.range_rate[row]):
+            rate, _ = line_of_sight(mean, measurement.origin, measurement.velocity)
+            close &= np.abs(rate - measurement.range_rate[row]) < near.speed
+        if not close.any():
+            return -1, -1
+        distance = np.where(close, (place[:, 0] / near.along) ** 2 + (place[:, 1] / near.across) ** 2, np.inf)
+        like = int(distance.argmin())
+        return int(owner[like]), like

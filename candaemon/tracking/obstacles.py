@@ -1,0 +1,81 @@
+"""What the tracker tells: the obstacles of one cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+TENTATIVE, CONFIRMED, COASTING = 0, 1, 2
+STATE_NAMES = ("tentative", "confirmed", "coasting")
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacles:
+    """Obstacles of one cycle, a structure of arrays of length n.
+
+    Vehicle axes are ISO 8855 (x forward, y left); velocity and acceleration are over ground.
+
+    Attributes:
+        time_ns: the instant the states hold for.
+        id: identity, never reused in a run.
+        state: `TENTATIVE`, `CONFIRMED` or `COASTING`.
+        x, y: position of the reference point in vehicle axes, m.
+        vx, vy: velocity over ground in vehicle axes, m/s.
+        ax, ay: acceleration over ground in vehicle axes, m/s².
+        east, north: position in the local level frame, m.
+        ve, vn: velocity over ground in the level frame, m/s.
+        sx, sy, svx, svy: one standard deviation each, vehicle axes.
+        age: s since the first detection.
+        existence: 0 to 1, the share of recent scans in which it was seen.
+        sensors: bit k set where sensor k contributed since the obstacle was last lost from sight.
+        used_row, used_sensor, used_object: the detections used in this cycle, (m,): row of the obstacle, index of the
+            sensor, object id of the sensor.
+    """
+
+    time_ns: int
+    id: Integers
+    state: NDArray[np.int8]
+    x: Floats
+    y: Floats
+    vx: Floats
+    vy: Floats
+    ax: Floats
+    ay: Floats
+    east: Floats
+    north: Floats
+    ve: Floats
+    vn: Floats
+    sx: Floats
+    sy: Floats
+    svx: Floats
+    svy: Floats
+    age: Floats
+    existence: Floats
+    sensors: Integers
+    used_row: Integers
+    used_sensor: Integers
+    used_object: Integers
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+
+MOTION = ("x", "y", "vx", "vy", "ax", "ay", "east", "north", "ve", "vn", "sx", "sy", "svx", "svy")
+
+
+def joined(parts: Sequence[Obstacles]) -> Obstacles:
+    """Return the obstacles of several trackers as one; all hold for the same instant."""
+    first_rows = np.cumsum([0, *(len(part) for part in parts[:-1])])
+    columns = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in (field.name for field in fields(Obstacles))
+        if name not in {"time_ns", "used_row"}
+    }
+    used_row = np.concatenate([part.used_row + row for part, row in zip(parts, first_rows, strict=True)])
+    return Obstacles(time_ns=parts[0].time_ns, used_row=used_row, **columns)

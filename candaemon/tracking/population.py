@@ -1,0 +1,192 @@
+"""All tracks of a group of sensors: reflections, the obstacles that they make up, and their filter.
+
+The tables and the filter keep the same rows in the same order; whoever drops or appends rows does so here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.config.tracker import TrackerSettings
+from candaemon.estimation.measurement import Measurement
+from candaemon.sensing.detections import Detections
+from candaemon.tracking.estimators import make_estimator
+from candaemon.tracking.reflections import Motion, change_leader, from_travel_axes, rigid_motion
+from candaemon.tracking.tables import ObstacleTable, Reflections
+
+Booleans = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+class Population:
+    """The tracks that live.
+
+    Args:
+        settings: of the tracker.
+        ids: where the identities of new obstacles come from.
+
+    Attributes:
+        reflections: one row a detected point.
+        obstacles: one row a vehicle.
+        estimator: one row a reflection.
+        row_of: row of the reflection that a sensor's object id stands for.
+    """
+
+    def __init__(self, settings: TrackerSettings, ids: Iterator[int]) -> None:
+        self._ids = ids
+        self.reflections = Reflections()
+        self.obstacles = ObstacleTable()
+        self.estimator = make_estimator(settings.estimator)
+        self.row_of: dict[tuple[int, int], int] = {}
+        self._states: tuple[Floats, Floats] | None = None
+
+    @property
+    def direction(self) -> Floats:
+        """Direction of travel of each reflection (n, 2)."""
+        return self.obstacles.direction[self.reflections.obstacle]
+
+    def states(self) -> tuple[Floats, Floats]:
+        """Return combined means (n, 6) and covariances (n, 6, 6) of the reflections."""
+        if self._states is None:
+            self._states = self.estimator.combined()
+        return self._states
+
+    def motion(self) -> Motion:
+        """Return the motion of the obstacles."""
+        return rigid_motion(self.obstacles, self.reflections, *self.states())
+
+    def reference(self) -> Floats:
+        """Return the obstacles' reference points (k, 2), level frame, m."""
+        obstacles = self.obstacles
+        return self.states()[0][obstacles.leader, :2] + from_travel_axes(obstacles.offset, obstacles.direction)
+
+    def predict(self, dt: float) -> None:
+        """Predict all tracks by dt, s."""
+        self.estimator.predict(dt, self.direction)
+        self._states = None
+
+    def update(self, tracks: Rows, measurement: Measurement) -> Floats:
+        """Update reflections with a measurement each; return the normalised innovations squared."""
+        nis = self.estimator.update(tracks, measurement)
+        self._states = None
+        return nis
+
+    def note(self, tracks: Rows, rows: Rows, detections: Detections) -> None:
+        """Note which detections updated which reflections."""
+        reflections, obstacles, sensor = self.reflections, self.obstacles, detections.sensor
+        keys = detections.object_id[rows]
+        renamed = (reflections.object_id[tracks] != keys) | (reflections.sensor[tracks] != sensor)
+        if renamed.any():
+            for track, key in zip(tracks[renamed].tolist(), keys[renamed].tolist(), strict=True):
+                self.name(track, sensor, key)
+        reflections.last_ns[tracks] = detections.time_ns
+        owners = reflections.obstacle[tracks]
+        obstacles.last_ns[owners] = detections.time_ns
+        obstacles.history[owners] |= 1
+        obstacles.sensors[owners] |= 1 << sensor
+
+    def name(self, track: int, sensor: int, key: int) -> None:
+        """Let a sensor's id stand for this reflection and no longer for another."""
+        reflections = self.reflections
+        old = (int(reflections.sensor[track]), int(reflections.object_id[track]))
+        if self.row_of.get(old) == track:
+            del self.row_of[old]
+        former = self.row_of.get((sensor, key))
+        if former is not None:
+            reflections.object_id[former] = -1
+        self.row_of[sensor, key] = track
+        reflections.sensor[track], reflections.object_id[track] = sensor, key
+
+    def add_obstacle(self, time_ns: int, direction: Floats) -> int:
+        """Add an obstacle that the next reflection will lead; return its row.
+
+        Args:
+            time_ns: of its first detection.
+            direction: of travel (2,).
+        """
+        zero = np.zeros(1, dtype=np.int64)
+        self.obstacles.append(
+            id=np.array([next(self._ids)]),
+            first_ns=np.array([time_ns]),
+            last_ns=np.array([time_ns]),
+            history=zero,
+            scans=zero,
+            confirmed=np.zeros(1, dtype=np.bool_),
+            leader=np.array([len(self.reflections)]),
+            offset=np.zeros((1, 2)),
+            direction=direction[None],
+            beside_ns=zero,
+            sensors=zero,
+        )
+        return len(self.obstacles) - 1
+
+    def add_reflection(self, owner: int, sensor: int, key: int, time_ns: int) -> None:
+        """Add the reflection that the filter has just been given a row for, as one of an obstacle."""
+        track = len(self.reflections)
+        self.reflections.append(
+            sensor=np.array([sensor]),
+            object_id=np.array([-1]),
+            obstacle=np.array([owner]),
+            last_ns=np.array([time_ns]),
+        )
+        self.name(track, sensor, key)
+        self.obstacles.last_ns[owner] = time_ns
+        self.obstacles.history[owner] |= 1
+        self.obstacles.sensors[owner] |= 1 << sensor
+        self._states = None
+
+    def part(self, leaving: Rows) -> None:
+        """Give each leaving reflection an obstacle of its own, as old and as sure as the one it leaves."""
+        obstacles, reflections = self.obstacles, self.reflections
+        owner = reflections.obstacle[leaving]
+        first = len(obstacles)
+        obstacles.append(
+            id=np.array([next(self._ids) for _ in leaving], dtype=np.int64),
+            first_ns=obstacles.first_ns[owner],
+            last_ns=reflections.last_ns[leaving],
+            history=obstacles.history[owner],
+            scans=obstacles.scans[owner],
+            confirmed=obstacles.confirmed[owner],
+            leader=leaving.astype(np.int64),
+            offset=np.zeros((len(leaving), 2)),
+            direction=obstacles.direction[owner],
+            beside_ns=np.zeros(len(leaving), dtype=np.int64),
+            sensors=obstacles.sensors[owner],
+        )
+        reflections.obstacle[leaving] = np.arange(first, len(obstacles))
+
+    def absorb(self, young: int, old: int) -> None:
+        """Make one obstacle's reflections another's; the row that is left empty is to be dropped."""
+        obstacles = self.obstacles
+        self.reflections.obstacle[self.reflections.obstacle == young] = old
+        if obstacles.last_ns[young] > obstacles.last_ns[old]:
+            change_leader(obstacles, np.array([old]), obstacles.leader[[young]], self.states()[0])
+        obstacles.last_ns[old] = max(obstacles.last_ns[old], obstacles.last_ns[young])
+        obstacles.history[old] |= obstacles.history[young]
+        obstacles.sensors[old] |= obstacles.sensors[young]
+
+    def drop(self, lost: Booleans, over: Booleans) -> Rows:
+        """Forget reflections and obstacles.
+
+        Args:
+            lost: reflections (n,) to forget; all those of an obstacle that is over.
+            over: obstacles (k,) to forget.
+
+        Returns:
+            The new row of each reflection kept, by its old row.
+        """
+        new_row = np.cumsum(~lost) - 1
+        new_owner = np.cumsum(~over) - 1
+        self.estimator.keep(~lost)
+        self.reflections.keep(~lost)
+        self.reflections.obstacle = new_owner[self.reflections.obstacle]
+        self.obstacles.keep(~over)
+        self.obstacles.leader = new_row[self.obstacles.leader]
+        gone = lost.tolist()
+        self.row_of = {key: int(new_row[row]) for key, row in self.row_of.items() if not gone[row]}
+        self._states = None
+        return new_row

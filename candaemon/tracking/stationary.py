@@ -1,0 +1,96 @@
+"""What stands still, told to own motion that has biases to learn.
+
+A thing that stands shows own speed by its range rate, and a wrong yaw rate by its drift: where the heading turns too
+fast by e, a point at distance x ahead seems to move sideways by e·x. The drift is taken from the measured points
+themselves over a span of time, for a filter that expects little lateral motion hides just that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.config.ego import BiasSettings
+from candaemon.sensing.detections import Detections
+from candaemon.sensing.ego import StationaryReturns
+from candaemon.sensing.pose import EgoPose
+from candaemon.tracking.obstacles import CONFIRMED, Obstacles
+from candaemon.tracking.tracker import Tracker
+
+
+@dataclass(slots=True)
+class _Anchor:
+    """Where a standing point was first measured: obstacle, time, place across own travel, and distance × time since."""
+
+    obstacle: int
+    first_ns: int
+    last_ns: int
+    position: NDArray[np.float64]
+    swept: float = 0.0
+
+
+class StationaryWatch:
+    """Watches the detections of standing obstacles.
+
+    Args:
+        settings: what counts as standing, and how long a drift is watched.
+    """
+
+    def __init__(self, settings: BiasSettings) -> None:
+        self._settings = settings
+        self._span_ns = round(settings.drift_time * 1e9)
+        self._anchors: dict[tuple[int, int], _Anchor] = {}
+
+    def returns(
+        self, detections: Detections, tracker: Tracker, obstacles: Obstacles, pose: EgoPose
+    ) -> StationaryReturns | None:
+        """Return what this cycle's detections of standing obstacles say of own motion; None where none does."""
+        measurement, update, settings = detections.measurement, tracker.update, self._settings
+        own_speed = hypot(pose.ve, pose.vn)
+        if measurement.range_rate is None or update is None or own_speed < settings.least_own_speed:
+            return None
+        standing = (
+            (obstacles.state == CONFIRMED)
+            & (np.abs(obstacles.vx) < settings.stationary_speed)
+            & (np.abs(obstacles.vy) < settings.stationary_speed)
+            & (obstacles.x > settings.least_distance)
+        )
+        rows = np.flatnonzero(standing[obstacles.used_row])
+        if not len(rows):
+            return None
+        seen = update.detection[rows]
+        unit = measurement.position[seen] - measurement.origin
+        unit = unit / np.hypot(unit[:, 0], unit[:, 1])[:, None]
+        cosine = unit @ (measurement.velocity / own_speed)
+        ahead = cosine > settings.least_cosine
+        old = obstacles.age[obstacles.used_row[rows]] > settings.least_age
+        speeds = tuple(
+            (float(-measurement.range_rate[i]), float(c))
+            for i, c in zip(seen[ahead & old], cosine[ahead & old], strict=True)
+        )
+        drifts = tuple(
+            drift
+            for row, i in zip(rows[ahead], seen[ahead], strict=True)
+            if (drift := self._drift(int(obstacles.id[obstacles.used_row[row]]), int(i), detections, pose)) is not None
+        )
+        return StationaryReturns(detections.time_ns, speeds, drifts)
+
+    def _drift(self, obstacle: int, i: int, detections: Detections, pose: EgoPose) -> tuple[float, float] | None:
+        """Follow one point; return its sideways motion, m, and distance × time, m·s, once it was watched for long."""
+        key = (detections.sensor, int(detections.object_id[i]))
+        position, now_ns = detections.measurement.position[i], detections.time_ns
+        anchor = self._anchors.get(key)
+        gap_ns = 0 if anchor is None else now_ns - anchor.last_ns
+        if anchor is None or anchor.obstacle != obstacle or detections.new[i] or gap_ns > self._span_ns:
+            self._anchors[key] = _Anchor(obstacle, now_ns, now_ns, position)
+            return None
+        anchor.swept += float(detections.x[i]) * gap_ns * 1e-9
+        anchor.last_ns = now_ns
+        if now_ns - anchor.first_ns < self._span_ns:
+            return None
+        self._anchors[key] = _Anchor(obstacle, now_ns, now_ns, position)
+        moved = position - anchor.position
+        return float(moved[1] * np.cos(pose.heading) - moved[0] * np.sin(pose.heading)), anchor.swept

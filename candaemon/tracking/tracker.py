@@ -1,0 +1,282 @@
+"""The tracker: detections of a scan in, obstacles with a lasting identity out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.config.tracker import TrackerSettings
+from candaemon.sensing.detections import Detections
+from candaemon.sensing.mounting import View
+from candaemon.sensing.pose import EgoPose
+from candaemon.tracking.association import nearest_neighbours, pair_nis
+from candaemon.tracking.birth import Births
+from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.population import Population
+from candaemon.tracking.reflections import beside_an_older, parted, pass_the_lead, turn_to_course
+from candaemon.tracking.telling import tell
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+_HISTORY = (1 << 32) - 1
+_NONE = np.empty(0, dtype=np.intp)
+
+
+@dataclass(slots=True)
+class TrackerCounts:
+    """What a tracker did.
+
+    Attributes:
+        cycles: scans tracked.
+        detections: detections given.
+        used: detections that updated or began a track.
+        crowded: detections dropped because `max_tracks` was reached.
+        obstacles: obstacles begun.
+        confirmed: obstacles confirmed.
+        merged: obstacles that became part of another.
+        slot_jumps: detections whose sensor kept the id but that cannot be the track of that id.
+    """
+
+    cycles: int = 0
+    detections: int = 0
+    used: int = 0
+    crowded: int = 0
+    obstacles: int = 0
+    confirmed: int = 0
+    merged: int = 0
+    slot_jumps: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """The detections that updated or began a track in the latest scan.
+
+    Attributes:
+        detection: rows in the scan (m,).
+        reflection: rows of the reflections they updated (m,).
+        nis: normalised innovation squared (m,); NaN where a track began.
+        freedom: degrees of freedom of one detection.
+    """
+
+    detection: Rows
+    reflection: Rows
+    nis: Floats
+    freedom: int
+
+
+class Tracker:
+    """Tracks the objects of a group of sensors.
+
+    Args:
+        settings: how.
+        ids: where the identities of new obstacles come from; shared by the trackers of a run.
+        slack_ns: how long an obstacle may be without a detection and not count as coasting: 0 for one sensor, the
+            longest cycle for several.
+        views: what the sensors can see; an obstacle that has left all of them and is not detected ends early. Without
+            any, obstacles end by time alone.
+    """
+
+    def __init__(
+        self, settings: TrackerSettings, ids: Iterator[int], *, slack_ns: int = 0, views: Sequence[View] = ()
+    ) -> None:
+        self._settings = settings
+        self._views = views
+        self._slack_ns = slack_ns
+        self._births = Births(settings)
+        self._tracks = Population(settings, ids)
+        self._time_ns = 0
+        self._dt = 0.0
+        self.counts = TrackerCounts()
+        self.update: Update | None = None
+
+    def __len__(self) -> int:
+        return len(self._tracks.obstacles)
+
+    def step(self, detections: Detections | None, pose: EgoPose) -> Obstacles:
+        """Advance to the pose's time, with the detections of one scan, or with none to let the tracks coast.
+
+        Args:
+            detections: of one sensor, at the pose's time.
+            pose: own pose; its time is that of the obstacles told.
+        """
+        self.update = None
+        self._predict(pose.time_ns)
+        if detections is not None:
+            tracks, rows = self._associate(detections)
+            nis = self._correct(tracks, rows, detections)
+            born, free = self._bear(rows, detections, pose)
+            self._note_update(tracks, rows, nis, born, free, detections)
+        self._end_lives(pose)
+        if detections is not None and self._settings.reflections.merge and len(self):
+            self._settle()
+        turn_to_course(self._tracks.obstacles, self._tracks.motion().velocity, self._dt, self._settings.travel)
+        return tell(self._tracks, pose, _NONE if self.update is None else self.update.reflection, self._slack_ns)
+
+    def expected_positions(self, horizon: float) -> Floats:
+        """Return where each detection of the latest update is expected after a time: (m, 2), level frame, m."""
+        if self.update is None:
+            return np.zeros((0, 2))
+        rows = self.update.reflection
+        return self._tracks.estimator.expected_position(rows, horizon, self._tracks.direction[rows])
+
+    def _predict(self, time_ns: int) -> None:
+        """Predict all tracks to an instant; an instant in the past leaves them where they are."""
+        dt = (time_ns - self._time_ns) * 1e-9 if len(self._tracks.reflections) else 0.0
+        self._dt = max(dt, 0.0)
+        self._time_ns = max(time_ns, self._time_ns)
+        if self._dt > 0.0:
+            self._tracks.predict(self._dt)
+
+    def _associate(self, detections: Detections) -> tuple[Rows, Rows]:
+        """Return rows of tracks and of detections that belong together.
+
+        The sensor's id is the first guess, behind a gate; what is left over on both sides goes to the nearest.
+        """
+        association = self._settings.association
+        tracks, rows = self._guess(detections)
+        if association.method == "id":
+            return tracks, rows
+        mean, covariance = self._tracks.states()
+        measurement = detections.measurement
+        nis = pair_nis(mean[tracks], covariance[tracks], measurement.take(rows))
+        sure = self._tracks.obstacles.confirmed[self._tracks.reflections.obstacle[tracks]]
+        fits = nis <= np.where(sure, association.id_gate, association.gate)
+        if not fits.all():
+            self.counts.slot_jumps += int(len(fits) - fits.sum())
+            tracks, rows = tracks[fits], rows[fits]
+        if len(rows) == len(detections):
+            return tracks, rows
+        busy, taken = np.zeros(len(mean), dtype=np.bool_), np.zeros(len(detections), dtype=np.bool_)
+        busy[tracks] = True
+        taken[rows] = True
+        more_tracks, more_rows = nearest_neighbours(
+            mean, covariance, np.flatnonzero(~busy), measurement, np.flatnonzero(~taken), association.gate
+        )
+        return np.concatenate([tracks, more_tracks]), np.concatenate([rows, more_rows])
+
+    def _guess(self, detections: Detections) -> tuple[Rows, Rows]:
+        """Return the tracks that the sensor's ids stand for; an id that comes twice in a scan stands for nothing."""
+        sensor, row_of = detections.sensor, self._tracks.row_of
+        keys = detections.object_id.tolist()
+        guess = np.array([row_of.get((sensor, key), -1) for key in keys], dtype=np.intp)
+        guess[detections.new] = -1
+        if len(set(keys)) != len(keys):
+            values, first, counts = np.unique(guess, return_index=True, return_counts=True)
+            unique = first[(counts == 1) & (values >= 0)]
+            guess[np.setdiff1d(np.arange(len(guess)), unique)] = -1
+        rows = np.flatnonzero(guess >= 0)
+        return guess[rows], rows
+
+    def _correct(self, tracks: Rows, rows: Rows, detections: Detections) -> Floats:
+        """Update the tracks with their detections; return the normalised innovations squared."""
+        self.counts.cycles += 1
+        self.counts.detections += len(detections)
+        obstacles = self._tracks.obstacles
+        expecting = obstacles.sensors & (1 << detections.sensor) != 0
+        obstacles.history = np.where(expecting, obstacles.history << 1 & _HISTORY, obstacles.history)
+        obstacles.scans += expecting
+        measurement = detections.measurement
+        whole = len(rows) == len(detections) and bool((rows == np.arange(len(rows))).all())
+        nis = self._tracks.update(tracks, measurement if whole else measurement.take(rows))
+        self._tracks.note(tracks, rows, detections)
+        return nis
+
+    def _bear(self, rows: Rows, detections: Detections, pose: EgoPose) -> tuple[Rows, Rows]:
+        """Begin a track for each detection that found none; return the rows of both."""
+        if len(rows) == len(detections):
+            return _NONE, _NONE
+        taken = np.zeros(len(detections), dtype=np.bool_)
+        taken[rows] = True
+        free = np.flatnonzero(~taken)
+        first, obstacles = len(self._tracks.reflections), len(self)
+        room = max(self._settings.max_tracks - first, 0)
+        self.counts.crowded += max(len(free) - room, 0)
+        free = free[:room]
+        self._births.bear(free, detections, pose, self._tracks)
+        self.counts.obstacles += len(self) - obstacles
+        return np.arange(first, first + len(free), dtype=np.intp), free
+
+    def _note_update(
+        self, tracks: Rows, rows: Rows, nis: Floats, born: Rows, free: Rows, detections: Detections
+    ) -> None:
+        measurement = detections.measurement
+        freedom = 2 + (measurement.range_rate is not None) + len(measurement.projections)
+        self.counts.used += len(rows) + len(free)
+        if len(free):
+            tracks, rows = np.concatenate([tracks, born]), np.concatenate([rows, free])
+            nis = np.concatenate([nis, np.full(len(free), np.nan)])
+        self.update = Update(rows, tracks, nis, freedom)
+
+    def _end_lives(self, pose: EgoPose) -> None:
+        """Confirm what was seen often enough, let go of what was not seen for too long or has left every view."""
+        obstacles, reflections, lifecycle = self._tracks.obstacles, self._tracks.reflections, self._settings.lifecycle
+        hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
+        born = (hits >= lifecycle.confirm) & ~obstacles.confirmed
+        if born.any():
+            obstacles.confirmed |= born
+            self.counts.confirmed += int(born.sum())
+        silent = (self._time_ns - obstacles.last_ns) * 1e-9
+        unseen = silent > lifecycle.tentative_coast
+        over = unseen & (~obstacles.confirmed | (silent > lifecycle.coast))
+        if self._views and unseen.any():
+            over |= unseen & ~self._in_view(pose)
+        lost = over[reflections.obstacle]
+        if len(reflections) != len(obstacles):
+            quiet = (self._time_ns - reflections.last_ns) * 1e-9 > lifecycle.reflection_coast
+            quiet[obstacles.leader] = False
+            lost |= quiet
+        if lost.any():
+            self._drop(lost, over)
+
+    def _in_view(self, pose: EgoPose) -> NDArray[np.bool_]:
+        """Tell which obstacles some sensor should see."""
+        points = pose.to_vehicle(self._tracks.reference())
+        return np.asarray(np.any([view.sees(points) for view in self._views], axis=0))
+
+    def _settle(self) -> None:
+        """Pass the lead, part what moves apart, join what moves together."""
+        tracks, settings = self._tracks, self._settings.reflections
+        obstacles, reflections = tracks.obstacles, tracks.reflections
+        mean, _ = tracks.states()
+        pass_the_lead(obstacles, reflections, mean, self._time_ns, self._dt, settings)
+        leaving = parted(obstacles, reflections, mean, tracks.motion(), settings)
+        if leaving.any():
+            detected = reflections.last_ns == self._time_ns
+            before = len(obstacles)
+            tracks.part(np.flatnonzero(leaving & detected))
+            self.counts.obstacles += len(obstacles) - before
+            self._drop(leaving & ~detected, np.zeros(len(obstacles), dtype=np.bool_))
+        if len(obstacles) > 1:
+            self._join()
+
+    def _join(self) -> None:
+        """Let the younger of two obstacles that stay side by side become part of the older."""
+        tracks, settings = self._tracks, self._settings.reflections
+        obstacles = tracks.obstacles
+        older = beside_an_older(obstacles, tracks.motion(), settings)
+        obstacles.beside_ns = np.where(older >= 0, obstacles.beside_ns + int(self._dt * 1e9), 0)
+        joining = np.flatnonzero((older >= 0) & (obstacles.beside_ns >= int(settings.merge_time * 1e9)))
+        over = np.zeros(len(obstacles), dtype=np.bool_)
+        for young, old in zip(joining.tolist(), older[joining].tolist(), strict=True):
+            if not over[old]:
+                tracks.absorb(young, old)
+                over[young] = True
+        if over.any():
+            self.counts.merged += int(over.sum())
+            self._drop(np.zeros(len(tracks.reflections), dtype=np.bool_), over)
+
+    def _drop(self, lost: NDArray[np.bool_], over: NDArray[np.bool_]) -> None:
+        """Forget tracks, and let the latest update point at the rows that are left."""
+        new_row = self._tracks.drop(lost, over)
+        if self.update is not None:
+            kept = ~lost[self.update.reflection]
+            self.update = Update(
+                self.update.detection[kept],
+                new_row[self.update.reflection[kept]],
+                self.update.nis[kept],
+                self.update.freedom,
+            )
