@@ -1,0 +1,1 @@
+"""Obstacles into slots, slots into frames."""

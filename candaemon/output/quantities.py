@@ -1,0 +1,158 @@
+"""Obstacles as the quantities that an output's signals ask for, in the axes of its mount.
+
+Plane vectors are complex numbers, x + iy: a turn is a product.
+"""
+
+from __future__ import annotations
+
+from cmath import exp
+from functools import cached_property
+from math import radians
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.config.sensors import Mount
+from candaemon.sensing.pose import EgoPose
+from candaemon.tracking.obstacles import Obstacles
+
+Floats = NDArray[np.float64]
+Plane = NDArray[np.complex128]
+Rows = NDArray[np.intp]
+
+ACCELERATION_TIME: Final = 0.3
+"""s, time constant of own acceleration, which is derived from the velocities of successive cycles."""
+LONGEST_GAP: Final = 1.0
+"""s between two cycles, over which no acceleration is derived."""
+NEAREST: Final = 1e-3
+"""m, least distance that a direction is derived from."""
+
+
+class OwnAcceleration:
+    """Acceleration of the vehicle over ground, from its velocity in successive cycles."""
+
+    def __init__(self) -> None:
+        self._time_ns = 0
+        self._velocity = self._acceleration = 0j
+
+    def update(self, pose: EgoPose) -> complex:
+        """Take a cycle's pose; return the acceleration in vehicle axes, m/s²; 0 while it is not known."""
+        velocity = complex(pose.ve, pose.vn)
+        dt = (pose.time_ns - self._time_ns) * 1e-9
+        if 0.0 < dt <= LONGEST_GAP:
+            share = dt / (dt + ACCELERATION_TIME)
+            self._acceleration += share * ((velocity - self._velocity) / dt - self._acceleration)
+        elif dt:
+            self._acceleration = 0j
+        self._time_ns, self._velocity = pose.time_ns, velocity
+        return self._acceleration * exp(-1j * pose.heading)
+
+
+class View:
+    """Obstacles of one cycle as a sensor at the mount would see them.
+
+    Args:
+        obstacles: of the cycle.
+        rows: those to show (n,).
+        mount: of the output's axes in vehicle axes.
+        pose: own pose at the obstacles' time.
+        acceleration: of the vehicle over ground, in vehicle axes, m/s².
+    """
+
+    def __init__(
+        self, obstacles: Obstacles, rows: Rows, mount: Mount, pose: EgoPose, acceleration: complex = 0j
+    ) -> None:
+        self._obstacles, self._rows = obstacles, rows
+        self._mount = complex(mount.x, mount.y)
+        self._turn = exp(-1j * radians(mount.yaw_deg))
+        self._pose, self._acceleration = pose, acceleration
+
+    def quantity(self, name: str, *, polar: bool) -> Floats:
+        """Return a quantity of each obstacle (n,), SI, as `candaemon.config.output.Quantity` names it.
+
+        `vx`, `vy`, `ax` and `ay` are over ground, turned into the mount's axes. `rel_vx` and `rel_vy` are the rates of
+        x and y in the mount's own, turning axes. All relative ones are to the mount, its share of the vehicle's
+        turning included.
+
+        Args:
+            name: the quantity.
+            polar: `rel_ax` is along the line of sight, not along x.
+        """
+        match name:
+            case "x":
+                return self.position.real
+            case "y":
+                return self.position.imag
+            case "vx":
+                return self.velocity.real
+            case "vy":
+                return self.velocity.imag
+            case "ax":
+                return self.acceleration.real
+            case "ay":
+                return self.acceleration.imag
+            case "range":
+                return np.abs(self.position)
+            case "azimuth":
+                return np.angle(self.position)
+            case "range_rate":
+                return self._along(self.relative_velocity)
+            case "rel_vx":
+                return self.rate.real
+            case "rel_vy":
+                return self.rate.imag
+            case "rel_ax":
+                relative = self.acceleration - self._acceleration * self._turn
+                return self._along(relative) if polar else relative.real
+            case "sx" | "sy" | "svx" | "svy":
+                return self._deviation(name)
+            case "state":
+                return self._take("state") + 1  # 0 on the wire is an empty slot
+            case _:
+                return self._take(name)
+
+    @cached_property
+    def position(self) -> Plane:
+        """Positions in the mount's axes, m."""
+        return (self._plane("x", "y") - self._mount) * self._turn
+
+    @cached_property
+    def velocity(self) -> Plane:
+        """Velocities over ground in the mount's axes, m/s."""
+        return self._plane("vx", "vy") * self._turn
+
+    @cached_property
+    def acceleration(self) -> Plane:
+        """Accelerations over ground in the mount's axes, m/s²."""
+        return self._plane("ax", "ay") * self._turn
+
+    @cached_property
+    def relative_velocity(self) -> Plane:
+        """Velocities less the mount's own, m/s."""
+        own = complex(*self._pose.velocity_in_vehicle_axes()) + 1j * self._pose.yaw_rate * self._mount
+        return self.velocity - own * self._turn
+
+    @cached_property
+    def rate(self) -> Plane:
+        """Rates of the positions in the mount's axes, which turn with the vehicle, m/s."""
+        return self.relative_velocity - 1j * self._pose.yaw_rate * self.position
+
+    def _take(self, name: str) -> Floats:
+        column: Floats = getattr(self._obstacles, name)[self._rows]
+        return column
+
+    def _plane(self, x: str, y: str) -> Plane:
+        return self._take(x) + 1j * self._take(y)
+
+    def _along(self, vector: Plane) -> Floats:
+        """Return the component away along the line of sight."""
+        return np.real(np.conj(self.position) * vector) / np.maximum(np.abs(self.position), NEAREST)
+
+    def _deviation(self, name: str) -> Floats:
+        """Return a standard deviation along one of the mount's axes, x and y taken as uncorrelated."""
+        kind, axis = name[:-1], name[-1]
+        if self._turn == 1:
+            return self._take(name)
+        c, s = (self._turn.real, self._turn.imag) if axis == "x" else (self._turn.imag, self._turn.real)
+        return np.hypot(c * self._take(f"{kind}x"), s * self._take(f"{kind}y"))
