@@ -1,0 +1,1 @@
+"""Simulation: a scenario into truth, detections and the frames of any configured sensor."""

@@ -1,0 +1,117 @@
+"""A sensor's reports as the frames that a real one sends: headers, triggers, counters, empty slots, bursts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.binding.bound import BoundSensor
+from candaemon.binding.where import Where
+from candaemon.bus.frame import Frame
+from candaemon.config.sensors import HeaderScan
+from candaemon.simulation.messages import MessageWriter
+from candaemon.simulation.motion import Floats
+from candaemon.simulation.outline import Indices
+from candaemon.simulation.report import Report
+from candaemon.simulation.scenario import Transmission
+from candaemon.simulation.schedule import stamps
+from candaemon.simulation.streams import stream
+
+
+class SensorEncoder:
+    """Writes one sensor's scans.
+
+    An object keeps its slot. Where an identity signal tells the objects, they are instead packed into the first slots
+    and only the identity stays, as such radars do; it is the slot they keep, plus 1. Where a header counts the objects
+    that follow, or all share one message, only occupied slots are sent; elsewhere all are.
+
+    Args:
+        sensor: of the configuration, bound.
+        transmission: burst, order, jitter and loss.
+        seed: of the simulation.
+        where: the sensor's place in the configuration.
+
+    Raises:
+        ConfigError: a slot cannot be written as the configuration says.
+
+    """
+
+    def __init__(self, sensor: BoundSensor, transmission: Transmission, *, seed: int, where: Where) -> None:
+        form, scan = sensor.settings.objects, sensor.settings.scan
+        self._settings, self._bus, self._transmission = sensor.settings, sensor.bus, transmission
+        self._writer = sensor.writer(where)
+        self._packed = form.identity is not None and not form.multiplexed
+        self._used_only = form.multiplexed or (isinstance(scan, HeaderScan) and scan.used_only)
+        objects = {message.can_id: (part.index, message) for part in self._writer.parts for message in part.messages}
+        self._fd = frozenset(can_id for can_id, (_, message) in objects.items() if message.is_fd)
+        self._rank = {can_id: part for can_id, (part, _) in objects.items()} if form.multiplexed else {}
+        self._header = sensor.header
+        self._last_id = sensor.trigger_id
+        self._trigger: MessageWriter | None = None
+        if sensor.trigger is not None and sensor.trigger.can_id not in objects:
+            self._trigger = MessageWriter(sensor.trigger, [])
+        self._order = stream(seed, sensor.index, "frames")
+        self._loss = stream(seed, sensor.index, "loss")
+
+    @property
+    def saturated(self) -> int:
+        """Values so far that did not fit their signal."""
+        return self._writer.saturated
+
+    def frames(self, report: Report, index: int, measured_ns: int) -> list[Frame]:
+        """Return the frames of one scan in order of time, lost ones left out.
+
+        Args:
+            report: the occupied slots.
+            index: number of the scan, which counters show modulo their width.
+            measured_ns: the measurement's instant, log time.
+
+        """
+        sent = self._in_order(self._objects(report, index))
+        if self._header is not None:
+            sent.insert(0, self._header.write(len(report.slot), index))
+        if self._trigger is not None:
+            sent.append((self._trigger.message.can_id, self._trigger.payloads(np.empty((0, 1)))[0]))
+        times = stamps(measured_ns, len(sent), self._settings, self._transmission, self._order)
+        kept = self._loss.random(len(sent)) >= self._transmission.loss
+        bus, fd = self._bus, self._fd
+        return [
+            Frame(time, bus, can_id, data, can_id in fd)
+            for time, (can_id, data), keep in zip(times.tolist(), sent, kept.tolist(), strict=True)
+            if keep
+        ]
+
+    def _objects(self, report: Report, index: int) -> list[tuple[int, bytes]]:
+        """Return the object messages, first those of the first part."""
+        held = report.slot
+        count = len(held)
+        place = np.arange(count) if self._packed else held
+        values = dict(zip(report.quantities, report.values, strict=True))
+        if self._used_only:
+            occupied = np.ones(count, dtype=bool)
+            identity = held + 1 if self._packed else held
+            return self._writer.write(place, values, occupied, counter=index, new=report.new, identity=identity)
+        slots = self._writer.slots
+        spread = {name: _spread(row, place, slots) for name, row in values.items()}
+        occupied, new = np.zeros(slots, dtype=bool), np.zeros(slots, dtype=bool)
+        occupied[place], new[place] = True, report.new
+        identity = np.arange(slots)
+        if self._packed:
+            identity[place] = held + 1
+        return self._writer.write(np.arange(slots), spread, occupied, counter=index, new=new, identity=identity)
+
+    def _in_order(self, sent: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
+        """Return frames in the order they are sent: a closing one last, one message of shared ones after the other."""
+        if self._transmission.order == "shuffled":
+            sent = [sent[k] for k in self._order.permutation(len(sent)).tolist()]
+        if self._rank:
+            sent.sort(key=lambda frame: self._rank[frame[0]])
+        if self._last_id is not None:
+            sent.sort(key=lambda frame: frame[0] == self._last_id)
+        return sent
+
+
+def _spread(row: Floats, place: Indices, slots: int) -> Floats:
+    """Return a quantity over all slots, 0 where there is no object."""
+    spread = np.zeros(slots)
+    spread[place] = row
+    return spread

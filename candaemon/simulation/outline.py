@@ -1,0 +1,129 @@
+"""Which points of an actor a sensor sees, and which of them another actor hides.
+
+An actor is a rectangle in its own axes (x along its length), or a point. A radar sees the sides that face it: an
+end, and of a flank the part next to that end, where wheels and corners reflect.
+
+The *reference point* of an actor is the middle of the end that faces the observer: the rear's of a vehicle ahead, the
+front's of one that comes; alongside, between its ends, the nearest point of the flank. It is what truth tables tell, and
+where the first reflection lies.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.config.sensors import FieldOfView
+from candaemon.simulation.motion import Floats, Plane
+from candaemon.simulation.scenario import Actor
+from candaemon.simulation.scene import Instant, Pose, Scene
+
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+_FLANK_REACH = 3.0
+"""m of a flank that reflect, from the end that faces the sensor."""
+_CORNERS = np.array([1 + 1j, 1 - 1j, -1 - 1j, -1 + 1j])
+
+
+def seen_from(instant: Instant, eye: complex) -> Plane:
+    """Return an observer's position (level axes, m) in each actor's own axes, shape (actors,)."""
+    return np.asarray((eye - instant.actors.position) * np.exp(-1j * instant.actors.yaw))
+
+
+def reference_offsets(eye: Plane, half_length: Floats, half_width: Floats) -> Plane:
+    """Return each actor's reference point in its own axes, m, shape (actors,).
+
+    Args:
+        eye: the observer in each actor's own axes, m, shape (actors,).
+        half_length: of each actor, m, shape (actors,).
+        half_width: of each actor, m, shape (actors,).
+
+    """
+    along = np.clip(eye.real, -half_length, half_length)
+    return np.where(np.abs(eye.real) > half_length, along + 0j, along + 1j * np.copysign(half_width, eye.imag))
+
+
+class Reflections:
+    """The reflections of all actors, enumerated: each actor's first, second, … in turn.
+
+    Attributes:
+        actor: whose reflection it is, shape (n,).
+        order: 0 for the first of its actor, shape (n,).
+        reach: m up to which it is seen, shape (n,).
+
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        counts = [_reflections_of(actor) for actor in scene.actors]
+        self.actor: Indices = np.repeat(np.arange(len(counts), dtype=np.int64), counts)
+        self.order: Indices = np.array([k for count in counts for k in range(count)], dtype=np.int64)
+        reach = np.array([actor.reflections_range for actor in scene.actors], dtype=np.float64)
+        self.reach: Floats = np.where(self.order == 0, np.inf, reach[self.actor] / np.maximum(self.order, 1))
+        self._half_length = scene.half_length
+        self._half_width = scene.half_width
+        self._side = np.where((self.order + 1) // 2 % 2 == 1, 0.6, -0.6)
+        self._depth = np.minimum(0.6 * self.order, np.minimum(2 * scene.half_length[self.actor], _FLANK_REACH))
+
+    def offsets(self, eye: Plane, drift: Floats) -> Plane:
+        """Return where each reflection lies in its actor's own axes, m, shape (n,).
+
+        Args:
+            eye: the observer in each actor's own axes, m, shape (actors,).
+            drift: how far each has wandered along its side, m, shape (n,).
+
+        """
+        length, width = self._half_length[self.actor], self._half_width[self.actor]
+        at = eye[self.actor]
+        faces_end, faces_flank = np.abs(at.real) > length, np.abs(at.imag) > width
+        x_side, y_side = np.copysign(length, at.real), np.copysign(width, at.imag)
+        first = self.order == 0
+        on_end = faces_end & (first | ~faces_flank | (self.order % 2 == 1))
+        across = np.clip(np.where(first, 0.0, self._side * width) + drift, -width, width)
+        from_end = x_side - np.copysign(self._depth, at.real)
+        beside = at.real + np.where(first, 0.0, np.where(self.order % 2 == 1, self._depth, -self._depth))
+        along = np.where(faces_end, from_end, beside)
+        along = np.clip(along + drift, -length, length)
+        return np.where(on_end, x_side + 1j * across, along + 1j * y_side)
+
+
+def _reflections_of(actor: Actor) -> int:
+    """Return how many reflections an actor has; a point has one."""
+    return actor.reflections if actor.size.length > 0.0 else 1
+
+
+def in_view(point: Plane, view: FieldOfView) -> Mask:
+    """Tell which points (sensor axes, m, shape (n,)) lie in a field of view."""
+    distance = np.abs(point)
+    direction = np.abs(np.angle(point))
+    near_enough = (distance >= view.min_range) & (distance <= view.range)
+    return np.asarray(near_enough & (direction <= np.radians(view.azimuth_deg)))
+
+
+def hidden(scene: Scene, instant: Instant, sensor: Pose, point: Plane, owner: Indices) -> Mask:
+    """Tell which points another actor hides: one behind the middle of an actor, within the angle this one fills.
+
+    Args:
+        scene: sizes of the actors; a point hides nothing.
+        instant: where the actors are.
+        sensor: the sensor's pose.
+        point: in sensor axes, m, shape (n,).
+        owner: whose point it is, −1 for nobody's, shape (n,).
+
+    """
+    solid = np.flatnonzero(scene.half_length > 0.0)
+    if len(solid) == 0 or len(point) == 0:
+        return np.zeros(len(point), dtype=bool)
+    turn = np.exp(-1j * sensor.yaw)
+    centre = (instant.actors.position[solid] - sensor.position) * turn
+    box = np.multiply.outer(scene.half_length[solid], _CORNERS.real) + 1j * np.multiply.outer(
+        scene.half_width[solid], _CORNERS.imag
+    )
+    corner = box * (np.exp(1j * instant.actors.yaw[solid]) * turn)[:, None] + centre[:, None]
+    spread = np.angle(corner * np.conj(centre)[:, None])
+    direction, distance = np.angle(point), np.abs(point)
+    middle = np.angle(centre)
+    behind = distance[:, None] > np.abs(centre)
+    inside = (direction[:, None] > middle + spread.min(axis=1)) & (direction[:, None] < middle + spread.max(axis=1))
+    foreign = owner[:, None] != solid
+    return np.asarray((behind & inside & foreign).any(axis=1))

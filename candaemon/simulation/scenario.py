@@ -1,0 +1,251 @@
+"""A scenario's settings: who drives how, what stands by the road, what the sensors make of it.
+
+A scenario is told in *its own axes*: the vehicle axes of the ego at time 0 (x forward, y left, at rest over
+ground). `ego.start` places them on earth. Speeds and accelerations are over ground.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from candaemon.config.base import Settings
+
+
+class LaneChange(Settings):
+    """A smooth sideways move along a fifth-order polynomial, at rest sideways at both ends."""
+
+    offset: float = Field(ge=-20, le=20, description="m, to the left of the heading at its start")
+    duration: float = Field(gt=0.2, le=60, description="s")
+
+
+class Segment(Settings):
+    """A stretch of motion: along the heading (speed, acceleration, yaw rate, lane change) or by axes (ax, ay).
+
+    It ends after `duration`, at `until`, with its lane change, or, where it ramps to a `speed` at a given
+    `acceleration`, when that is reached. Without an end it lasts as long as the scenario. A vehicle that brakes to
+    0 stands for the rest of its segment.
+    """
+
+    duration: float | None = Field(None, gt=0, description="s")
+    until: float | None = Field(None, gt=0, description="s since the scenario's start")
+    speed: float | None = Field(None, ge=0, le=100, description="m/s, reached by an even ramp")
+    acceleration: float | None = Field(None, ge=-15, le=15, description="m/s² along the heading")
+    yaw_rate_deg: float = Field(0.0, ge=-90, le=90, description="deg/s, positive to the left")
+    lane_change: LaneChange | None = None
+    ax: float | None = Field(None, ge=-20, le=20, description="m/s² along the scenario's x axis")
+    ay: float | None = Field(None, ge=-20, le=20, description="m/s² along the scenario's y axis")
+
+    @model_validator(mode="after")
+    def _is_one_kind_of_motion(self) -> Segment:
+        along = self.speed is not None or self.acceleration is not None or self.yaw_rate_deg != 0.0
+        if self.by_axes and (along or self.lane_change is not None):
+            raise ValueError("ax and ay stand alone; leave out speed, acceleration, yaw_rate_deg and lane_change")
+        if self.lane_change is not None and (self.yaw_rate_deg != 0.0 or self.speed is not None):
+            raise ValueError(
+                "a lane change goes with acceleration only; give speed or yaw_rate_deg a segment of its own"
+            )
+        ends = [self.duration is not None, self.until is not None, self.lane_change is not None]
+        if sum(ends) > 1:
+            raise ValueError("one end only; give one of: duration, until, lane_change")
+        if self.speed is not None and any(ends) == (self.acceleration is not None):
+            raise ValueError("to reach a speed give either duration (or until) or acceleration")
+        return self
+
+    @property
+    def by_axes(self) -> bool:
+        """Whether the motion is told by axes rather than along the heading."""
+        return self.ax is not None or self.ay is not None
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether nothing in the segment says when it ends."""
+        told = self.duration is not None or self.until is not None
+        return not told and self.lane_change is None and self.speed is None
+
+
+def _checked(segments: tuple[Segment, ...]) -> None:
+    """Raise where a segment could never begin."""
+    reached = 0.0
+    for number, segment in enumerate(segments):
+        if segment.open_ended and number + 1 < len(segments):
+            raise ValueError(f"segment {number + 1} has no end but is not the last; give it a duration or until")
+        if segment.until is not None:
+            if segment.until <= reached:
+                raise ValueError(f"segment {number + 1} ends at {segment.until:g} s, before it begins at {reached:g} s")
+            reached = segment.until
+
+
+class EgoStart(Settings):
+    """Where the ego, and with it the scenario's axes, begins."""
+
+    latitude: float = Field(48.0, ge=-89, le=89, description="deg, of the level frame's origin")
+    longitude: float = Field(11.0, ge=-180, le=180, description="deg, of the level frame's origin")
+    east: float = Field(0.0, ge=-1e5, le=1e5, description="m from the origin")
+    north: float = Field(0.0, ge=-1e5, le=1e5, description="m from the origin")
+    heading_deg: float = Field(90.0, ge=-360, le=360, description="deg clockwise from north")
+    speed: float = Field(0.0, ge=0, le=100, description="m/s")
+
+
+class OwnMotion(Settings):
+    """What the ego's own sensors say of its motion."""
+
+    rate: float = Field(100.0, ge=1, le=1000, description="Hz")
+    noise: float = Field(1.0, ge=0, le=10, description="times the standard deviations of the configuration's ego")
+    drift_time: float = Field(10.0, gt=0, le=1000, description="s, correlation time of an INS's errors")
+    yaw_rate_bias_deg: float = Field(0.0, ge=-5, le=5, description="deg/s, of odometry")
+    speed_offset: float = Field(0.0, ge=-2, le=2, description="m/s, of the speedometer, not of the wheels")
+    speed_factor: float = Field(1.0, ge=0.8, le=1.2, description="of wheels and speedometer")
+
+
+class Ego(Settings):
+    """The vehicle that carries the sensors."""
+
+    start: EgoStart = Field(default_factory=EgoStart)
+    segments: tuple[Segment, ...] = ()
+    own_motion: OwnMotion = Field(default_factory=OwnMotion)
+
+    @model_validator(mode="after")
+    def _segments_follow(self) -> Ego:
+        _checked(self.segments)
+        return self
+
+
+class Start(Settings):
+    """An actor's centre and velocity at time 0, in the scenario's axes, over ground."""
+
+    x: float = Field(description="m")
+    y: float = Field(description="m")
+    vx: float | None = Field(None, ge=-100, le=100, description="m/s")
+    vy: float | None = Field(None, ge=-100, le=100, description="m/s")
+    speed: float | None = Field(None, ge=0, le=100, description="m/s along the heading")
+    heading_deg: float = Field(0.0, ge=-360, le=360, description="deg to the left of the scenario's x axis")
+
+    @model_validator(mode="after")
+    def _has_one_velocity(self) -> Start:
+        by_axes = self.vx is not None or self.vy is not None
+        if by_axes and (self.speed is not None or self.heading_deg != 0.0):
+            raise ValueError("give a velocity either as vx and vy or as speed and heading_deg")
+        return self
+
+
+class Size(Settings):
+    """An actor's outline; 0 × 0 is a point."""
+
+    length: float = Field(4.5, ge=0, le=30, description="m")
+    width: float = Field(1.8, ge=0, le=5, description="m")
+
+    @model_validator(mode="after")
+    def _both_or_neither(self) -> Size:
+        if (self.length == 0.0) != (self.width == 0.0):
+            raise ValueError("a point has length 0 and width 0; an outline has both above 0")
+        return self
+
+
+class Actor(Settings):
+    """Another road user."""
+
+    name: str
+    start: Start
+    segments: tuple[Segment, ...] = ()
+    size: Size = Field(default_factory=Size)
+    reflections: int = Field(2, ge=1, le=8, description="objects it can be reported as; a point is always one")
+    reflections_range: float = Field(
+        70.0, gt=0, le=500, description="m up to which the second one is seen; the third half as far, …"
+    )
+
+    @model_validator(mode="after")
+    def _segments_follow(self) -> Actor:
+        _checked(self.segments)
+        return self
+
+
+class Post(Settings):
+    """A sign, pole or other stationary point, in the scenario's axes."""
+
+    x: float = Field(description="m")
+    y: float = Field(description="m")
+
+
+class Rail(Settings):
+    """A guard rail: posts at even distances, in the scenario's axes."""
+
+    begin: Post
+    end: Post
+    spacing: float = Field(4.0, gt=0.5, le=100, description="m between posts")
+
+
+class Stationary(Settings):
+    """What stands by the road. Each post reflects as a point and hides nothing."""
+
+    posts: tuple[Post, ...] = ()
+    rails: tuple[Rail, ...] = ()
+
+
+class NoiseOverride(Settings):
+    """Standard deviations to draw with, in place of those in the sensor's configuration."""
+
+    x: float | None = Field(None, ge=0, description="m")
+    y: float | None = Field(None, ge=0, description="m")
+    range: float | None = Field(None, ge=0, description="m")
+    azimuth_deg: float | None = Field(None, ge=0, description="deg")
+    range_rate: float | None = Field(None, ge=0, description="m/s")
+    vx: float | None = Field(None, ge=0, description="m/s")
+    vy: float | None = Field(None, ge=0, description="m/s")
+    ax: float = Field(0.3, ge=0, description="m/s²; the configuration names none")
+
+
+class Measurement(Settings):
+    """How the sensors see."""
+
+    detection_probability: float = Field(0.95, gt=0, le=1, description="of each visible reflection in each scan")
+    clutter: float = Field(0.5, ge=0, le=50, description="mean false objects a scan, uniform over the field of view")
+    clutter_persistence: float = Field(
+        0.1, ge=0, lt=1, description="probability that a false object is there in the next scan too"
+    )
+    noise: NoiseOverride = Field(default_factory=NoiseOverride)
+    occlusion: bool = Field(True, description="nearer actors hide what is behind them")
+    drift: float = Field(
+        0.15, ge=0, le=1, description="m, how far a reflection wanders on its outline (standard deviation)"
+    )
+    missing: Literal["invalid", "coast"] = Field(
+        "invalid", description="a missed object: an invalid slot, or one moved on"
+    )
+    hold: int = Field(3, ge=0, le=50, description="scans a visible but missed object keeps its slot")
+    slot_reuse: float = Field(
+        0.4, ge=0, le=1, description="probability that a new object takes a slot freed in the same scan"
+    )
+    cycle_jitter: float = Field(0.001, ge=0, le=0.02, description="s, standard deviation of the measurement's instant")
+
+
+class Transmission(Settings):
+    """How the frames reach the log."""
+
+    burst: float = Field(
+        0.017, ge=0, le=0.5, description="s from a scan's first frame to its last; at most 40 % of its cycle"
+    )
+    order: Literal["shuffled", "slots"] = Field("shuffled", description="order of a scan's object frames")
+    loss: float = Field(0.0, ge=0, lt=1, description="probability that a frame is lost")
+    jitter: float = Field(0.0, ge=0, le=0.05, description="s, mean delay of a frame's time stamp")
+
+
+class Scenario(Settings):
+    """A drive to simulate."""
+
+    duration: float = Field(gt=0, le=86_400, description="s")
+    seed: int = Field(1, ge=0, description="default seed")
+    start_time: float = Field(1_700_000_000.0, ge=0, description="s since 1970, the log's time of time 0")
+    ego: Ego = Field(default_factory=Ego)
+    actors: tuple[Actor, ...] = ()
+    stationary: Stationary = Field(default_factory=Stationary)
+    measurement: Measurement = Field(default_factory=Measurement)
+    frames: Transmission = Field(default_factory=Transmission)
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> Scenario:
+        names = [actor.name for actor in self.actors]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"two actors are named '{twice[0]}'; give each a name of its own")
+        return self

@@ -1,0 +1,174 @@
+"""The scene at an instant: where the ego, the actors and what stands by the road truly are."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from candaemon.config.sensors import Mount
+from candaemon.simulation.motion import Floats, Motion, Plane, Trajectory, trajectory
+from candaemon.simulation.scenario import Actor, Rail, Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Motion of one rigid body at one instant, level axes (east + i·north), over ground.
+
+    Attributes:
+        position, velocity, acceleration: m, m/s, m/s².
+        yaw: direction of its x axis, rad, counter-clockwise from east.
+        yaw_rate: rad/s, positive to the left.
+
+    """
+
+    position: complex
+    velocity: complex
+    acceleration: complex
+    yaw: float
+    yaw_rate: float
+
+    def carried(self, mount: Mount) -> Pose:
+        """Return the motion of a sensor mounted on the body; its yaw acceleration is left out."""
+        arm = complex(mount.x, mount.y) * cmath.exp(1j * self.yaw)
+        return Pose(
+            self.position + arm,
+            self.velocity + 1j * self.yaw_rate * arm,
+            self.acceleration - self.yaw_rate**2 * arm,
+            self.yaw + math.radians(mount.yaw_deg),
+            self.yaw_rate,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """Motion of n points at one instant, level axes, over ground: m, m/s, m/s²."""
+
+    position: Plane
+    velocity: Plane
+    acceleration: Plane
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """The scene at one instant.
+
+    Attributes:
+        time: s since the scenario's start.
+        ego: the ego's motion; its position is that of the vehicle axes' origin.
+        actors: motion of each actor's centre, shape (actors,).
+
+    """
+
+    time: float
+    ego: Pose
+    actors: Motion
+
+    def on_actors(self, actor: np.ndarray[tuple[int], np.dtype[np.int64]], offset: Plane) -> Points:
+        """Return the motion of points fixed to actors.
+
+        Args:
+            actor: whose point it is, shape (n,).
+            offset: from the actor's centre in its own axes, m, shape (n,).
+
+        """
+        actors = self.actors
+        arm = offset * np.exp(1j * actors.yaw[actor])
+        rate = actors.yaw_rate[actor]
+        return Points(
+            actors.position[actor] + arm,
+            actors.velocity[actor] + 1j * rate * arm,
+            actors.acceleration[actor] - rate**2 * arm,
+        )
+
+
+def _posts_of(rail: Rail) -> Plane:
+    """Return a rail's posts in the scenario's axes, both ends among them."""
+    begin, end = complex(rail.begin.x, rail.begin.y), complex(rail.end.x, rail.end.y)
+    spans = max(round(abs(end - begin) / rail.spacing), 1)
+    return np.asarray(begin + (end - begin) * np.linspace(0.0, 1.0, spans + 1))
+
+
+class Scene:
+    """A scenario's truth at any instant.
+
+    Attributes:
+        actors: the actors' settings, in the scenario's order.
+        half_length, half_width: of each actor, m, shape (actors,); 0 for a point.
+        stationary: posts and rails' posts in level axes, shape (stationary,).
+
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        start = scenario.ego.start
+        yaw = math.pi / 2 - math.radians(start.heading_deg)
+        axes = cmath.exp(1j * yaw)
+        origin = complex(start.east, start.north)
+        self._ego = trajectory(origin, start.speed * axes, yaw, scenario.ego.segments, axes_yaw=yaw)
+        self._trajectories = tuple(_of_actor(actor, origin, yaw) for actor in scenario.actors)
+        self.actors = scenario.actors
+        self.half_length: Floats = np.array([actor.size.length / 2 for actor in scenario.actors])
+        self.half_width: Floats = np.array([actor.size.width / 2 for actor in scenario.actors])
+        posts = np.array([complex(post.x, post.y) for post in scenario.stationary.posts], dtype=np.complex128)
+        rails = [_posts_of(rail) for rail in scenario.stationary.rails]
+        self.stationary: Plane = origin + axes * np.concatenate([posts, *rails])
+
+    def ego(self, times: Floats) -> Motion:
+        """Return the ego's motion at seconds since the scenario's start, shape (n,)."""
+        return self._ego.at(times)
+
+    def instants(self, times: Floats, *, block: int = 256) -> Iterator[Instant]:
+        """Yield the scene at each of the times (s since the start, shape (n,)), worked out `block` at a time."""
+        for first in range(0, len(times), block):
+            part = times[first : first + block]
+            ego = self._ego.at(part)
+            actors = _side_by_side([one.at(part) for one in self._trajectories], len(part))
+            for k, time in enumerate(part):
+                yield Instant(float(time), _pose(ego, k), _row(actors, k))
+
+
+def _of_actor(actor: Actor, origin: complex, axes_yaw: float) -> Trajectory:
+    """Return an actor's trajectory in level axes."""
+    start = actor.start
+    if start.vx is not None or start.vy is not None:
+        velocity = complex(start.vx or 0.0, start.vy or 0.0)
+    else:
+        velocity = cmath.rect(start.speed or 0.0, math.radians(start.heading_deg))
+    heading = cmath.phase(velocity) if velocity else math.radians(start.heading_deg)
+    axes = cmath.exp(1j * axes_yaw)
+    position = origin + axes * complex(start.x, start.y)
+    return trajectory(position, velocity * axes, axes_yaw + heading, actor.segments, axes_yaw=axes_yaw)
+
+
+def _side_by_side(motions: list[Motion], instants: int) -> Motion:
+    """Return the actors' motions as one, arrays of shape (instants, actors)."""
+    if not motions:
+        plane = np.empty((instants, 0), dtype=np.complex128)
+        real = np.empty((instants, 0))
+        return Motion(plane, plane, plane, real, real)
+    return Motion(
+        np.stack([one.position for one in motions], axis=1),
+        np.stack([one.velocity for one in motions], axis=1),
+        np.stack([one.acceleration for one in motions], axis=1),
+        np.stack([one.yaw for one in motions], axis=1),
+        np.stack([one.yaw_rate for one in motions], axis=1),
+    )
+
+
+def _row(motion: Motion, k: int) -> Motion:
+    """Return one instant's row."""
+    return Motion(motion.position[k], motion.velocity[k], motion.acceleration[k], motion.yaw[k], motion.yaw_rate[k])
+
+
+def _pose(motion: Motion, k: int) -> Pose:
+    """Return one instant of one body."""
+    return Pose(
+        complex(motion.position[k]),
+        complex(motion.velocity[k]),
+        complex(motion.acceleration[k]),
+        float(motion.yaw[k]),
+        float(motion.yaw_rate[k]),
+    )

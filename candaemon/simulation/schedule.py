@@ -1,0 +1,52 @@
+"""When sensors measure, and when their frames are stamped. Whole microseconds, which every log format keeps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from candaemon.config.sensors import SensorSettings
+from candaemon.simulation.outline import Indices
+from candaemon.simulation.scenario import Scenario, Transmission
+from candaemon.simulation.streams import stream
+
+_MICROSECOND = 1_000
+_LARGEST_BURST = 0.4
+"""Share of a cycle that the frames of one scan fill at most."""
+
+
+def start_ns(scenario: Scenario) -> int:
+    """Return the log's time of the scenario's time 0."""
+    return round(scenario.start_time * 1e6) * _MICROSECOND
+
+
+def scan_times(scenario: Scenario, sensors: list[SensorSettings], source: int, seed: int) -> Indices:
+    """Return the instants at which a sensor measures, ns of the log's clock, in order.
+
+    Several sensors start evenly spread over their cycle. An instant is off its place in the raster by a normal error,
+    at most by a quarter of a cycle.
+    """
+    cycle = sensors[source].cycle_time
+    lag = cycle * source / len(sensors)
+    count = max(math.ceil((scenario.duration - lag) / cycle - 1e-9), 0)
+    error = scenario.measurement.cycle_jitter * stream(seed, source, "cycle").standard_normal(count)
+    seconds = lag + cycle * np.arange(count) + np.clip(error, -cycle / 4, cycle / 4)
+    return np.asarray(start_ns(scenario) + np.rint(seconds * 1e6).astype(np.int64) * _MICROSECOND)
+
+
+def stamps(
+    measured_ns: int, count: int, settings: SensorSettings, frames: Transmission, random: np.random.Generator
+) -> Indices:
+    """Return the time stamps of a scan's frames, ns, in order, shape (count,).
+
+    The first (or last, as the sensor's `time_from` says) is the sensor's latency after the measurement; the others fill
+    the burst at random.
+    """
+    burst = min(frames.burst, _LARGEST_BURST * settings.cycle_time)
+    after = np.sort(random.random(count)) * burst
+    if count:
+        after -= after[0] if settings.time_from == "first" else after[-1]
+    delay = random.exponential(1.0, count) * frames.jitter
+    micro = np.rint((after + settings.latency + delay) * 1e6).astype(np.int64)
+    return np.asarray(measured_ns + np.sort(micro) * _MICROSECOND)

@@ -1,0 +1,103 @@
+"""A scenario through a configuration's sensors: frames, and the truth beside them."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from operator import itemgetter
+
+import numpy as np
+
+from candaemon.binding.bound import Binding, BoundSensor
+from candaemon.binding.where import Where
+from candaemon.bus.frame import Frame
+from candaemon.errors import ConfigError
+from candaemon.simulation.frames import SensorEncoder
+from candaemon.simulation.outline import Indices
+from candaemon.simulation.own_frames import OwnEncoder
+from candaemon.simulation.report import Report, Reporter
+from candaemon.simulation.scenario import Scenario
+from candaemon.simulation.scene import Instant, Scene
+from candaemon.simulation.schedule import scan_times, start_ns
+from candaemon.simulation.truth import Truth, TruthCycle
+
+
+class Simulation:
+    """A scenario as the sensors of a configuration tell it. The same arguments give the same frames.
+
+    Args:
+        scenario: the drive.
+        binding: the configuration, bound to its DBC files.
+        seed: of all random numbers; default: the scenario's.
+
+    Raises:
+        ConfigError: the ego of the scenario moves but that of the configuration stands for good, or a sensor's frames
+            cannot be written with its DBC.
+
+    """
+
+    def __init__(self, scenario: Scenario, binding: Binding, seed: int | None = None) -> None:
+        self.scenario = scenario
+        self.seed = scenario.seed if seed is None else seed
+        self._binding = binding
+        self._scene = Scene(scenario)
+        self._settings = [sensor.settings for sensor in binding.sensors]
+        if binding.ego is None and (scenario.ego.segments or scenario.ego.start.speed > 0.0):
+            raise ConfigError(
+                "the configuration's ego is static but the scenario's moves; let it stand there, "
+                "or give an ego of kind ins or odometry",
+                file=binding.loaded.path,
+                line=binding.loaded.line_of(("ego",)),
+            )
+        for sensor in binding.sensors:
+            self._encoder(sensor)
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield all frames of all buses in order of time, made scan by scan."""
+        streams = [self._scans(sensor) for sensor in self._binding.sensors]
+        if self._binding.ego is not None:
+            ego = OwnEncoder(self._binding.ego, self.scenario, seed=self.seed, source=len(self._binding.sensors))
+            streams.append(ego.frames(self._scene))
+        return heapq.merge(*streams, key=itemgetter(0))
+
+    def reports(self, sensor: int) -> Iterator[tuple[int, Report]]:
+        """Yield what one sensor reports: the measurement's instant (ns, log time) and its occupied slots."""
+        settings = self._settings[sensor]
+        reporter = Reporter(self._scene, settings, self.scenario, seed=self.seed, source=sensor)
+        times = self._times(sensor)
+        for instant, time_ns in zip(self._instants(times), times.tolist(), strict=True):
+            yield time_ns, reporter.report(instant)
+
+    def truth(self) -> Iterator[TruthCycle]:
+        """Yield the truth at each instant at which any sensor measures, in order."""
+        truth = Truth(self._scene, self._settings, occlusion=self.scenario.measurement.occlusion)
+        times = np.unique(np.concatenate([self._times(k) for k in range(len(self._settings))]))
+        for instant, time_ns in zip(self._instants(times), times.tolist(), strict=True):
+            yield truth.cycle(instant, time_ns)
+
+    def _times(self, sensor: int) -> Indices:
+        """Return the instants at which a sensor measures, ns, log time."""
+        return scan_times(self.scenario, self._settings, sensor, self.seed)
+
+    def _instants(self, times: Indices) -> Iterator[Instant]:
+        """Yield the scene at instants of the log's time."""
+        return self._scene.instants((times - start_ns(self.scenario)) / 1e9)
+
+    def _encoder(self, sensor: BoundSensor) -> SensorEncoder:
+        """Return the writer of a sensor's frames."""
+        where = Where(self._binding.loaded, ("sensors", sensor.name))
+        return SensorEncoder(sensor, self.scenario.frames, seed=self.seed, where=where)
+
+    def _scans(self, sensor: BoundSensor) -> Iterator[Frame]:
+        """Yield one sensor's frames in order of time."""
+        encoder, last = self._encoder(sensor), -(1 << 62)
+        for index, (time_ns, report) in enumerate(self.reports(sensor.index)):
+            for frame in encoder.frames(report, index, time_ns):
+                # a delayed frame delays those behind it: a bus keeps their order
+                last = max(last, frame.time_ns)
+                yield frame if frame.time_ns == last else frame._replace(time_ns=last)
+
+
+def simulate(scenario: Scenario, binding: Binding, seed: int | None = None) -> Simulation:
+    """Simulate a scenario through the sensors of a configuration; see `Simulation`."""
+    return Simulation(scenario, binding, seed)

@@ -1,0 +1,93 @@
+"""Truth tables: what a perfect tracker would tell at each scan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.config.sensors import SensorSettings
+from candaemon.simulation.outline import Mask, Reflections, hidden, in_view, reference_offsets, seen_from
+from candaemon.simulation.scene import Instant, Points, Scene
+
+_MARGIN = 20.0
+"""m beyond the longest range of a sensor up to which stationary objects are told."""
+
+
+@dataclass(frozen=True, slots=True)
+class TruthCycle:
+    """The truth at one instant: n objects, the actors first.
+
+    Attributes:
+        time_ns: the measurement's instant, in the log's clock.
+        columns: column of `--truth` → values, each of length n. `id` is 1 for the scenario's first actor, …; stationary
+            objects follow. `state` is `actor`, `hidden` (an actor that no sensor can see at this instant) or
+            `stationary`. The others are of the reference point, as the tables say; `objects` and what only a tracker
+            knows are not there.
+
+    """
+
+    time_ns: int
+    columns: dict[str, NDArray[Any]]
+
+
+class Truth:
+    """The truth of a scenario as the given sensors could at best see it.
+
+    Args:
+        scene: the scenario's scene.
+        sensors: the sensors' settings: mounts and fields of view.
+        occlusion: whether actors hide one another.
+
+    """
+
+    def __init__(self, scene: Scene, sensors: Sequence[SensorSettings], *, occlusion: bool) -> None:
+        self._scene = scene
+        self._sensors = tuple(sensors)
+        self._occlusion = occlusion
+        self._reflections = Reflections(scene)
+        self._still = np.zeros(len(self._reflections.actor))
+        self._reach = max((settings.field_of_view.range for settings in self._sensors), default=0.0) + _MARGIN
+
+    def visible(self, instant: Instant) -> Mask:
+        """Tell which actors any sensor can see at an instant, by any of their reflections, shape (actors,)."""
+        seen = np.zeros(len(self._scene.actors), dtype=bool)
+        actor = self._reflections.actor
+        for settings in self._sensors:
+            sensor = instant.ego.carried(settings.mount)
+            offset = self._reflections.offsets(seen_from(instant, sensor.position), self._still)
+            point = instant.on_actors(actor, offset).position
+            local = (point - sensor.position) * np.exp(-1j * sensor.yaw)
+            in_sight = in_view(local, settings.field_of_view)
+            if self._occlusion:
+                in_sight &= ~hidden(self._scene, instant, sensor, local, actor)
+            np.logical_or.at(seen, actor, in_sight)
+        return seen
+
+    def references(self, instant: Instant) -> Points:
+        """Return the motion of each actor's reference point: see `candaemon.simulation.outline`; seen from the ego's origin."""
+        scene = self._scene
+        eye = seen_from(instant, instant.ego.position)
+        offset = reference_offsets(eye, scene.half_length, scene.half_width)
+        return instant.on_actors(np.arange(len(scene.actors), dtype=np.int64), offset)
+
+    def cycle(self, instant: Instant, time_ns: int) -> TruthCycle:
+        """Return one instant: all actors, and the stationary objects near enough to matter."""
+        ego, scene = instant.ego, self._scene
+        turn = np.exp(-1j * ego.yaw)
+        actors, seen = self.references(instant), self.visible(instant)
+        near = np.flatnonzero(np.abs(scene.stationary - ego.position) <= self._reach)
+        still = np.zeros(len(near), dtype=np.complex128)
+        position = np.concatenate([actors.position, scene.stationary[near]])
+        velocity = np.concatenate([actors.velocity, still])
+        local, speed = (position - ego.position) * turn, velocity * turn
+        pull = np.concatenate([actors.acceleration, still]) * turn
+        count = len(scene.actors)
+        plane = {"x": local.real, "y": local.imag, "vx": speed.real, "vy": speed.imag, "ax": pull.real, "ay": pull.imag}
+        level = {"east": position.real, "north": position.imag, "ve": velocity.real, "vn": velocity.imag}
+        identity = np.concatenate([np.arange(1, count + 1), count + 1 + near])
+        state = np.concatenate([np.where(seen, "actor", "hidden"), np.full(len(near), "stationary")])
+        return TruthCycle(time_ns, {"id": identity, "state": state, **plane, **level})
