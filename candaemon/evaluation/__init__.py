@@ -1,0 +1,1 @@
+"""Metrics of tracks, against truth and without it. Knows nothing of the bus."""

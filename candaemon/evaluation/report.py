@@ -1,0 +1,153 @@
+"""An evaluation for people: tables on a terminal, plain aligned lines in a pipe."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.table import Table
+
+from candaemon.evaluation.results import ActorResult, Evaluation
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """One table of a report.
+
+    Attributes:
+        title: what it is about.
+        header: the columns' names.
+        rows: cells as text; the first is the row's name.
+    """
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def print_evaluation(console: Console, evaluation: Evaluation) -> None:
+    """Print an evaluation: tables where the console is a terminal, plain lines elsewhere."""
+    print_sections(console, sections(evaluation))
+
+
+def print_sections(console: Console, parts: Iterator[Section] | Sequence[Section]) -> None:
+    """Print sections as tables where the console is a terminal, as plain aligned lines elsewhere."""
+    for section in parts:
+        if console.is_terminal:
+            console.print(_table(section))
+        else:
+            console.file.write("\n".join(_lines(section)) + "\n")
+
+
+def sections(evaluation: Evaluation) -> Iterator[Section]:
+    """Yield an evaluation's sections."""
+    one = evaluation
+    errors = one.errors
+    yield Section(
+        f"errors (RMSE, {errors.samples} samples, {one.options.settle:g} s after confirmation and later)",
+        ("", "plane", "x", "y"),
+        (
+            ("position (m)", *_numbers(errors.position, errors.x, errors.y)),
+            ("velocity (m/s)", *_numbers(errors.velocity, errors.vx, errors.vy)),
+            ("acceleration (m/s²)", *_numbers(errors.acceleration, errors.ax, errors.ay)),
+        ),
+    )
+    score, nees = one.gospa, one.nees
+    yield Section(
+        f"GOSPA (c = {score.cutoff:g} m, p = {score.order:g}, α = {score.alpha:g})",
+        ("", "value"),
+        (
+            ("mean (m)", _number(score.mean)),
+            (f"mean of its power (m^{score.order:g})", _number(score.power_mean)),
+            ("  localisation", _number(score.localisation)),
+            ("  missed", _number(score.missed)),
+            ("  false", _number(score.false)),
+        ),
+    )
+    yield Section(
+        f"NEES (x, y, vx, vy; covariance's diagonal; {nees.samples} samples)",
+        ("", "value", "expected"),
+        (
+            ("mean", _number(nees.mean), f"{nees.expected:g} ({_number(nees.lower)} to {_number(nees.upper)})"),
+            ("within 95 %", _percent(nees.coverage), "95.0 %"),
+        ),
+    )
+    delay, false, alike = one.time_to_confirm, one.false_tracks, one.duplicates
+    yield Section(
+        "tracks",
+        ("", "value"),
+        (
+            ("cycles", _with(one.cycles, one.skipped, "more without truth")),
+            ("confirmed", f"{one.confirmed_ids} ({one.confirmed_samples} samples)"),
+            (
+                f"false (> {one.options.gate:g} m from all)",
+                f"{false.ids} ({false.samples} samples, {_percent(false.share)})",
+            ),
+            ("duplicates", f"{alike.ids} ({alike.samples} samples, {_percent(alike.share)})"),
+            ("id switches", str(one.id_switches)),
+            ("fragments", str(one.fragments)),
+            ("time to confirm (s)", f"mean {_number(delay.mean)}, max {_number(delay.max)}"),
+            ("actors never confirmed", f"{delay.unconfirmed} of {len(one.actors)}"),
+        ),
+    )
+    yield Section(
+        "actors",
+        ("id", "visible", "tracked", "confirmed after (s)", "switches", "fragments", "position (m)", "velocity (m/s)"),
+        tuple(_actor(actor) for actor in one.actors),
+    )
+
+
+def _actor(actor: ActorResult) -> tuple[str, ...]:
+    """Return an actor's row."""
+    delay = actor.time_to_confirm
+    return (
+        str(actor.id),
+        str(actor.visible),
+        _percent(actor.tracked),
+        "never" if delay is None else _number(delay),
+        str(actor.id_switches),
+        str(actor.fragments),
+        *_numbers(actor.errors.position, actor.errors.velocity),
+    )
+
+
+def _number(value: float) -> str:
+    """Return three decimals, or a dash for what has no samples."""
+    return "-" if math.isnan(value) else f"{value:.3f}"
+
+
+def _numbers(*values: float) -> tuple[str, ...]:
+    """Return each with three decimals."""
+    return tuple(_number(value) for value in values)
+
+
+def _percent(value: float) -> str:
+    """Return a share in percent, or a dash for what has no samples."""
+    return "-" if math.isnan(value) else f"{100 * value:.1f} %"
+
+
+def _with(count: int, more: int, what: str) -> str:
+    """Return a count, and in brackets how many more there are of another sort, if any."""
+    return f"{count} ({more} {what})" if more else str(count)
+
+
+def _table(section: Section) -> Table:
+    """Return a section as a table of rich."""
+    table = Table(title=section.title, title_justify="left", title_style="bold")
+    for k, name in enumerate(section.header):
+        table.add_column(name, justify="right" if k else "left")
+    for row in section.rows:
+        table.add_row(*row)
+    return table
+
+
+def _lines(section: Section) -> Iterator[str]:
+    """Yield a section as plain lines, columns aligned by blanks."""
+    rows = (section.header, *section.rows)
+    widths = [max(len(row[k]) for row in rows) for k in range(len(section.header))]
+    yield section.title
+    for first, *rest in rows:
+        cells = (cell.rjust(width) for cell, width in zip(rest, widths[1:], strict=True))
+        yield "  ".join(("  " + first.ljust(widths[0]), *cells)).rstrip()

@@ -1,0 +1,224 @@
+"""What an evaluation tells. The fields' names are the keys of `evaluate --json`, nested alike: they are stable.
+
+A figure without samples is NaN here and null in JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How an evaluation is made.
+
+    Attributes:
+        gate: m; an actor and a track farther apart are no pair, and a track farther from all that is true is false.
+        settle: s after a track's confirmation that errors and NEES leave out.
+        max_gap: s; longest step of truth that is bridged by interpolation.
+        gospa_cutoff: c of GOSPA, m.
+        gospa_order: p of GOSPA.
+    """
+
+    gate: float = 4.0
+    settle: float = 1.0
+    max_gap: float = 0.2
+    gospa_cutoff: float = 4.0
+    gospa_order: float = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """RMSE of settled tracks paired with a visible actor, vehicle axes.
+
+    Attributes:
+        samples: pairs.
+        position: in the plane, m; `x` and `y` each.
+        x: forward, m.
+        y: to the left, m.
+        velocity: over ground in the plane, m/s; `vx` and `vy` each.
+        vx: forward, m/s.
+        vy: to the left, m/s.
+        acceleration: over ground in the plane, m/s²; `ax` and `ay` each.
+        ax: forward, m/s².
+        ay: to the left, m/s².
+    """
+
+    samples: int
+    position: float
+    x: float
+    y: float
+    velocity: float
+    vx: float
+    vy: float
+    acceleration: float
+    ax: float
+    ay: float
+
+
+@dataclass(frozen=True, slots=True)
+class Consistency:
+    """NEES of x, y, vx, vy from `sx`, `sy`, `svx`, `svy`: of the covariance's diagonal only, the table has no more.
+
+    Attributes:
+        samples: pairs with all four standard deviations.
+        mean: mean NEES.
+        expected: degrees of freedom, 4: the mean of a consistent filter.
+        lower: lower 95 % bound of the mean of so many independent samples; a track's errors are not independent
+            from cycle to cycle, so the true bounds are wider.
+        upper: upper 95 % bound alike.
+        coverage: share of samples within the 95 % quantile of χ² with 4 degrees of freedom; 0.95 if consistent.
+    """
+
+    samples: int
+    mean: float
+    expected: float
+    lower: float
+    upper: float
+    coverage: float
+
+
+@dataclass(frozen=True, slots=True)
+class GospaSummary:
+    """GOSPA over the visible actors. A track near a hidden actor or a stationary object is not counted as false.
+
+    Attributes:
+        cutoff: c, m.
+        order: p.
+        alpha: α, always 2.
+        mean: mean over the cycles, m.
+        power_mean: mean of its p-th power, m^p: the sum of the three parts.
+        localisation: mean part of the pairs' distances, m^p.
+        missed: mean part of missed actors, c^p / 2 each, m^p.
+        false: mean part of false tracks, c^p / 2 each, m^p.
+    """
+
+    cutoff: float
+    order: float
+    alpha: float
+    mean: float
+    power_mean: float
+    localisation: float
+    missed: float
+    false: float
+
+
+@dataclass(frozen=True, slots=True)
+class FalseTracks:
+    """Confirmed tracks farther than the gate from every actor, hidden ones too, and every stationary object.
+
+    Attributes:
+        ids: tracks with one such sample or more.
+        samples: such samples.
+        share: of all confirmed samples.
+    """
+
+    ids: int
+    samples: int
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Duplicates:
+    """Confirmed samples with another one within 3 m in x, 1 m in y and 1 m/s in vx.
+
+    Attributes:
+        ids: tracks with one such sample or more.
+        samples: such samples.
+        share: of all confirmed samples.
+    """
+
+    ids: int
+    samples: int
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class ActorResult:
+    """What became of one actor that was visible at least once.
+
+    Attributes:
+        id: as in the truth.
+        visible: cycles in which it was visible.
+        tracked: share of those in which it had a track.
+        time_to_confirm: s from its first visible instant to the first cycle with a confirmed track; null if never.
+        id_switches: how often its track's id changed.
+        fragments: how often it had a track again after visible cycles without one.
+        errors: RMSE.
+    """
+
+    id: int
+    visible: int
+    tracked: float
+    time_to_confirm: float | None
+    id_switches: int
+    fragments: int
+    errors: Errors
+
+
+@dataclass(frozen=True, slots=True)
+class TimeToConfirm:
+    """Delay from an actor's first visible instant to its first confirmed track.
+
+    Attributes:
+        mean: over the confirmed actors, s.
+        max: the longest, s.
+        unconfirmed: visible actors that never had a confirmed track.
+    """
+
+    mean: float
+    max: float
+    unconfirmed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Tracks against truth.
+
+    Attributes:
+        options: how it was made.
+        cycles: instants compared.
+        skipped: instants of tracks without truth around them.
+        confirmed_ids: confirmed tracks at the instants compared.
+        confirmed_samples: their samples, one a track a cycle.
+        errors: RMSE over all actors.
+        nees: consistency of the standard deviations.
+        gospa: GOSPA and its parts.
+        id_switches: sum over the actors.
+        fragments: sum over the actors.
+        time_to_confirm: over the actors.
+        false_tracks: tracks of nothing.
+        duplicates: second tracks of one thing.
+        actors: each actor that was visible.
+    """
+
+    options: Options
+    cycles: int
+    skipped: int
+    confirmed_ids: int
+    confirmed_samples: int
+    errors: Errors
+    nees: Consistency
+    gospa: GospaSummary
+    id_switches: int
+    fragments: int
+    time_to_confirm: TimeToConfirm
+    false_tracks: FalseTracks
+    duplicates: Duplicates
+    actors: tuple[ActorResult, ...]
+
+    def to_json(self) -> str:
+        """Return it as JSON text; the keys are the fields' names."""
+        return json.dumps(_without_nan(asdict(self)), indent=2, allow_nan=False) + "\n"
+
+
+def _without_nan(value: Any) -> Any:
+    """Replace NaN by None throughout a tree of dicts and sequences."""
+    if isinstance(value, dict):
+        return {key: _without_nan(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_without_nan(one) for one in value]
+    return None if isinstance(value, float) and math.isnan(value) else value

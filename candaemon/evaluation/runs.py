@@ -1,0 +1,137 @@
+"""Runs: a sensor's object for as long as the sensor itself calls it the same, without a gap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from candaemon.evaluation.tables import Booleans, Floats, Integers
+
+_GAP_CYCLES = 1.5
+
+
+class ObjectRuns:
+    """Numbers the runs of all sensors' objects.
+
+    A run goes on while the object's number is in each scan, no scan is missing (1.5 cycles between two scans and more),
+    and the sensor does not flag it as new. Run numbers grow and are never reused.
+
+    Args:
+        cycles: nominal cycle time of each sensor, s, by its index.
+    """
+
+    def __init__(self, cycles: Sequence[float]) -> None:
+        self._gaps_ns = tuple(round(_GAP_CYCLES * cycle * 1e9) for cycle in cycles)
+        nothing = np.empty(0, dtype=np.int64)
+        self._last: list[tuple[int, Integers, Integers]] = [(0, nothing, nothing) for _ in cycles]
+        self._next = 0
+
+    def update(self, sensor: int, time_ns: int, objects: Integers, new: Booleans) -> Integers:
+        """Take in one scan.
+
+        Args:
+            sensor: index.
+            time_ns: measurement time.
+            objects: the sensor's number of each valid object, shape (n,), each once.
+            new: flagged as new by the sensor, shape (n,).
+
+        Returns:
+            The run of each object, shape (n,).
+        """
+        before_ns, known, runs = self._last[sensor]
+        starts = np.asarray(new, dtype=bool).copy()
+        run = np.empty(len(objects), dtype=np.int64)
+        if len(known) and 0 < time_ns - before_ns <= self._gaps_ns[sensor]:
+            at = np.minimum(np.searchsorted(known, objects), len(known) - 1)
+            starts |= known[at] != objects
+            run[:] = runs[at]
+        else:
+            starts[:] = True
+        begun = int(starts.sum())
+        run[starts] = np.arange(self._next, self._next + begun)
+        self._next += begun
+        order = np.argsort(objects)
+        self._last[sensor] = (time_ns, objects[order], run[order])
+        return run
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """Sums of k runs.
+
+    Attributes:
+        first_ns: first sample of each, shape (k,).
+        last_ns: last sample of each, shape (k,).
+        sums: shape (k, width).
+    """
+
+    first_ns: Integers
+    last_ns: Integers
+    sums: Floats
+
+
+class RunSums:
+    """Sums a run, until it has not been seen for a while.
+
+    Args:
+        width: how many sums a run has.
+        keep_ns: how long after its last sample a run is kept.
+    """
+
+    def __init__(self, width: int, keep_ns: int) -> None:
+        self._keep_ns = keep_ns
+        self._run = np.empty(0, dtype=np.int64)
+        self._first = np.empty(0, dtype=np.int64)
+        self._last = np.empty(0, dtype=np.int64)
+        self._sums = np.zeros((0, width))
+        self._swept_ns: int | None = None
+
+    def touch(self, time_ns: int, run: Integers) -> Ended:
+        """Note that these runs (each once) have a sample at an instant; return those that ended and are forgotten."""
+        rows, known = self._find(run)
+        if not known.all():
+            self._insert(time_ns, run[~known])
+            rows, _ = self._find(run)
+        self._last[rows] = time_ns
+        return self._sweep(time_ns)
+
+    def add(self, run: Integers, column: int, values: Floats) -> None:
+        """Add values, shape (n, k), to the columns from `column` on of runs (each once); forgotten runs take none."""
+        rows, known = self._find(run)
+        self._sums[rows[known], column : column + values.shape[1]] += values[known]
+
+    def open(self) -> Ended:
+        """Return all runs that are not forgotten yet."""
+        return Ended(self._first, self._last, self._sums)
+
+    def _find(self, run: Integers) -> tuple[Integers, Booleans]:
+        """Return where runs are kept, and whether they are."""
+        if not len(self._run):
+            return np.zeros(len(run), dtype=np.int64), np.zeros(len(run), dtype=bool)
+        rows = np.minimum(np.searchsorted(self._run, run), len(self._run) - 1)
+        return rows, self._run[rows] == run
+
+    def _insert(self, time_ns: int, run: Integers) -> None:
+        """Keep further runs, sorted by number."""
+        run = np.sort(run)
+        at = np.searchsorted(self._run, run)
+        self._run = np.insert(self._run, at, run)
+        self._first = np.insert(self._first, at, time_ns)
+        self._last = np.insert(self._last, at, time_ns)
+        self._sums = np.insert(self._sums, at, 0.0, axis=0)
+
+    def _sweep(self, time_ns: int) -> Ended:
+        """Forget the runs that are over; once in a keeping time is often enough to stay small."""
+        if self._swept_ns is None or time_ns < self._swept_ns:
+            self._swept_ns = time_ns
+        if time_ns - self._swept_ns < self._keep_ns:
+            return Ended(self._first[:0], self._last[:0], self._sums[:0])
+        self._swept_ns = time_ns
+        over = self._last < time_ns - self._keep_ns
+        ended = Ended(self._first[over], self._last[over], self._sums[over])
+        live = ~over
+        self._run, self._first, self._last = self._run[live], self._first[live], self._last[live]
+        self._sums = self._sums[live]
+        return ended

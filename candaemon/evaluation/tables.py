@@ -1,0 +1,276 @@
+"""The table that `--tracks` and `--truth` share, and the table of predictions: read and written as CSV.
+
+One row an obstacle (or a true object) a cycle; a path that ends in `.gz` is compressed. Columns, in this order:
+
+=================  ====================================================================================
+`time`             s, decimal, exact to the ns; kept as integer ns. The instant the row holds for.
+`id`               integer, never reused in a file.
+`state`            tracks: `tentative`, `confirmed`, `coasting`; truth: `actor` (some sensor can see it),
+                   `hidden` (an actor outside of every field of view or fully occluded), `stationary`.
+`x` `y`            m, vehicle axes (ISO 8855: x forward, y left).
+`vx` `vy`          m/s over ground, vehicle axes.
+`ax` `ay`          m/s² over ground, vehicle axes.
+`east` `north`     m, local level frame.
+`ve` `vn`          m/s over ground, local level frame.
+`sx` … `svy`       one standard deviation of x, y, vx, vy; empty in truth.
+`age`              s since the first detection; empty in truth.
+`objects`          detections used in the cycle, `sensor:object` with `;` between; may be empty in truth.
+=================  ====================================================================================
+
+An empty number is NaN in memory. Further columns are ignored; none of the above may be missing.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import math
+import re
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from decimal import Decimal
+from pathlib import Path
+from typing import TextIO, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.errors import InputError
+from candaemon.tracking.obstacles import STATE_NAMES
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
+
+ACTOR, HIDDEN, STATIONARY = 3, 4, 5
+STATES = (*STATE_NAMES, "actor", "hidden", "stationary")
+"""Names of the state codes: 0 to 2 as in `candaemon.tracking.obstacles`, 3 to 5 in truth."""
+
+NUMBERS = ("x", "y", "vx", "vy", "ax", "ay", "east", "north", "ve", "vn", "sx", "sy", "svx", "svy", "age")
+COLUMNS = ("time", "id", "state", *NUMBERS, "objects")
+
+_TRACK_STATES = frozenset(range(ACTOR))
+_TRUTH_STATES = frozenset({ACTOR, HIDDEN, STATIONARY})
+_OBJECTS = re.compile(r"(?:[^:;,]+:-?\d+(?:;[^:;,]+:-?\d+)*)?")
+_NS_DIGITS = 9
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, slots=True)
+class TrackTable:
+    """Rows of a table as a structure of arrays of length n, ordered by time, then id.
+
+    Attributes:
+        time_ns: the instant a row holds for.
+        id: identity.
+        state: index into `STATES`.
+        x, y, vx, vy, ax, ay, east, north, ve, vn, sx, sy, svx, svy, age: as in the module's table; NaN where empty.
+        objects: detections used, as text.
+    """
+
+    time_ns: Integers
+    id: Integers
+    state: NDArray[np.int8]
+    x: Floats
+    y: Floats
+    vx: Floats
+    vy: Floats
+    ax: Floats
+    ay: Floats
+    east: Floats
+    north: Floats
+    ve: Floats
+    vn: Floats
+    sx: Floats
+    sy: Floats
+    svx: Floats
+    svy: Floats
+    age: Floats
+    objects: NDArray[np.str_]
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def take(self, rows: Integers | Booleans) -> TrackTable:
+        """Return the rows of an index or mask, in that order."""
+        return TrackTable(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+
+def parse_time(text: str) -> int:
+    """Return decimal seconds as integer ns, exact; what is finer than a ns is rounded.
+
+    Raises:
+        ValueError: not a finite number of seconds within 64 bits of ns.
+    """
+    try:
+        seconds = Decimal(text)
+    except ArithmeticError:
+        raise ValueError(text) from None
+    if not seconds.is_finite() or seconds.adjusted() >= _NS_DIGITS + 1:
+        raise ValueError(text)
+    time_ns = int(seconds.scaleb(_NS_DIGITS).to_integral_value())
+    if abs(time_ns) >= 2**63:
+        raise ValueError(text)
+    return time_ns
+
+
+def format_time(time_ns: int) -> str:
+    """Return integer ns as decimal seconds: six decimals, or nine where six do not hold it."""
+    seconds, rest = divmod(abs(time_ns), 1_000_000_000)
+    sign = "-" if time_ns < 0 else ""
+    if rest % 1000:
+        return f"{sign}{seconds}.{rest:09d}"
+    return f"{sign}{seconds}.{rest // 1000:06d}"
+
+
+def read_tracks(path: Path | str) -> TrackTable:
+    """Read what `--tracks` writes.
+
+    Raises:
+        InputError: the file cannot be read, lacks a column, or a row is not as the module's table says.
+    """
+    return _read(Path(path), _TRACK_STATES)
+
+
+def read_truth(path: Path | str) -> TrackTable:
+    """Read what `--truth` writes.
+
+    Raises:
+        InputError: the file cannot be read, lacks a column, or a row is not as the module's table says.
+    """
+    return _read(Path(path), _TRUTH_STATES)
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[TextIO]:
+    """Open a table and tell what makes it unreadable as an `InputError`."""
+    try:
+        with (
+            gzip.open(path, "rt", encoding="utf-8-sig", newline="")
+            if path.suffix == ".gz"
+            else path.open(encoding="utf-8-sig", newline="")
+        ) as stream:
+            yield stream
+    except FileNotFoundError:
+        raise InputError("no such file; expected a table in CSV", file=path) from None
+    except UnicodeDecodeError:
+        raise InputError("not text in UTF-8; expected a table in CSV", file=path) from None
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(f"damaged or truncated gzip file ({error}); write it again", file=path) from error
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", file=path) from error
+
+
+def _cells(path: Path) -> tuple[list[int], list[list[str]]]:
+    """Return the line number and the text of each row, the cells in the order of `COLUMNS`."""
+    lines: list[int] = []
+    rows: list[list[str]] = []
+    with _reading(path) as stream:
+        reader = csv.reader(stream)
+        try:
+            header = [name.strip() for name in next(reader, [])]
+            if not header:
+                raise InputError(f"empty file; expected a header with {','.join(COLUMNS)}", file=path)
+            missing = [name for name in COLUMNS if name not in header]
+            if missing:
+                word = "column" if len(missing) == 1 else "columns"
+                raise InputError(
+                    f"{word} {', '.join(missing)} missing; expected {','.join(COLUMNS)}", file=path, line=1
+                )
+            order = [header.index(name) for name in COLUMNS]
+            for row in reader:
+                if not row:
+                    continue
+                if len(row) != len(header):
+                    raise InputError(
+                        f"{len(row)} cells; expected {len(header)} as in the header (is the file cut short?)",
+                        file=path,
+                        line=reader.line_num,
+                    )
+                lines.append(reader.line_num)
+                rows.append([row[k] for k in order])
+        except csv.Error as error:
+            raise InputError(f"not CSV: {error}", file=path, line=reader.line_num) from error
+    return lines, rows
+
+
+def _read(path: Path, states: frozenset[int]) -> TrackTable:
+    """Read a table in which only the given states may occur."""
+    lines, rows = _cells(path)
+    columns: Sequence[Sequence[str]] = list(zip(*rows, strict=True)) if rows else [()] * len(COLUMNS)
+    cells = dict(zip(COLUMNS, columns, strict=True))
+
+    def convert(name: str, parse: Callable[[str], _T], expected: str) -> list[_T]:
+        values = []
+        for text, line in zip(cells[name], lines, strict=True):
+            try:
+                values.append(parse(text))
+            except ValueError:
+                raise InputError(f"{name} is {text!r}; expected {expected}", file=path, line=line) from None
+        return values
+
+    def state(text: str) -> int:
+        code = STATES.index(text)
+        if code not in states:
+            raise ValueError(text)
+        return code
+
+    wanted = " or ".join(STATES[code] for code in sorted(states))
+    other = "the truth" if states == _TRACK_STATES else "a tracks file"
+    numbers = {name: np.array(convert(name, _number, "a number or nothing"), dtype=np.float64) for name in NUMBERS}
+    table = TrackTable(
+        time_ns=np.array(convert("time", _cached(parse_time), "decimal seconds"), dtype=np.int64),
+        id=np.array(convert("id", _identity, "an integer"), dtype=np.int64),
+        state=np.array(convert("state", _cached(state), f"{wanted} (is this {other}?)"), dtype=np.int8),
+        objects=np.array(convert("objects", _objects, "sensor:object with ; between, or nothing"), dtype=np.str_),
+        **numbers,
+    )
+    for name, values in (("x", table.x), ("y", table.y)):
+        empty = np.flatnonzero(np.isnan(values))
+        if len(empty):
+            raise InputError(f"{name} is empty; every row needs a position", file=path, line=lines[empty[0]])
+    order = np.lexsort((table.id, table.time_ns))
+    ordered = table.take(order)
+    twice = np.flatnonzero((np.diff(ordered.time_ns) == 0) & (np.diff(ordered.id) == 0))
+    if len(twice):
+        first, second = sorted((lines[order[twice[0]]], lines[order[twice[0] + 1]]))
+        raise InputError(f"same time and id as in line {first}; expected one row an id a cycle", file=path, line=second)
+    return ordered
+
+
+def _cached(parse: Callable[[str], int]) -> Callable[[str], int]:
+    """Remember what was parsed: a cycle's rows share their time, and states are few."""
+    known: dict[str, int] = {}
+
+    def parse_once(text: str) -> int:
+        value = known.get(text)
+        if value is None:
+            value = known[text] = parse(text)
+        return value
+
+    return parse_once
+
+
+def _identity(text: str) -> int:
+    """Return an id of 64 bits."""
+    value = int(text)
+    if abs(value) >= 2**63:
+        raise ValueError(text)
+    return value
+
+
+def _number(text: str) -> float:
+    """Return a finite number, or NaN where the cell is empty."""
+    value = float(text) if text else math.nan
+    if math.isinf(value):
+        raise ValueError(text)
+    return value
+
+
+def _objects(text: str) -> str:
+    """Return the detections' text where it is well formed."""
+    if _OBJECTS.fullmatch(text) is None:
+        raise ValueError(text)
+    return text
