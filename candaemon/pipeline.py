@@ -1,0 +1,309 @@
+"""The daemon's heart: frames and ticks in, obstacles and frames out.
+
+It opens no socket, reads no clock and logs nothing per frame: the service and replay both call it, so that what
+happened on the road happens again from its recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import count
+
+from candaemon.binding.bound import Binding
+from candaemon.binding.ego import EgoMessage
+from candaemon.bus.frame import Frame, Tick
+from candaemon.output.encoder import OutputEncoder, OutputStatus
+from candaemon.sensing.detections import Detections
+from candaemon.sensing.ego import EgoMotion
+from candaemon.sensing.mounting import Mounting, View
+from candaemon.sensing.pose import EgoPose, EgoStatus
+from candaemon.sensing.assembly import NEVER, Receiver, Route, ScanAssembler
+from candaemon.sensing.closing import make_assembler
+from candaemon.sensing.scan import Scan
+from candaemon.sensing.sources import make_ego
+from candaemon.tracking.stationary import StationaryWatch
+from candaemon.tracking.obstacles import Obstacles, joined
+from candaemon.tracking.tracker import Tracker
+
+_SILENT_CYCLES = 1.5
+_LONGEST_COASTING_NS = 10_000_000_000
+_LOST_AFTER_CYCLES = 5
+
+
+@dataclass(slots=True)
+class BusCounts:
+    """Frames of one bus.
+
+    Attributes:
+        frames: all.
+        spare: in a DBC of this bus, but nothing asks for them.
+        unknown: in no DBC of this bus.
+        short: in the DBC with more bytes than they have; those of sensors are counted with their scans.
+    """
+
+    frames: int = 0
+    spare: int = 0
+    unknown: int = 0
+    short: int = 0
+
+    @property
+    def used(self) -> int:
+        """Frames that a sensor or own motion took."""
+        return self.frames - self.spare - self.unknown - self.short
+
+
+@dataclass(slots=True)
+class PipelineCounts:
+    """What the pipeline did.
+
+    Attributes:
+        cycles: times that obstacles were told.
+        coasting_cycles: those of them without a scan, because every sensor was silent.
+        without_ego: scans dropped because own motion was not known yet.
+        sent: frames made for the output bus.
+        buses: per bus.
+    """
+
+    cycles: int = 0
+    coasting_cycles: int = 0
+    without_ego: int = 0
+    sent: int = 0
+    buses: list[BusCounts] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """One cycle of the daemon.
+
+    Attributes:
+        time_ns: when it was told: the time of the frame that closed the scan.
+        obstacles: of all groups; their own time is that of the measurement.
+        frames: what goes onto the output bus.
+        pose: own pose at the obstacles' time.
+        detections: the scan's, None in a cycle without one.
+        tracker: the group's tracker that took them, to be asked before the next cycle.
+    """
+
+    time_ns: int
+    obstacles: Obstacles
+    frames: list[Frame]
+    pose: EgoPose
+    detections: Detections | None
+    tracker: Tracker | None
+
+
+class Pipeline:
+    """Decodes, tracks and encodes.
+
+    Args:
+        binding: the configuration, bound to its DBC files.
+    """
+
+    def __init__(self, binding: Binding) -> None:
+        self.binding = binding
+        self.counts = PipelineCounts(buses=[BusCounts() for _ in binding.buses])
+        self.ego: EgoMotion = make_ego(binding.ego)
+        self._watch = StationaryWatch(self.ego.teaching) if self.ego.teaching is not None else None
+        self.assemblers = [make_assembler(sensor) for sensor in binding.sensors]
+        self._mountings = [Mounting(sensor.settings, sensor.reader.quantities) for sensor in binding.sensors]
+        self.trackers, self._tracker_of = _make_trackers(binding)
+        self._encoder = OutputEncoder(binding.output) if binding.output is not None else None
+        self._routes = self._make_routes()
+        self._cycle_ns = [round(sensor.settings.cycle_time * 1e9) for sensor in binding.sensors]
+        self._last_scan_ns = [0] * len(binding.sensors)
+        self._shortest_timeout_ns = min(round(sensor.settings.timeout * 1e9) for sensor in binding.sensors)
+        self._coast_ns = min(self._cycle_ns)
+        self._coast_due_ns = NEVER
+        self._deadline_ns = 0
+
+    def run(self, items: Iterable[Frame | Tick]) -> Iterator[Cycle]:
+        """Yield a cycle for each scan that the frames complete, and for each that should have come.
+
+        Args:
+            items: frames and ticks in order of time.
+        """
+        routes, counts = self._routes, self.counts.buses
+        for item in items:
+            if item[0] >= self._deadline_ns:
+                yield from self.advance(item[0])
+            if len(item) == 1:  # a tick
+                continue
+            time_ns, bus, can_id, data, _ = item
+            if bus < 0:
+                continue
+            counts[bus].frames += 1
+            route = routes[bus].get(can_id)
+            if route is None:
+                counts[bus].unknown += 1
+                continue
+            receive, part, slot = route
+            scan = receive(part, slot, data, time_ns)
+            if scan is not None:
+                yield from self._cycle(scan, time_ns)
+                self._set_deadline(time_ns)
+
+    def advance(self, time_ns: int) -> Iterator[Cycle]:
+        """Close the scans, and tell the coasting obstacles, that are due by a time."""
+        while True:
+            assembler = min(self.assemblers, key=_deadline)
+            if assembler.deadline_ns <= min(time_ns, self._coast_due_ns):
+                closed_ns = assembler.deadline_ns
+                scan = assembler.expire(closed_ns)
+                if scan is not None:
+                    yield from self._cycle(scan, closed_ns)
+            elif self._coast_due_ns <= time_ns:
+                yield from self._coast(max(self._coast_due_ns, time_ns - _LONGEST_COASTING_NS))
+            else:
+                break
+        self._set_deadline(time_ns)
+
+    def finish(self) -> Iterator[Cycle]:
+        """Close what is open, at the end of a log."""
+        for assembler in sorted(self.assemblers, key=_deadline):
+            closed_ns = assembler.deadline_ns
+            scan = assembler.flush()
+            if scan is not None:
+                yield from self._cycle(scan, closed_ns)
+
+    @property
+    def drops(self) -> int:
+        """Frames of sensors and own motion that were lost or could not be used so far."""
+        return sum(assembler.counts.dropped for assembler in self.assemblers) + sum(
+            bus.short for bus in self.counts.buses
+        )
+
+    @property
+    def saturated(self) -> int:
+        """Output values that had to be brought into their signal's range."""
+        return self._encoder.saturated if self._encoder is not None else 0
+
+    def _set_deadline(self, time_ns: int) -> None:
+        """Find the next instant at which something happens without a frame."""
+        opening_ns = time_ns + self._shortest_timeout_ns  # a scan that opens from here on is due no sooner
+        self._deadline_ns = min(opening_ns, self._coast_due_ns, *(each.deadline_ns for each in self.assemblers))
+
+    def _cycle(self, scan: Scan, now_ns: int) -> Iterator[Cycle]:
+        """Scan → detections → tracks → obstacles → frames."""
+        self._last_scan_ns[scan.sensor] = now_ns
+        self._coast_due_ns = now_ns + int(_SILENT_CYCLES * self._coast_ns)
+        pose = self.ego.pose(scan.time_ns)
+        if pose is None:
+            self.counts.without_ego += 1
+            return
+        detections = self._mountings[scan.sensor].detections(scan, pose)
+        tracker = self._tracker_of[scan.sensor]
+        obstacles = self._step(tracker, detections, pose)
+        yield self._tell(obstacles, pose, now_ns, detections, tracker)
+        if self._watch is not None:
+            returns = self._watch.returns(detections, tracker, obstacles, pose)
+            if returns is not None:
+                self.ego.learn(returns)
+
+    def _coast(self, now_ns: int) -> Iterator[Cycle]:
+        """Tell where the obstacles should be, every sensor being silent."""
+        self._coast_due_ns = now_ns + self._coast_ns
+        pose = self.ego.pose(now_ns)
+        if pose is None:
+            return
+        self.counts.coasting_cycles += 1
+        yield self._tell(self._step(None, None, pose), pose, now_ns, None, None)
+
+    def _step(self, tracker: Tracker | None, detections: Detections | None, pose: EgoPose) -> Obstacles:
+        """Advance every group to the pose, the one tracker with detections."""
+        told = [each.step(detections if each is tracker else None, pose) for each in self.trackers]
+        return told[0] if len(told) == 1 else joined(told)
+
+    def _tell(
+        self, obstacles: Obstacles, pose: EgoPose, now_ns: int, detections: Detections | None, tracker: Tracker | None
+    ) -> Cycle:
+        """Encode a cycle's obstacles and count it."""
+        self.counts.cycles += 1
+        frames: list[Frame] = []
+        output = self.binding.output
+        if self._encoder is not None and output is not None:
+            status = OutputStatus(ego=int(pose.status), health=self._health(pose, now_ns), drops=self.drops)
+            fd = output.fd_ids
+            frames = [
+                Frame(now_ns, output.bus, can_id, data, can_id in fd)
+                for can_id, data in self._encoder.encode(obstacles, status, pose)
+            ]
+        self.counts.sent += len(frames)
+        return Cycle(now_ns, obstacles, frames, pose, detections, tracker)
+
+    def _health(self, pose: EgoPose, now_ns: int) -> int:
+        """Return 0 ok, 1 degraded (own motion is not valid), 2 a sensor is lost."""
+        for last_ns, cycle_ns in zip(self._last_scan_ns, self._cycle_ns, strict=True):
+            if now_ns - last_ns > _LOST_AFTER_CYCLES * cycle_ns:
+                return 2
+        return 0 if pose.status is EgoStatus.VALID else 1
+
+    def _make_routes(self) -> list[dict[int, Route]]:
+        """Return for each bus who receives an identifier: a sensor, own motion, or a counter of what nobody asks for."""
+        routes: list[dict[int, Route]] = [{} for _ in self.binding.buses]
+        for bus in self.binding.buses:
+            for database in bus.databases:
+                for can_id, message in database.by_id.items():
+                    routes[bus.index][can_id] = (_spare(message.length, self.counts.buses[bus.index]), 0, 0)
+        ego = self.binding.ego
+        if ego is not None:
+            for can_id, own in ego.messages.items():
+                routes[ego.bus][can_id] = (_own_motion(own, self.ego, self.counts.buses[ego.bus]), 0, 0)
+        for sensor, assembler in zip(self.binding.sensors, self.assemblers, strict=True):
+            routes[sensor.bus].update(assembler.routes)
+        return routes
+
+
+def _deadline(assembler: ScanAssembler) -> int:
+    return assembler.deadline_ns
+
+
+def _spare(length: int, counts: BusCounts) -> Receiver:
+    """Count the frames of a message that nothing asks for."""
+
+    def receive(_part: int, _slot: int, data: bytes, _time_ns: int) -> None:
+        if len(data) < length:
+            counts.short += 1
+        else:
+            counts.spare += 1
+
+    return receive
+
+
+def _own_motion(own: EgoMessage, ego: EgoMotion, counts: BusCounts) -> Receiver:
+    """Give a message's quantities to own motion."""
+    decode, names, affine = own.decode, own.quantities, tuple(zip(own.gains, own.biases, strict=True))
+
+    def receive(_part: int, _slot: int, data: bytes, time_ns: int) -> None:
+        raw = decode(data)
+        if raw is None:
+            counts.short += 1
+            return
+        ego.update(time_ns, names, [gain * value + bias for value, (gain, bias) in zip(raw, affine, strict=True)])
+
+    return receive
+
+
+def _make_trackers(binding: Binding) -> tuple[list[Tracker], list[Tracker]]:
+    """Return the trackers, and for each sensor the one of its group; identities are unique across them."""
+    ids = count(1)
+    config = binding.settings
+    groups = [(group.tracker, frozenset(group.sensors)) for group in config.groups.values()]
+    grouped = frozenset[str]().union(*(names for _, names in groups))
+    rest = frozenset(sensor.name for sensor in binding.sensors) - grouped
+    if rest:
+        groups.insert(0, (config.tracker, rest))
+    trackers = []
+    tracker_of: dict[str, Tracker] = {}
+    for settings, names in groups:
+        cycles = [sensor.settings.cycle_time for sensor in binding.sensors if sensor.name in names]
+        slack_ns = round(max(cycles) * 1e9) if len(cycles) > 1 else 0
+        views = [
+            View(sensor.settings.mount, sensor.settings.field_of_view)
+            for sensor in binding.sensors
+            if sensor.name in names
+        ]
+        tracker = Tracker(settings, ids, slack_ns=slack_ns, views=views)
+        trackers.append(tracker)
+        tracker_of.update(dict.fromkeys(names, tracker))
+    return trackers, [tracker_of[sensor.name] for sensor in binding.sensors]
