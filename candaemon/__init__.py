@@ -19,10 +19,11 @@ if TYPE_CHECKING:
     from candaemon.binding import Binding, bind
     from candaemon.bus.frame import Frame, Tick
     from candaemon.config import json_schema, load_config
+    from candaemon.cycle import Cycle
     from candaemon.estimation.imm import Imm
     from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel
-    from candaemon.pipeline import Cycle, Pipeline
-    from candaemon.replay import Replayed, ReplayRequest, replay
+    from candaemon.pipeline import Pipeline
+    from candaemon.replayer import Replayed, ReplayRequest, replay
     from candaemon.summary import summarise
     from candaemon.tracking.obstacles import Obstacles
     from candaemon.tracking.tracker import Tracker
@@ -35,8 +36,9 @@ _EXPORTS = {
     "candaemon.config": ("json_schema", "load_config"),
     "candaemon.estimation.imm": ("Imm",),
     "candaemon.estimation.models": ("CoordinatedTurn", "CurrentStatistical", "LinearModel"),
-    "candaemon.pipeline": ("Cycle", "Pipeline"),
-    "candaemon.replay": ("ReplayRequest", "Replayed", "replay"),
+    "candaemon.cycle": ("Cycle",),
+    "candaemon.pipeline": ("Pipeline",),
+    "candaemon.replayer": ("ReplayRequest", "Replayed", "replay"),
     "candaemon.summary": ("summarise",),
     "candaemon.tracking.obstacles": ("Obstacles",),
     "candaemon.tracking.tracker": ("Tracker",),
@@ -71,10 +73,8 @@ def __getattr__(name: str) -> Any:
     module = _MODULE_OF.get(name)
     if module is None:
         raise AttributeError(f"module 'candaemon' has no attribute '{name}'")
-    loaded = import_module(module)
-    # All names of a module at once: importing `candaemon.replay` leaves the module where the function belongs.
-    globals().update({each: getattr(loaded, each) for each in _EXPORTS[module]})
-    return globals()[name]
+    value = globals()[name] = getattr(import_module(module), name)
+    return value
 
 
 def __dir__() -> list[str]:

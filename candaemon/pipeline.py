@@ -7,90 +7,28 @@ happened on the road happens again from its recording.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 from itertools import count
 
 from candaemon.binding.bound import Binding
 from candaemon.binding.ego import EgoMessage
 from candaemon.bus.frame import Frame, Tick
+from candaemon.cycle import BusCounts, Cycle, PipelineCounts
 from candaemon.output.encoder import OutputEncoder, OutputStatus
+from candaemon.sensing.assembly import NEVER, Receiver, Route, ScanAssembler
+from candaemon.sensing.closing import make_assembler
 from candaemon.sensing.detections import Detections
 from candaemon.sensing.ego import EgoMotion
 from candaemon.sensing.mounting import Mounting, View
 from candaemon.sensing.pose import EgoPose, EgoStatus
-from candaemon.sensing.assembly import NEVER, Receiver, Route, ScanAssembler
-from candaemon.sensing.closing import make_assembler
 from candaemon.sensing.scan import Scan
 from candaemon.sensing.sources import make_ego
-from candaemon.tracking.stationary import StationaryWatch
 from candaemon.tracking.obstacles import Obstacles, joined
+from candaemon.tracking.stationary import StationaryWatch
 from candaemon.tracking.tracker import Tracker
 
 _SILENT_CYCLES = 1.5
 _LONGEST_COASTING_NS = 10_000_000_000
 _LOST_AFTER_CYCLES = 5
-
-
-@dataclass(slots=True)
-class BusCounts:
-    """Frames of one bus.
-
-    Attributes:
-        frames: all.
-        spare: in a DBC of this bus, but nothing asks for them.
-        unknown: in no DBC of this bus.
-        short: in the DBC with more bytes than they have; those of sensors are counted with their scans.
-    """
-
-    frames: int = 0
-    spare: int = 0
-    unknown: int = 0
-    short: int = 0
-
-    @property
-    def used(self) -> int:
-        """Frames that a sensor or own motion took."""
-        return self.frames - self.spare - self.unknown - self.short
-
-
-@dataclass(slots=True)
-class PipelineCounts:
-    """What the pipeline did.
-
-    Attributes:
-        cycles: times that obstacles were told.
-        coasting_cycles: those of them without a scan, because every sensor was silent.
-        without_ego: scans dropped because own motion was not known yet.
-        sent: frames made for the output bus.
-        buses: per bus.
-    """
-
-    cycles: int = 0
-    coasting_cycles: int = 0
-    without_ego: int = 0
-    sent: int = 0
-    buses: list[BusCounts] = field(default_factory=list)
-
-
-@dataclass(frozen=True, slots=True)
-class Cycle:
-    """One cycle of the daemon.
-
-    Attributes:
-        time_ns: when it was told: the time of the frame that closed the scan.
-        obstacles: of all groups; their own time is that of the measurement.
-        frames: what goes onto the output bus.
-        pose: own pose at the obstacles' time.
-        detections: the scan's, None in a cycle without one.
-        tracker: the group's tracker that took them, to be asked before the next cycle.
-    """
-
-    time_ns: int
-    obstacles: Obstacles
-    frames: list[Frame]
-    pose: EgoPose
-    detections: Detections | None
-    tracker: Tracker | None
 
 
 class Pipeline:
@@ -239,7 +177,7 @@ class Pipeline:
         return 0 if pose.status is EgoStatus.VALID else 1
 
     def _make_routes(self) -> list[dict[int, Route]]:
-        """Return for each bus who receives an identifier: a sensor, own motion, or a counter of what nobody asks for."""
+        """Return for each bus who receives an identifier: a sensor, own motion, or a counter of the rest."""
         routes: list[dict[int, Route]] = [{} for _ in self.binding.buses]
         for bus in self.binding.buses:
             for database in bus.databases:

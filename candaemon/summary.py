@@ -1,4 +1,4 @@
-"""What a user without truth wants to know of a drive: what was read, what was lost, how far the tracks can be believed."""
+"""What a user without truth wants to know of a drive: what was read and lost, how far the tracks can be believed."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from candaemon.evaluation.prediction import DuplicateScore, NisScore, PredictionScore, StationarySpeed
+from candaemon.cycle import Cycle
+from candaemon.evaluation.duplicates import DuplicateScore
+from candaemon.evaluation.prediction import NisScore, PredictionScore, StationarySpeed
 from candaemon.evaluation.runs import ObjectRuns
-from candaemon.pipeline import Cycle
 from candaemon.tracking.obstacles import TENTATIVE
 
 if TYPE_CHECKING:
-    from candaemon.replay import Replayed
+    from candaemon.replayer import Replayed
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -211,9 +211,14 @@ def test_written_as_ars408_objects_obstacles_read_back(seed: int, n: int) -> Non
     assert len(frames) == 1 + 3 * n
     (scan,) = scans(sensor("ars408"), frames)
     assert scan.complete
-    told = scan.object_id - 1
-    view = View(seen, told, bound.settings.mount, pose)
     rows = dict(zip(sensor("ars408").reader.quantities, scan.values, strict=True))
+    everyone = View(seen, np.arange(len(seen)), bound.settings.mount, pose)
+    places = [everyone.quantity(name, polar=False) for name in ("x", "y")]
+    told = np.array(
+        [np.argmin(np.hypot(places[0] - x, places[1] - y)) for x, y in zip(rows["x"], rows["y"], strict=True)], int
+    )
+    assert len(set(told.tolist())) == n
+    view = View(seen, told, bound.settings.mount, pose)
     for name, quantity, step in (("x", "x", 0.2), ("y", "y", 0.2), ("vx", "rel_vx", 0.25), ("vy", "rel_vy", 0.25)):
         assert rows[name] == pytest.approx(view.quantity(quantity, polar=False), abs=0.51 * step)
     again = encoder.encode(obstacles(1), STATUS, pose)

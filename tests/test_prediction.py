@@ -8,13 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from candaemon.evaluation.duplicates import DuplicateScore, duplicated
 from candaemon.evaluation.prediction import (
-    DuplicateScore,
     NisScore,
     PredictionScore,
     StationarySpeed,
     chi2_quantile,
-    duplicated,
 )
 from candaemon.evaluation.runs import ObjectRuns
 from candaemon.evaluation.tables import Booleans, Integers

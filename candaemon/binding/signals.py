@@ -121,9 +121,15 @@ def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, where: Where)
 
 def field_reader(message: MessageSpec, signal: SignalSpec) -> Callable[[bytes], int]:
     """Make a function that reads one integer signal (a counter, an id) from a payload long enough."""
-    whole_byte = signal.length == 8 and first_bit(signal) % 8 == 0 and signal.multiplexer_signal is None
-    if whole_byte and not signal.signed and not signal.is_float and (signal.scale, signal.offset) == (1, 0):
-        return operator.itemgetter(first_bit(signal) // 8)
+    first = first_bit(signal)
+    byte, before = divmod(first, 8)
+    plain = not signal.signed and not signal.is_float and (signal.scale, signal.offset) == (1, 0)
+    if plain and signal.multiplexer_signal is None and before + signal.length <= 8:
+        if signal.length == 8:
+            return operator.itemgetter(byte)
+        shift = before if signal.byte_order == "little" else 8 - before - signal.length
+        mask = (1 << signal.length) - 1
+        return lambda data: data[byte] >> shift & mask
     decode = compile_decoder(message, [signal.name])
 
     def read(data: bytes) -> int:

@@ -8,8 +8,9 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from candaemon.binding.conditions import value_limits
 from candaemon.binding.parts import Part, check_layouts, find_in_parts, find_signal, resolve_parts
-from candaemon.binding.plan import PartPlan, SignalPlan, add_conditions, add_quantity, add_values
+from candaemon.binding.plan import OPEN_ENDED, PartPlan, SignalPlan, add_conditions, add_quantity, add_values
 from candaemon.binding.signals import wraps_at
 from candaemon.binding.where import Where, collected, raise_all
 from candaemon.bus.codec import BatchEncoder
@@ -239,6 +240,8 @@ def _wire(plan: SignalPlan, found: npt.NDArray[np.float64] | npt.NDArray[np.inte
         wire = wire - binding.bias
     if binding.gain != 1.0:
         wire = wire / binding.gain
+    if binding.quantity in OPEN_ENDED:
+        return np.clip(wire, *value_limits(plan.signal)), None
     if plan.interval is None:
         return wire, None
     inside = np.clip(wire, *plan.interval)

@@ -15,7 +15,7 @@ class BusSettings(Settings):
     log_channel: str | None = Field(None, description="this bus's channel name in recorded logs; default: channel")
     dbc: tuple[str, ...] = Field(
         (),
-        description="DBC files of what else is on this bus, relative to this YAML; frames of theirs are counted as known",
+        description="DBC files of what else is on this bus, relative to this YAML; their frames are counted as known",
     )
     fd: bool = Field(False, description="open for CAN FD")
     bitrate: int = Field(500_000, gt=0, description="nominal bit rate in bit/s; sets the load that `check` prints")

@@ -142,15 +142,22 @@ class ReflectionSettings(Settings):
 class LifecycleSettings(Settings):
     """Birth, confirmation, coasting, deletion."""
 
-    confirm: int = Field(4, ge=1, le=32, description="scans with a detection that confirm a track …")
-    window: int = Field(6, ge=1, le=32, description="… among so many")
+    confirm: int = Field(5, ge=1, le=32, description="scans with a detection that confirm a track …")
+    window: int = Field(8, ge=1, le=32, description="… among so many")
     coast: float = Field(1.0, gt=0, le=30, description="s that a confirmed obstacle lives on without a detection")
     tentative_coast: float = Field(0.12, gt=0, le=5, description="s that a tentative one does")
     reflection_coast: float = Field(
         0.4, gt=0, le=30, description="s that a reflection does while its obstacle has others"
     )
-    lateral_speed: float = Field(
-        3.0, gt=0, le=50, description="m/s, standard deviation of the first speed that no signal gives"
+    uncertainty: float = Field(
+        2.0,
+        gt=0,
+        le=100,
+        description="m, standard deviation of its place with which an undetected obstacle is given up",
+    )
+    first_speed: Pair = Field(
+        default_factory=lambda: AlongAcross(along=25.0, across=5.0),
+        description="m/s, standard deviation over ground of an unknown target, along and across our own heading",
     )
 
     @model_validator(mode="after")

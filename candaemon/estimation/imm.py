@@ -11,11 +11,12 @@ component with the estimate of those models that have it; so it biases nobody (Y
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from candaemon.estimation.kalman import line_of_sight, symmetrise, update_position, update_scalar
+from candaemon.estimation.kalman import line_of_sight, propagated, symmetrise, update_position, update_scalar
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.models import ACCELERATION, TURN, VELOCITY, CoordinatedTurn, MotionModel
 
@@ -23,6 +24,21 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 _LEAST_PROBABILITY = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class _Lending:
+    """Components that some models have and lend to the others for the mixing."""
+
+    block: slice
+    lenders: list[int]
+    borrowers: list[int]
+
+    @classmethod
+    def of(cls, has: NDArray[np.bool_], block: slice) -> _Lending:
+        """Find who has the components, by the table has[model, component]."""
+        have = has[:, block].any(axis=1)
+        return cls(block, np.flatnonzero(have).tolist(), np.flatnonzero(~have).tolist())
 
 
 class Imm:
@@ -47,7 +63,9 @@ class Imm:
         self._width = max(used) + 1
         m, d = len(self._models), self._width
         self._has = np.array([[c in model.components for c in range(d)] for model in self._models])
-        self._turning = np.array([isinstance(model, CoordinatedTurn) for model in self._models])
+        self._has_both = self._has[:, :, None] & self._has[:, None, :]
+        self._turning = [j for j, model in enumerate(self._models) if isinstance(model, CoordinatedTurn)]
+        self._lending = [_Lending.of(self._has, block) for block in (ACCELERATION, slice(TURN, TURN + 1))]
         self._first_variance = np.zeros(d)
         self._first_variance[4:6] = acceleration**2
         self._first_variance[6:] = turn_rate**2
@@ -75,7 +93,7 @@ class Imm:
         covariance[:] = np.diag(self._first_variance)
         covariance[:, :, :2, :2] = position_covariance[:, None]
         covariance[:, :, 2:4, 2:4] = velocity_covariance[:, None]
-        covariance *= self._has[:, :, None] & self._has[:, None, :]
+        covariance *= self._has_both
         self._append(mean, covariance, np.full((k, m), 1.0 / m))
 
     def clone(self, rows: Rows, position: Floats, position_covariance: Floats) -> None:
@@ -97,18 +115,9 @@ class Imm:
             return
         if len(self._models) > 1:
             self._mix(dt)
-        fs, qs = [], []
         for j, model in enumerate(self._models):
             self.mean[:, j], f, q = model.transition(self.mean[:, j], dt, direction)
-            fs.append(f)
-            qs.append(q)
-        if len(self._models) == 1:
-            f, covariance = fs[0], self.covariance[:, 0]
-            covariance = np.matmul(np.matmul(f, covariance), np.swapaxes(f, -1, -2)) + qs[0]
-            self.covariance = covariance[:, None]
-        else:
-            for j, (f, q) in enumerate(zip(fs, qs, strict=True)):
-                self.covariance[:, j] = np.matmul(np.matmul(f, self.covariance[:, j]), np.swapaxes(f, -1, -2)) + q
+            np.add(propagated(self.covariance[:, j], f), q, out=self.covariance[:, j])
         symmetrise(self.covariance)
 
     def update(self, rows: Rows, measurement: Measurement) -> Floats:
@@ -142,7 +151,8 @@ class Imm:
         posterior = np.maximum(posterior, _LEAST_PROBABILITY)
         posterior /= posterior.sum(axis=1, keepdims=True)
         self.probability[rows] = posterior
-        return (prior * nis).sum(axis=1)
+        weighted: Floats = (prior * nis).sum(axis=1)
+        return weighted
 
     @staticmethod
     def _scalar(
@@ -166,18 +176,17 @@ class Imm:
         mean = np.zeros((*self.mean.shape[:2], 6))
         shared = min(self._width, 6)
         mean[:, :, :shared] = self.mean[:, :, :shared]
-        if self._turning.any():
-            turn = self.mean[:, self._turning]
-            mean[:, self._turning, 4] = -turn[:, :, TURN] * turn[:, :, 3]
-            mean[:, self._turning, 5] = turn[:, :, TURN] * turn[:, :, 2]
-        overall = (self.probability[:, :, None] * mean).sum(axis=1)
-        spread = mean - overall[:, None]
-        covariance = np.zeros((len(mean), 6, 6))
-        covariance[:, :shared, :shared] = np.einsum(
-            "nj,njab->nab", self.probability, self.covariance[:, :, :shared, :shared]
-        )
-        covariance += np.matmul(np.swapaxes(spread, 1, 2) * self.probability[:, None, :], spread)
-        return overall, covariance
+        for j in self._turning:
+            turn_rate = self.mean[:, j, TURN]
+            mean[:, j, 4] = -turn_rate * self.mean[:, j, 3]
+            mean[:, j, 5] = turn_rate * self.mean[:, j, 2]
+        overall = np.matmul(self.probability[:, None, :], mean)
+        mean -= overall
+        covariance = np.matmul(np.swapaxes(mean, 1, 2) * self.probability[:, None, :], mean)
+        n, m, d = self.mean.shape
+        within = np.matmul(self.probability[:, None, :], self.covariance.reshape(n, m, d * d)).reshape(n, d, d)
+        covariance[:, :shared, :shared] += within[:, :shared, :shared]
+        return overall[:, 0], covariance
 
     def expected_position(self, rows: Rows, horizon: float, direction: Floats) -> Floats:
         """Return where the given rows' models expect their targets after a time.
@@ -212,31 +221,38 @@ class Imm:
         weights = self.probability[:, None, :] * switch.T[None] / predicted[:, :, None]
         centre = self.mean[:, 0].copy()
         deviation = self.mean - centre[:, None]
-        moment = self.covariance + deviation[..., :, None] * deviation[..., None, :]
+        moment = deviation[..., :, None] * deviation[..., None, :]
+        moment += self.covariance
         shift = np.matmul(weights, deviation)
         mixed = np.matmul(weights, moment.reshape(-1, m, d * d)).reshape(-1, m, d, d)
         mixed -= shift[..., :, None] * shift[..., None, :]
-        mixed *= self._has[:, :, None] & self._has[:, None, :]
+        mixed *= self._has_both
         self.mean = (centre[:, None] + shift) * self._has
         self.covariance = mixed
         self.probability = predicted
 
     def _fill_missing(self) -> None:
         """Give the components a model lacks the estimate of those that have them."""
-        for c in ((4, 5), (TURN,)):
-            owners = self._has[:, c[0]] if c[0] < self._width else np.zeros(len(self._models), dtype=bool)
-            if not owners.any() or owners.all():
+        for lending in self._lending:
+            if not lending.lenders or not lending.borrowers:
                 continue
-            block = slice(c[0], c[-1] + 1)
-            share = self.probability[:, owners] / np.maximum(
-                self.probability[:, owners].sum(axis=1, keepdims=True), 1e-300
-            )
-            mean = np.einsum("nj,njc->nc", share, self.mean[:, owners, block])
-            spread = self.mean[:, owners, block] - mean[:, None]
-            covariance = np.einsum("nj,njcd->ncd", share, self.covariance[:, owners, block, block])
-            covariance += np.einsum("nj,njc,njd->ncd", share, spread, spread)
-            self.mean[:, ~owners, block] = mean[:, None]
-            self.covariance[:, ~owners, block, block] = covariance[:, None]
+            block = lending.block
+            mean, covariance = self._estimate(lending.lenders, block)
+            for j in lending.borrowers:
+                self.mean[:, j, block] = mean
+                self.covariance[:, j, block, block] = covariance
+
+    def _estimate(self, models: list[int], block: slice) -> tuple[Floats, Floats]:
+        """Combine what some models say of some components: mean (n, C) and covariance (n, C, C)."""
+        if len(models) == 1:
+            return self.mean[:, models[0], block], self.covariance[:, models[0], block, block]
+        probability = self.probability[:, models]
+        share = probability / np.maximum(probability.sum(axis=1, keepdims=True), 1e-300)
+        mean = np.einsum("nj,njc->nc", share, self.mean[:, models, block])
+        spread = self.mean[:, models, block] - mean[:, None]
+        covariance = np.einsum("nj,njcd->ncd", share, self.covariance[:, models, block, block])
+        covariance += np.einsum("nj,njc,njd->ncd", share, spread, spread)
+        return mean, covariance
 
 
 __all__ = ["ACCELERATION", "Imm"]

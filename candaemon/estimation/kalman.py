@@ -42,19 +42,21 @@ def update_position(mean: Floats, covariance: Floats, position: Floats, noise: F
     Returns:
         The fit before the update, two degrees of freedom.
     """
-    innovation = position - mean[..., :2]
-    s = covariance[..., :2, :2] + noise
-    a, b, d = s[..., 0, 0], s[..., 0, 1], s[..., 1, 1]
+    x, y = position[..., 0] - mean[..., 0], position[..., 1] - mean[..., 1]
+    a = covariance[..., 0, 0] + noise[..., 0, 0]
+    b = covariance[..., 0, 1] + noise[..., 0, 1]
+    d = covariance[..., 1, 1] + noise[..., 1, 1]
     determinant = a * d - b * b
-    inverse = np.empty_like(s)
-    inverse[..., 0, 0], inverse[..., 1, 1] = d, a
-    inverse[..., 0, 1] = inverse[..., 1, 0] = -b
-    inverse /= determinant[..., None, None]
-    weighted = np.matmul(inverse, innovation[..., None])
-    nis = innovation[..., 0] * weighted[..., 0, 0] + innovation[..., 1] * weighted[..., 1, 0]
+    inverse = np.empty((*a.shape, 2, 2))
+    np.divide(d, determinant, out=inverse[..., 0, 0])
+    np.divide(a, determinant, out=inverse[..., 1, 1])
+    inverse[..., 0, 1] = inverse[..., 1, 0] = b / -determinant
+    nis = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
     cross = covariance[..., :, :2].copy()
-    mean += np.matmul(cross, weighted)[..., 0]
-    covariance -= np.matmul(np.matmul(cross, inverse), np.swapaxes(cross, -1, -2))
+    gain = np.matmul(cross, inverse)
+    mean += gain[..., 0] * x[..., None]
+    mean += gain[..., 1] * y[..., None]
+    covariance -= np.matmul(gain, np.swapaxes(cross, -1, -2))
     return Fit(nis, -0.5 * (nis + np.log(determinant)) - LOG_2PI)
 
 
@@ -71,7 +73,7 @@ def update_scalar(mean: Floats, covariance: Floats, row: Floats, innovation: Flo
     Returns:
         The fit before the update, one degree of freedom.
     """
-    cross = np.matmul(covariance[..., : row.shape[-1]], row[..., None])[..., 0]
+    cross = np.matmul(row[..., None, :], covariance[..., : row.shape[-1], :])[..., 0, :]
     s = (row * cross[..., : row.shape[-1]]).sum(axis=-1) + variance
     gain = cross / s[..., None]
     mean += gain * innovation[..., None]
@@ -88,18 +90,35 @@ def line_of_sight(mean: Floats, origin: Floats, velocity: Floats) -> tuple[Float
         origin: the sensor's position (…, 2), m, in the axes of the state.
         velocity: the sensor's velocity over ground (…, 2), m/s.
     """
-    offset = mean[..., :2] - origin
-    distance = np.sqrt((offset * offset).sum(axis=-1, keepdims=True))
-    unit = offset / np.maximum(distance, 1e-3)
-    relative = mean[..., 2:4] - velocity
-    rate = (unit * relative).sum(axis=-1)
+    x, y = mean[..., 0] - origin[..., 0], mean[..., 1] - origin[..., 1]
+    vx, vy = mean[..., 2] - velocity[..., 0], mean[..., 3] - velocity[..., 1]
+    distance = np.sqrt(x * x + y * y)
+    nearest = np.maximum(distance, 1e-3)
+    x /= nearest
+    y /= nearest
+    rate = x * vx + y * vy
     row = np.empty((*mean.shape[:-1], 4))
-    row[..., :2] = (relative - rate[..., None] * unit) / np.maximum(distance, 1.0)
-    row[..., 2:] = unit
+    far = np.maximum(distance, 1.0)
+    row[..., 0] = (vx - rate * x) / far
+    row[..., 1] = (vy - rate * y) / far
+    row[..., 2] = x
+    row[..., 3] = y
     return rate, row
+
+
+def propagated(covariance: Floats, transition: Floats) -> Floats:
+    """Return F P Fᵀ of symmetric covariances (n, D, D) for transitions (n or 1, D, D)."""
+    if len(transition) > 1:
+        each: Floats = np.matmul(np.matmul(transition, covariance), np.swapaxes(transition, -1, -2))
+        return each
+    # One F for all is two large products instead of 2 n small ones: P Fᵀ, and its transpose times Fᵀ.
+    width = covariance.shape[-1]
+    half = (covariance.reshape(-1, width) @ transition[0].T).reshape(-1, width, width)
+    both: Floats = np.swapaxes(half, 1, 2).reshape(-1, width) @ transition[0].T
+    return both.reshape(-1, width, width)
 
 
 def symmetrise(covariance: Floats) -> None:
     """Make the covariances symmetric in place; without it the short update form diverges in some 1,000 cycles."""
-    covariance += np.swapaxes(covariance, -1, -2).copy()
+    np.add(covariance, np.swapaxes(covariance, -1, -2), out=covariance)  # numpy sees the overlap and reads a copy
     covariance *= 0.5

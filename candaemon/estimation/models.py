@@ -12,6 +12,7 @@ Paper 000 writes the same matrices with the state ordered [x, ẋ, ẍ, y, ẏ, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import expm1
 from typing import Protocol
 
 import numpy as np
@@ -20,9 +21,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6
+_X, _Y = slice(0, 6, 2), slice(1, 6, 2)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 _NODES, _WEIGHTS = (_NODES + 1) / 2, _WEIGHTS / 2
-_EYE2 = np.eye(2)
 
 
 class MotionModel(Protocol):
@@ -73,26 +74,18 @@ def decaying_axis(rate: float, dt: float, intensity: float, *, order: int) -> Ax
     Returns:
         Transition (15) and noise (19) of paper 000 for order 2.
     """
-    decay, settled = _decay(rate, dt)
+    settled = -expm1(-rate * dt) / rate
+    decay = 1.0 - rate * settled
     moments = np.zeros((3, len(_NODES)))
-    f = np.zeros((3, 3))
-    f[0, 0] = 1.0
     elapsed = _NODES * dt
-    ramp = -np.expm1(-rate * elapsed) / rate
+    ramp = np.expm1(-rate * elapsed) / -rate
     if order == 1:
-        f[0, 1], f[1, 1] = settled, decay
+        f = np.array(((1.0, settled, 0.0), (0.0, decay, 0.0), (0.0, 0.0, 0.0)))
         moments[0], moments[1] = ramp, 1.0 - rate * ramp
     else:
-        f[0, 1], f[0, 2] = dt, (dt - settled) / rate
-        f[1, 1], f[1, 2], f[2, 2] = 1.0, settled, decay
+        f = np.array(((1.0, dt, (dt - settled) / rate), (0.0, 1.0, settled), (0.0, 0.0, decay)))
         moments[0], moments[1], moments[2] = (elapsed - ramp) / rate, ramp, 1.0 - rate * ramp
     return Axis(f, intensity * _integrated(moments, dt))
-
-
-def _decay(rate: float, dt: float) -> tuple[float, float]:
-    """Return e^(−αT) and (1 − e^(−αT)) / α."""
-    settled = float(-np.expm1(-rate * dt)) / rate
-    return 1.0 - rate * settled, settled
 
 
 def white_axis(dt: float, intensity: float, *, order: int) -> Axis:
@@ -116,17 +109,25 @@ def white_axis(dt: float, intensity: float, *, order: int) -> Axis:
 
 def _plane(along: Floats, across: Floats, direction: Floats, width: int) -> Floats:
     """Spread two 3 × 3 axis matrices over the plane, (n, width, width)."""
-    full = np.zeros((width, width))
-    full[:6, :6] = np.kron(across, _EYE2)
     difference = along - across
     if not difference.any():
-        return full[None]
-    projector = direction[:, :, None] * direction[:, None, :]
-    out = np.empty((len(direction), width, width))
-    out[:] = full
-    spread = difference[None, :, None, :, None] * projector[:, None, :, None, :]
-    out[:, :6, :6] += spread.reshape(-1, 6, 6)
+        return _isotropic(across, width)[None]
+    cosine, sine = direction[:, 0, None, None], direction[:, 1, None, None]
+    mixed = difference * (cosine * sine)
+    out = np.zeros((len(direction), width, width))
+    out[:, _X, _X] = across + difference * (cosine * cosine)
+    out[:, _Y, _Y] = across + difference * (sine * sine)
+    out[:, _X, _Y] = mixed
+    out[:, _Y, _X] = mixed
     return out
+
+
+def _isotropic(axis: Floats, width: int) -> Floats:
+    """Give x and y the same 3 × 3 matrix, (width, width)."""
+    full = np.zeros((width, width))
+    full[_X, _X] = axis
+    full[_Y, _Y] = axis
+    return full
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +170,8 @@ class LinearModel:
         along, across = self.axes(dt)
         f = _plane(along.transition, across.transition, direction, mean.shape[1])
         q = _plane(along.noise, across.noise, direction, mean.shape[1])
-        return np.matmul(f, mean[:, :, None])[:, :, 0], f, q
+        predicted = mean @ f[0].T if len(f) == 1 else np.matmul(f, mean[:, :, None])[:, :, 0]
+        return predicted, f, q
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,20 +205,15 @@ class CurrentStatistical:
         del direction  # the model is the same in every direction
         width = mean.shape[1]
         axis = decaying_axis(self.alpha, dt, 2 * self.alpha, order=2)
-        f = np.zeros((width, width))
-        f[:6, :6] = np.kron(axis.transition, _EYE2)
         predicted = mean.copy()
         acceleration = mean[:, ACCELERATION]
         predicted[:, POSITION] += dt * mean[:, VELOCITY] + (dt * dt / 2) * acceleration
         predicted[:, VELOCITY] += dt * acceleration
         q = np.zeros((len(mean), width, width))
-        blocks = q[:, :6, :6].reshape(-1, 3, 2, 3, 2) if width == 6 else np.zeros((len(mean), 3, 2, 3, 2))
         variance = self.variance(acceleration)
-        for a in (0, 1):
-            blocks[:, :, a, :, a] = variance[:, a, None, None] * axis.noise
-        if width != 6:
-            q[:, :6, :6] = blocks.reshape(-1, 6, 6)
-        return predicted, f[None], q
+        q[:, _X, _X] = variance[:, 0, None, None] * axis.noise
+        q[:, _Y, _Y] = variance[:, 1, None, None] * axis.noise
+        return predicted, _isotropic(axis.transition, width)[None], q
 
     def variance(self, acceleration: Floats) -> Floats:
         """Return σₐ² of (8) and (20), with the clamp and the floor."""
@@ -272,7 +269,6 @@ class CoordinatedTurn:
         f[:, 3, TURN] = dt * predicted[:, 2]
         axis = white_axis(dt, self.noise, order=1).noise
         axis[0, 0] += self.wander * dt
-        q = np.zeros((1, mean.shape[1], mean.shape[1]))
-        q[0, :4, :4] = np.kron(axis[:2, :2], _EYE2)
-        q[0, TURN, TURN] = self.turn_noise * dt
-        return predicted, f, q
+        q = _isotropic(axis, mean.shape[1])
+        q[TURN, TURN] = self.turn_noise * dt
+        return predicted, f, q[None]

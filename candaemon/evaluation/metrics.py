@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from candaemon.errors import InputError
+from candaemon.evaluation.duplicates import duplicated
 from candaemon.evaluation.matching import Cycle, Gospa, assign, covered, cycles, gospa, resample
-from candaemon.evaluation.prediction import chi2_quantile, duplicated
+from candaemon.evaluation.prediction import chi2_quantile
 from candaemon.evaluation.results import (
     ActorResult,
     Consistency,

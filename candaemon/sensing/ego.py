@@ -113,7 +113,8 @@ class MotionHistory:
         Args:
             time_ns: when.
             heading: continuous, not wrapped, rad from the frame's x axis, positive to the left.
-            ve, vn: velocity over ground of the rear axle's centre, m/s.
+            ve: velocity over ground of the rear axle's centre, east, m/s.
+            vn: the same, north.
             yaw_rate: rad/s, positive to the left.
         """
         last = self.latest

@@ -27,6 +27,7 @@ class OdometryMotion:
         self.bias = MotionBias(settings.bias)
         self._yaw_rate: float | None = None
         self._wheel_speed = 0.0
+        self._sides: dict[str, float] = {}
         self._heading = 0.0
         self._turned_to_ns: int | None = None
         self.history = MotionHistory(
@@ -40,29 +41,27 @@ class OdometryMotion:
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Take the quantities of one frame."""
         time_ns -= self._latency_ns
-        left = right = total = 0.0
-        speeds = pairs = 0
+        sums: dict[str, tuple[float, int]] = {}
         for name, value in zip(names, values, strict=True):
-            if value != value:  # NaN: the DBC's multiplexer left it out
-                continue
-            if name == "yaw_rate":
-                self._turn(time_ns)
-                self._yaw_rate = value
-            elif name == "left_wheels":
-                left += value
-                pairs += 1
-            elif name == "right_wheels":
-                right += value
-            else:
-                total += value
-                speeds += 1
-        if pairs:
-            self._wheels(right / pairs - left / pairs)
-            total, speeds = left + right, 2 * pairs
-        if speeds and self._yaw_rate is not None:
-            self._add_sample(time_ns, total / speeds)
+            if value == value:  # NaN: the DBC's multiplexer left it out
+                total, number = sums.get(name, (0.0, 0))
+                sums[name] = total + value, number + 1
+        mean = {name: total / number for name, (total, number) in sums.items()}
+        if "yaw_rate" in mean:
+            self._turn(time_ns)
+            self._yaw_rate = mean.pop("yaw_rate")
+        speed = mean.pop("speed", None)
+        self._sides.update(mean)
+        if len(self._sides) == 2:  # both sides are fresh, be it from one message or from two
+            left, right = self._sides["left_wheels"], self._sides["right_wheels"]
+            self._sides.clear()
+            speed = (left + right) / 2
+            self._compare(right - left)
+        if speed is not None and self._yaw_rate is not None:
+            self._add_sample(time_ns, speed)
 
-    def _wheels(self, difference: float) -> None:
+    def _compare(self, difference: float) -> None:
+        """Let the wheels' difference of speed, right less left, correct the yaw rate."""
         if self._yaw_rate is not None:
             self.bias.learn_from_wheels(difference / self._track_width - self._yaw_rate)
 

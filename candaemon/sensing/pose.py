@@ -60,7 +60,7 @@ class EgoPose:
 
     def to_vehicle(self, points: Floats) -> Floats:
         """Return level-frame points (n, 2) in vehicle axes."""
-        return (points - np.array([self.east, self.north])) @ self.rotation
+        return np.asarray((points - np.array([self.east, self.north])) @ self.rotation)
 
     def velocity_in_vehicle_axes(self) -> tuple[float, float]:
         """Return the velocity over ground of the rear axle's centre along x and y of the vehicle, m/s."""

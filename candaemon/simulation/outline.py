@@ -3,9 +3,9 @@
 An actor is a rectangle in its own axes (x along its length), or a point. A radar sees the sides that face it: an
 end, and of a flank the part next to that end, where wheels and corners reflect.
 
-The *reference point* of an actor is the middle of the end that faces the observer: the rear's of a vehicle ahead, the
-front's of one that comes; alongside, between its ends, the nearest point of the flank. It is what truth tables tell, and
-where the first reflection lies.
+The *reference point* of an actor lies on the side that the observer is farther out from: it is the middle of an end
+(the rear of a vehicle ahead, the front of one that comes) or the nearest point of a flank (of one that crosses or is
+passed). It is what truth tables tell, and where the first reflection lies.
 """
 
 from __future__ import annotations
@@ -41,7 +41,13 @@ def reference_offsets(eye: Plane, half_length: Floats, half_width: Floats) -> Pl
 
     """
     along = np.clip(eye.real, -half_length, half_length)
-    return np.where(np.abs(eye.real) > half_length, along + 0j, along + 1j * np.copysign(half_width, eye.imag))
+    on_end = _sees_end(eye, half_length, half_width)
+    return np.where(on_end, along + 0j, along + 1j * np.copysign(half_width, eye.imag))
+
+
+def _sees_end(eye: Plane, half_length: Floats, half_width: Floats) -> Mask:
+    """Tell of which actors the observer sees an end rather than a flank."""
+    return np.asarray(np.abs(eye.real) - half_length >= np.abs(eye.imag) - half_width)
 
 
 class Reflections:
@@ -78,11 +84,11 @@ class Reflections:
         faces_end, faces_flank = np.abs(at.real) > length, np.abs(at.imag) > width
         x_side, y_side = np.copysign(length, at.real), np.copysign(width, at.imag)
         first = self.order == 0
-        on_end = faces_end & (first | ~faces_flank | (self.order % 2 == 1))
+        on_end = np.where(first, _sees_end(at, length, width), faces_end & (~faces_flank | (self.order % 2 == 1)))
         across = np.clip(np.where(first, 0.0, self._side * width) + drift, -width, width)
         from_end = x_side - np.copysign(self._depth, at.real)
         beside = at.real + np.where(first, 0.0, np.where(self.order % 2 == 1, self._depth, -self._depth))
-        along = np.where(faces_end, from_end, beside)
+        along = np.where(faces_end & ~first, from_end, beside)
         along = np.clip(along + drift, -length, length)
         return np.where(on_end, x_side + 1j * across, along + 1j * y_side)
 

@@ -202,7 +202,7 @@ class Measurement(Settings):
     detection_probability: float = Field(0.95, gt=0, le=1, description="of each visible reflection in each scan")
     clutter: float = Field(0.5, ge=0, le=50, description="mean false objects a scan, uniform over the field of view")
     clutter_persistence: float = Field(
-        0.1, ge=0, lt=1, description="probability that a false object is there in the next scan too"
+        0.05, ge=0, lt=1, description="probability that a false object is there in the next scan too"
     )
     noise: NoiseOverride = Field(default_factory=NoiseOverride)
     occlusion: bool = Field(True, description="nearer actors hide what is behind them")

@@ -68,7 +68,7 @@ class Truth:
         return seen
 
     def references(self, instant: Instant) -> Points:
-        """Return the motion of each actor's reference point: see `candaemon.simulation.outline`; seen from the ego's origin."""
+        """Return the motion of each actor's reference point, as `outline` has it, seen from the ego's origin."""
         scene = self._scene
         eye = seen_from(instant, instant.ego.position)
         offset = reference_offsets(eye, scene.half_length, scene.half_width)

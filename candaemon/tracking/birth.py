@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from candaemon.config.tracker import TrackerSettings
-from candaemon.estimation.kalman import line_of_sight
+from candaemon.estimation.kalman import line_of_sight, update_scalar
+from candaemon.estimation.measurement import Projection
 from candaemon.sensing.detections import Detections
 from candaemon.sensing.pose import EgoPose
 from candaemon.tracking.population import Population
@@ -14,8 +15,6 @@ from candaemon.tracking.reflections import to_travel_axes
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
-
-_SPEED_WITHOUT_EVIDENCE = 15.0
 
 
 class Births:
@@ -28,7 +27,7 @@ class Births:
     def __init__(self, settings: TrackerSettings) -> None:
         self._merge = settings.reflections.merge
         self._near = settings.reflections
-        self._lateral_speed = settings.lifecycle.lateral_speed
+        self._first_speed = settings.lifecycle.first_speed
 
     def bear(self, free: Rows, detections: Detections, pose: EgoPose, tracks: Population) -> None:
         """Begin a reflection for each free detection, in their order.
@@ -39,8 +38,8 @@ class Births:
             pose: own pose; what begins is taken to travel as the vehicle heads until its course is known.
             tracks: what lives.
         """
-        velocity, spread = self._first_velocity(detections)
         heading = np.array([np.cos(pose.heading), np.sin(pose.heading)])
+        velocity, spread = self._first_velocity(detections, heading)
         for row in free.tolist():
             at = slice(row, row + 1)
             position, noise = detections.measurement.position[at], detections.measurement.noise[at]
@@ -52,35 +51,28 @@ class Births:
                 tracks.estimator.clone(np.array([like]), position, noise)
             tracks.add_reflection(owner, detections.sensor, int(detections.object_id[row]), detections.time_ns)
 
-    def _first_velocity(self, detections: Detections) -> tuple[Floats, Floats]:
+    def _first_velocity(self, detections: Detections, heading: Floats) -> tuple[Floats, Floats]:
         """Return first velocities over ground (n, 2) and their covariances (n, 2, 2).
 
-        What a signal gives is taken, what none gives is zero over ground, give or take `lateral_speed`; without any
-        speed at all, give or take what traffic does.
+        Before any speed is measured a target may do what traffic does: much along our own heading, little across it.
+        That guess is corrected by each speed that the sensor gives.
         """
-        measurement = detections.measurement
-        n = len(detections)
-        unit = measurement.position - measurement.origin
-        unit = unit / np.maximum(np.hypot(unit[:, 0], unit[:, 1]), 1e-3)[:, None]
-        velocity = np.zeros((n, 2))
-        covariance = np.zeros((n, 2, 2))
-        covariance[:] = np.eye(2) * _SPEED_WITHOUT_EVIDENCE**2
+        measurement, n = detections.measurement, len(detections)
+        across = np.array([-heading[1], heading[0]])
+        prior = self._first_speed.along**2 * np.outer(heading, heading)
+        prior += self._first_speed.across**2 * np.outer(across, across)
+        velocity, covariance = np.zeros((n, 2)), np.tile(prior, (n, 1, 1))
+        speeds = list(measurement.projections)
         if measurement.range_rate is not None and measurement.range_rate_variance is not None:
-            speed = measurement.range_rate + unit @ measurement.velocity
-            known = np.isfinite(speed)
-            across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
-            velocity[known] = (speed[:, None] * unit)[known]
-            covariance[known] = (
-                measurement.range_rate_variance[:, None, None] * unit[:, :, None] * unit[:, None, :]
-                + self._lateral_speed**2 * across[:, :, None] * across[:, None, :]
-            )[known]
-        for part in measurement.projections:
-            known = np.isfinite(part.value)
-            gain = np.matmul(covariance, part.direction[:, :, None])[:, :, 0]
-            s = (gain * part.direction).sum(axis=1) + part.variance
-            residual = np.where(known, part.value - (part.direction * velocity).sum(axis=1), 0.0)
-            velocity += gain * (residual / s)[:, None]
-            covariance -= np.where(known, 1.0 / s, 0.0)[:, None, None] * gain[:, :, None] * gain[:, None, :]
+            unit = measurement.position - measurement.origin
+            unit = unit / np.maximum(np.hypot(unit[:, 0], unit[:, 1]), 1e-3)[:, None]
+            along_sight = measurement.range_rate + unit @ measurement.velocity
+            speeds.append(Projection(unit, along_sight, measurement.range_rate_variance))
+        for speed in speeds:
+            innovation = speed.value - (speed.direction * velocity).sum(axis=1)
+            known = np.isfinite(innovation)
+            row = np.where(known[:, None], speed.direction, 0.0)
+            update_scalar(velocity, covariance, row, np.where(known, innovation, 0.0), speed.variance)
         return velocity, covariance
 
     def _kin(self, row: int, detections: Detections, tracks: Population) -> tuple[int, int]:

@@ -140,7 +140,7 @@ class Population:
         self._states = None
 
     def part(self, leaving: Rows) -> None:
-        """Give each leaving reflection an obstacle of its own, as old and as sure as the one it leaves."""
+        """Give each leaving reflection an obstacle of its own, as old as the one it leaves, and not confirmed yet."""
         obstacles, reflections = self.obstacles, self.reflections
         owner = reflections.obstacle[leaving]
         first = len(obstacles)
@@ -148,9 +148,9 @@ class Population:
             id=np.array([next(self._ids) for _ in leaving], dtype=np.int64),
             first_ns=obstacles.first_ns[owner],
             last_ns=reflections.last_ns[leaving],
-            history=obstacles.history[owner],
-            scans=obstacles.scans[owner],
-            confirmed=obstacles.confirmed[owner],
+            history=np.ones(len(leaving), dtype=np.int64),
+            scans=np.zeros(len(leaving), dtype=np.int64),
+            confirmed=np.zeros(len(leaving), dtype=np.bool_),
             leader=leaving.astype(np.int64),
             offset=np.zeros((len(leaving), 2)),
             direction=obstacles.direction[owner],

@@ -48,7 +48,7 @@ def tell(population: Population, pose: EgoPose, used: NDArray[np.intp], slack_ns
         sy=deviation[0, 1],
         svx=deviation[1, 0],
         svy=deviation[1, 1],
-        age=(pose.time_ns - obstacles.first_ns) * 1e-9,
+        age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
         existence=np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _REMEMBERED),
         sensors=obstacles.sensors.copy(),
         used_row=reflections.obstacle[used],

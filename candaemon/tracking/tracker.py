@@ -114,7 +114,7 @@ class Tracker:
         if detections is not None and self._settings.reflections.merge and len(self):
             self._settle()
         turn_to_course(self._tracks.obstacles, self._tracks.motion().velocity, self._dt, self._settings.travel)
-        return tell(self._tracks, pose, _NONE if self.update is None else self.update.reflection, self._slack_ns)
+        return tell(self._tracks, pose, self._updated(), self._slack_ns)
 
     def expected_positions(self, horizon: float) -> Floats:
         """Return where each detection of the latest update is expected after a time: (m, 2), level frame, m."""
@@ -122,6 +122,10 @@ class Tracker:
             return np.zeros((0, 2))
         rows = self.update.reflection
         return self._tracks.estimator.expected_position(rows, horizon, self._tracks.direction[rows])
+
+    def _updated(self) -> Rows:
+        """Return the rows of the reflections that this cycle's detections updated."""
+        return _NONE if self.update is None else self.update.reflection
 
     def _predict(self, time_ns: int) -> None:
         """Predict all tracks to an instant; an instant in the past leaves them where they are."""
@@ -212,7 +216,7 @@ class Tracker:
         self.update = Update(rows, tracks, nis, freedom)
 
     def _end_lives(self, pose: EgoPose) -> None:
-        """Confirm what was seen often enough, let go of what was not seen for too long or has left every view."""
+        """Confirm what was seen often enough; let go of what is unseen for too long, lost from view, or anywhere."""
         obstacles, reflections, lifecycle = self._tracks.obstacles, self._tracks.reflections, self._settings.lifecycle
         hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
         born = (hits >= lifecycle.confirm) & ~obstacles.confirmed
@@ -222,8 +226,10 @@ class Tracker:
         silent = (self._time_ns - obstacles.last_ns) * 1e-9
         unseen = silent > lifecycle.tentative_coast
         over = unseen & (~obstacles.confirmed | (silent > lifecycle.coast))
-        if self._views and unseen.any():
-            over |= unseen & ~self._in_view(pose)
+        if unseen.any():
+            over |= unseen & (self._uncertainty() > lifecycle.uncertainty)
+            if self._views:
+                over |= unseen & ~self._in_view(pose)
         lost = over[reflections.obstacle]
         if len(reflections) != len(obstacles):
             quiet = (self._time_ns - reflections.last_ns) * 1e-9 > lifecycle.reflection_coast
@@ -231,6 +237,12 @@ class Tracker:
             lost |= quiet
         if lost.any():
             self._drop(lost, over)
+
+    def _uncertainty(self) -> Floats:
+        """Return the standard deviation of each obstacle's place, m."""
+        _, covariance = self._tracks.states()
+        lead = self._tracks.obstacles.leader
+        return np.asarray(np.sqrt(covariance[lead, 0, 0] + covariance[lead, 1, 1]))
 
     def _in_view(self, pose: EgoPose) -> NDArray[np.bool_]:
         """Tell which obstacles some sensor should see."""

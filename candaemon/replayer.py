@@ -17,9 +17,10 @@ from candaemon.bus.logs import read_log
 from candaemon.bus.logstream import LogCounts
 from candaemon.bus.logwriters import open_log_writer
 from candaemon.bus.sequence import Sequencer
-from candaemon.summary import DriveScore
+from candaemon.cycle import Cycle
 from candaemon.evaluation.writers import PredictionWriter, TrackWriter
-from candaemon.pipeline import Cycle, Pipeline
+from candaemon.pipeline import Pipeline
+from candaemon.summary import DriveScore
 from candaemon.tracking.obstacles import MOTION, Obstacles
 
 HORIZONS = (0.5, 1.0)

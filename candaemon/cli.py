@@ -1,0 +1,182 @@
+"""The commands. Results go to standard output, talk to standard error.
+
+Exit codes: 0 done, 1 failed, 2 wrong usage or configuration. Each command imports what it needs when it runs, so that
+none waits for another's libraries.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from candaemon import terminal
+from candaemon.arguments import parse
+from candaemon.errors import CandaemonError, ConfigError, InputError
+from candaemon.share import find_config, find_scenario
+
+if TYPE_CHECKING:
+    from candaemon.binding import Binding
+    from candaemon.replayer import ReplayRequest
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it: 128 and the number of SIGINT."""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a command.
+
+    Args:
+        argv: the arguments; default: the process's own.
+
+    Returns:
+        The exit code.
+    """
+    arguments = parse(_COMMANDS, argv)
+    terminal.log_to_stderr()
+    try:
+        arguments.command(arguments)
+        sys.stdout.flush()
+    except CandaemonError as error:
+        terminal.say(f"error: {error}")
+        return error.exit_code
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        terminal.abandon_stdout()  # whoever reads has read enough
+    return 0
+
+
+def demo(arguments: argparse.Namespace) -> None:
+    """Simulate a drive, track it through virtual buses, and compare with the truth."""
+    from candaemon.demo import run_demo
+    from candaemon.simulation.scenario_file import load_scenario
+
+    scenario = load_scenario(find_scenario(arguments.scenario))
+    run_demo(
+        _bound(Path("demo")),
+        scenario.model_copy(update={"duration": min(arguments.duration, scenario.duration)}),
+        seed=arguments.seed,
+        speed=arguments.speed,
+    )
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Serve the configured buses until SIGTERM or Ctrl-C."""
+    from candaemon.service.serve import serve
+
+    terminal.log_to_stderr(logging.INFO)
+    binding = _bound(arguments.config)
+    terminal.warn(binding.warnings)
+    serve(binding, status_interval_s=arguments.status)
+
+
+def replay(arguments: argparse.Namespace) -> None:
+    """Replay a recorded drive."""
+    from candaemon.replayer import ReplayRequest
+    from candaemon.replayer import replay as replay_log
+    from candaemon.summary import summarise
+
+    binding = _bound(arguments.config)
+    terminal.warn(binding.warnings)
+    request = ReplayRequest(
+        arguments.log,
+        arguments.output,
+        arguments.tracks,
+        arguments.predictions,
+        arguments.horizons,
+        arguments.speed,
+        dict(arguments.map),
+    )
+    _check_request(request, arguments.summary, binding)
+    with terminal.log_progress(arguments.log.name) as progress:
+        replayed = replay_log(binding, request, progress)
+    figures = summarise(replayed)
+    if arguments.summary is not None:
+        _write(arguments.summary, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+    terminal.print_figures(arguments.log.name, figures)
+    terminal.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
+    if not any(bus.used for bus in replayed.pipeline.counts.buses):
+        raise InputError(
+            "not one usable frame: no sensor and no own motion took any; check the channels, or use --map CHANNEL=BUS",
+            file=arguments.log,
+        )
+
+
+def check(arguments: argparse.Namespace) -> None:
+    """Load a configuration, open nothing, and tell what it does."""
+    from candaemon.check import check_report
+
+    terminal.print_sheets(check_report(_bound(arguments.config)))
+
+
+def simulate(arguments: argparse.Namespace) -> None:
+    """Write the frames of a scenario through the sensors of a configuration."""
+    from candaemon.recorder import record
+    from candaemon.simulation.scenario_file import load_scenario
+    from candaemon.simulation.simulate import simulate as simulated
+
+    scenario = load_scenario(find_scenario(arguments.scenario))
+    binding = _bound(arguments.config)
+    frames = record(simulated(scenario, binding, arguments.seed), binding, arguments.output, arguments.truth)
+    terminal.print_figures(arguments.output.name, {"frames": frames, "seconds": scenario.duration})
+
+
+def evaluate(arguments: argparse.Namespace) -> None:
+    """Compare tracks with the truth."""
+    from candaemon.evaluation.metrics import evaluate as compared
+    from candaemon.evaluation.report import print_evaluation
+
+    evaluation = compared(arguments.tracks, arguments.truth)
+    if arguments.json is not None:
+        _write(arguments.json, evaluation.to_json())
+    print_evaluation(terminal.console(), evaluation)
+
+
+def schema(_arguments: argparse.Namespace) -> None:
+    """Print the JSON Schema of the configuration, for editors."""
+    from candaemon.config import json_schema
+
+    print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+
+
+_COMMANDS = {
+    "demo": demo,
+    "run": run,
+    "replay": replay,
+    "check": check,
+    "simulate": simulate,
+    "evaluate": evaluate,
+    "schema": schema,
+}
+
+
+def _bound(config: Path) -> Binding:
+    """Load a configuration with its DBC files."""
+    from candaemon.binding import bind
+    from candaemon.config import load_config
+
+    return bind(load_config(find_config(config)))
+
+
+def _check_request(request: ReplayRequest, summary: Path | None, binding: Binding) -> None:
+    """Refuse what can be told before the log is read: buses there are not, and files that would be written twice."""
+    buses = {bus.name for bus in binding.buses}
+    for channel, bus in request.channels.items():
+        if bus not in buses:
+            raise ConfigError(f"--map {channel}={bus}: no bus '{bus}'; expected one of {', '.join(sorted(buses))}")
+    written = [path for path in (request.output, request.tracks, request.predictions, summary) if path is not None]
+    paths = [path.resolve() for path in (request.log, *written)]
+    if len(set(paths)) < len(paths):
+        raise ConfigError("the same file is named twice; give the log and everything written a name of its own")
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a text file."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}; choose another path", file=path) from error

@@ -1,0 +1,1 @@
+"""The service: lifecycle, signals, supervision. Knows nothing of mathematics."""

@@ -1,0 +1,215 @@
+"""What the estimation tests share: poses, measurements, detections, and a tracker fed by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from itertools import count
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.config.tracker import TrackerSettings
+from candaemon.estimation.measurement import Measurement
+from candaemon.sensing.detections import Detections
+from candaemon.sensing.mounting import View
+from candaemon.sensing.pose import EgoPose, EgoStatus
+from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.tracker import Tracker
+
+Floats = NDArray[np.float64]
+
+AT_REST: Floats = np.zeros(2)
+
+
+def pose(
+    time: float = 0.0,
+    *,
+    east: float = 0.0,
+    north: float = 0.0,
+    heading: float = 0.0,
+    ve: float = 0.0,
+    vn: float = 0.0,
+    yaw_rate: float = 0.0,
+    speed_variance: float = 0.0,
+) -> EgoPose:
+    """Return a valid own pose at a time in s."""
+    return EgoPose(ns(time), east, north, heading, ve, vn, yaw_rate, speed_variance, EgoStatus.VALID)
+
+
+def ns(time: float) -> int:
+    """Return a time in s as integer nanoseconds."""
+    return round(time * 1e9)
+
+
+def known(at: EgoPose | None) -> EgoPose:
+    """Hold that own motion is known."""
+    assert at is not None
+    return at
+
+
+def rotation(angle: Floats | float) -> Floats:
+    """Return the matrices that turn vectors to the left, (…, 2, 2)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+
+
+def polar_measurement(
+    distance: Floats, azimuth: Floats, rate: Floats | None, noise: tuple[float, float, float]
+) -> Measurement:
+    """Return what a radar at rest in the origin measured.
+
+    Args:
+        distance: m, (n,).
+        azimuth: rad, (n,).
+        rate: m/s, (n,), or none.
+        noise: standard deviations of distance, azimuth and rate.
+    """
+    turn = rotation(azimuth)
+    spread = np.zeros((len(distance), 2, 2))
+    spread[:, 0, 0], spread[:, 1, 1] = noise[0] ** 2, (distance * noise[1]) ** 2
+    return Measurement(
+        distance[:, None] * turn[:, :, 0],
+        turn @ spread @ np.swapaxes(turn, 1, 2),
+        AT_REST,
+        AT_REST,
+        rate,
+        None if rate is None else np.full(len(distance), noise[2] ** 2),
+    )
+
+
+def random_covariance(rng: np.random.Generator, size: int, count: int = 1) -> Floats:
+    """Return well-conditioned random covariances (count, size, size)."""
+    root = rng.normal(size=(count, size, size))
+    covariance: Floats = root @ np.swapaxes(root, 1, 2) + 0.3 * np.eye(size)
+    return covariance
+
+
+class Circle:
+    """A rear axle's centre at a steady speed (m/s) and yaw rate (rad/s), in the level frame from its first sample."""
+
+    def __init__(self, speed: float, rate: float, heading: float) -> None:
+        self.speed, self.rate, self.start = speed, rate, heading
+
+    def heading(self, t: float) -> float:
+        return self.start + self.rate * t
+
+    def velocity(self, t: float) -> Floats:
+        return self.speed * np.array([cos(self.heading(t)), sin(self.heading(t))])
+
+    def position(self, t: float) -> Floats:
+        radius, a, b = self.speed / self.rate, self.start, self.heading(t)
+        return radius * np.array([sin(b) - sin(a), cos(a) - cos(b)])
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One object of a scan: the sensor's id, where it is (m) and how it moves (m/s) over ground, level frame."""
+
+    key: int
+    x: float
+    y: float
+    vx: float = 0.0
+    vy: float = 0.0
+    new: bool = False
+    rated: bool = True
+
+
+class HandFed:
+    """A tracker whose scans are written by hand; own vehicle rests in the level frame's origin unless told.
+
+    Args:
+        slack: s, as the tracker's.
+        ids: source of identities.
+        views: as the tracker's.
+        noise: standard deviations of x, y and range rate that the scans tell.
+        settings: of the tracker, as in the YAML.
+    """
+
+    def __init__(
+        self,
+        *,
+        slack: float = 0.0,
+        ids: count[int] | None = None,
+        views: Sequence[View] = (),
+        noise: tuple[float, float, float] = (0.1, 0.1, 0.06),
+        **settings: Any,
+    ) -> None:
+        self._noise = noise
+        told = TrackerSettings.model_validate(settings)
+        self.tracker = Tracker(told, ids or count(1), slack_ns=ns(slack), views=views)
+
+    def scan(self, time: float, seen: Sequence[Seen], *, sensor: int = 0, ego: EgoPose | None = None) -> Obstacles:
+        """Track one scan; positions and rates are exact, the noise is only told."""
+        at = ego or pose(time)
+        return self.tracker.step(detections(at, seen, sensor=sensor, noise=self._noise), at)
+
+    def coast(self, time: float) -> Obstacles:
+        """Go on without a scan."""
+        return self.tracker.step(None, pose(time))
+
+
+def detections(at: EgoPose, seen: Sequence[Seen], *, sensor: int, noise: tuple[float, float, float]) -> Detections:
+    """Return a scan of exact positions and range rates, seen from the rear axle's centre of a pose."""
+    position = np.array([(each.x, each.y) for each in seen], dtype=np.float64).reshape(-1, 2)
+    velocity = np.array([(each.vx, each.vy) for each in seen], dtype=np.float64).reshape(-1, 2)
+    origin, own = at.place(0.0, 0.0)
+    offset = position - origin
+    line = offset / np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-9)[:, None]
+    rate = ((velocity - own) * line).sum(axis=1)
+    rate[[not each.rated for each in seen]] = np.nan
+    spread = np.tile(np.diag([noise[0] ** 2, noise[1] ** 2]), (len(seen), 1, 1))
+    place = at.to_vehicle(position)
+    return Detections(
+        at.time_ns,
+        sensor,
+        np.array([each.key for each in seen], dtype=np.int64),
+        np.array([each.new for each in seen], dtype=np.bool_),
+        Measurement(position, spread, origin, own, rate, np.full(len(seen), noise[2] ** 2)),
+        place[:, 0],
+        place[:, 1],
+    )
+
+
+CYCLE = 0.05
+"""s between the scans of a tracker fed by hand."""
+
+
+def car(key: int, t: float, x: float, y: float = 0.0, speed: float = 20.0, **more: bool) -> Seen:
+    """Return a vehicle that drives ahead at a steady speed, x at time 0."""
+    return Seen(key, x + speed * t, y, speed, **more)
+
+
+def times(first: int, last: int) -> Iterator[float]:
+    """Yield the times in s of the scans from `first` until before `last`."""
+    return (k * CYCLE for k in range(first, last))
+
+
+def states(told: Obstacles) -> dict[int, int]:
+    """Return the state of each identity."""
+    return dict(zip(told.id.tolist(), told.state.tolist(), strict=True))
+
+
+def place(told: Obstacles, identity: int) -> tuple[float, float]:
+    """Return where an identity is, vehicle axes."""
+    row = told.id.tolist().index(identity)
+    return float(told.x[row]), float(told.y[row])
+
+
+def assert_sane(obstacles: Obstacles) -> None:
+    """Hold that every column is finite and of one length, ids are unique and deviations not negative."""
+    for field in fields(Obstacles):
+        column = getattr(obstacles, field.name)
+        if isinstance(column, np.ndarray):
+            assert np.isfinite(column).all(), field.name
+            if not field.name.startswith("used_"):
+                assert column.shape == (len(obstacles),), field.name
+    assert len(set(obstacles.id.tolist())) == len(obstacles)
+    assert obstacles.used_row.shape == obstacles.used_sensor.shape == obstacles.used_object.shape
+    assert ((obstacles.used_row >= 0) & (obstacles.used_row < max(len(obstacles), 1))).all()
+    for name in ("sx", "sy", "svx", "svy", "age", "existence"):
+        assert (getattr(obstacles, name) >= 0).all(), name
+    assert (obstacles.existence <= 1).all()
+    assert np.isin(obstacles.state, (0, 1, 2)).all()
