@@ -180,7 +180,7 @@ def test_a_car_hides_the_one_before_it_and_truth_says_so() -> None:
     assert all(1 in report.owner for _, report in seen.reports(0))
 
 
-def test_the_reference_point_is_the_middle_of_an_end_or_the_nearest_point_of_a_flank() -> None:
+def test_the_reference_point_is_the_middle_of_the_side_that_faces_the_ego() -> None:
     cars = (
         {"name": "lead", "start": {"x": 40.0, "y": 0.0, "vx": 15.0, "vy": 0.0}},
         {"name": "oncoming", "start": {"x": 90.0, "y": 3.5, "speed": 10.0, "heading_deg": 180.0}},
@@ -189,7 +189,7 @@ def test_the_reference_point_is_the_middle_of_an_end_or_the_nearest_point_of_a_f
     ego = {"start": {"speed": 0.0, "heading_deg": 45.0}}
     first = next(simulate(drive("automotive_turn", actors=cars, ego=ego), bound("esr_ins")).truth()).columns
     assert first["x"] == pytest.approx([37.75, 87.75, 59.1])
-    assert first["y"] == pytest.approx([0.0, 3.5, -5.75], abs=1e-9)
+    assert first["y"] == pytest.approx([0.0, 3.5, -8.0], abs=1e-9)
     assert first["vx"] == pytest.approx([15.0, -10.0, 0.0], abs=1e-9)
     assert first["ve"][0] == pytest.approx(15.0 * math.sin(math.radians(45.0)))
 

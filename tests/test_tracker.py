@@ -56,7 +56,7 @@ def test_a_slot_that_comes_back_stands_for_the_first_vehicle_again() -> None:
     for t in times(20, 30):
         fed.scan(t, [car(5, t, 75.0, 3.5)])
     assert fed.tracker.counts.slot_jumps == 1
-    for t in times(30, 40):
+    for t in times(30, 38):
         told = fed.scan(t, [car(5, t, 40.0)])
     assert fed.tracker.counts.slot_jumps == 2  # one more, and not one a scan
     assert states(told) == {first: CONFIRMED, first + 1: COASTING}

@@ -144,7 +144,9 @@ class LifecycleSettings(Settings):
 
     confirm: int = Field(5, ge=1, le=32, description="scans with a detection that confirm a track …")
     window: int = Field(8, ge=1, le=32, description="… among so many")
-    coast: float = Field(1.0, gt=0, le=30, description="s that a confirmed obstacle lives on without a detection")
+    coast: float = Field(
+        1.0, gt=0, le=30, description="s that a confirmed obstacle lives on undetected; never longer than it was seen"
+    )
     tentative_coast: float = Field(0.12, gt=0, le=5, description="s that a tentative one does")
     reflection_coast: float = Field(
         0.4, gt=0, le=30, description="s that a reflection does while its obstacle has others"

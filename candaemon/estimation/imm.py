@@ -120,6 +120,10 @@ class Imm:
             np.add(propagated(self.covariance[:, j], f), q, out=self.covariance[:, j])
         symmetrise(self.covariance)
 
+    def retreat(self, dt: float) -> None:
+        """Take all tracks back by a short dt (s), for a measurement that comes late; what was learnt since is kept."""
+        self.mean[:, :, :2] -= dt * self.mean[:, :, VELOCITY]
+
     def update(self, rows: Rows, measurement: Measurement) -> Floats:
         """Update the given rows (m,) with a measurement each; return the likelihood-weighted NIS (m,).
 

@@ -147,7 +147,9 @@ class MotionHistory:
         if not self._times:
             return None
         if 0 < after < len(self._times):
-            return self._interpolated(self._samples[after - 1], self._samples[after], time_ns)
+            before, behind = self._samples[after - 1], self._samples[after]
+            if behind.time_ns - before.time_ns <= self._age_limit * 1e9:
+                return self._interpolated(before, behind, time_ns)
         return self._extrapolated(self._samples[max(after - 1, 0)], time_ns)
 
     def _interpolated(self, a: Sample, b: Sample, time_ns: int) -> EgoPose:

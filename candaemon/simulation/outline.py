@@ -4,8 +4,9 @@ An actor is a rectangle in its own axes (x along its length), or a point. A rada
 end, and of a flank the part next to that end, where wheels and corners reflect.
 
 The *reference point* of an actor lies on the side that the observer is farther out from: it is the middle of an end
-(the rear of a vehicle ahead, the front of one that comes) or the nearest point of a flank (of one that crosses or is
-passed). It is what truth tables tell, and where the first reflection lies.
+(the rear of a vehicle ahead, the front of one that comes) or of a car's flank; of a long vehicle's flank the point
+nearest to the observer, but not nearer to the end than the middle of a car's. It is what truth tables tell, and where
+the first reflection lies.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ Indices = NDArray[np.int64]
 
 _FLANK_REACH = 3.0
 """m of a flank that reflect, from the end that faces the sensor."""
+_FLANK_MARGIN = 2.25
+"""m from the end of a flank to its reference point, half a car's length."""
 _CORNERS = np.array([1 + 1j, 1 - 1j, -1 - 1j, -1 + 1j])
 
 
@@ -40,9 +43,15 @@ def reference_offsets(eye: Plane, half_length: Floats, half_width: Floats) -> Pl
         half_width: of each actor, m, shape (actors,).
 
     """
-    along = np.clip(eye.real, -half_length, half_length)
-    on_end = _sees_end(eye, half_length, half_width)
-    return np.where(on_end, along + 0j, along + 1j * np.copysign(half_width, eye.imag))
+    end = np.copysign(half_length, eye.real) + 0j
+    flank = _along_flank(eye, half_length) + 1j * np.copysign(half_width, eye.imag)
+    return np.where(_sees_end(eye, half_length, half_width), end, flank)
+
+
+def _along_flank(eye: Plane, half_length: Floats) -> Floats:
+    """Return where along its length an actor's flank is seen, m from its middle."""
+    reach = np.maximum(half_length - _FLANK_MARGIN, 0.0)
+    return np.clip(eye.real, -reach, reach)
 
 
 def _sees_end(eye: Plane, half_length: Floats, half_width: Floats) -> Mask:
@@ -87,7 +96,9 @@ class Reflections:
         on_end = np.where(first, _sees_end(at, length, width), faces_end & (~faces_flank | (self.order % 2 == 1)))
         across = np.clip(np.where(first, 0.0, self._side * width) + drift, -width, width)
         from_end = x_side - np.copysign(self._depth, at.real)
-        beside = at.real + np.where(first, 0.0, np.where(self.order % 2 == 1, self._depth, -self._depth))
+        beside = _along_flank(at, length) + np.where(
+            first, 0.0, np.where(self.order % 2 == 1, self._depth, -self._depth)
+        )
         along = np.where(faces_end & ~first, from_end, beside)
         along = np.clip(along + drift, -length, length)
         return np.where(on_end, x_side + 1j * across, along + 1j * y_side)

@@ -33,7 +33,7 @@ class Obstacles:
         sx, sy, svx, svy: one standard deviation each, vehicle axes.
         age: s since the first detection.
         existence: 0 to 1, the share of recent scans in which it was seen.
-        sensors: bit k set where sensor k contributed since the obstacle was last lost from sight.
+        sensors: bit k set where sensor k has ever contributed.
         used_row, used_sensor, used_object: the detections used in this cycle, (m,): row of the obstacle, index of the
             sensor, object id of the sensor.
     """

@@ -69,6 +69,11 @@ class Population:
         self.estimator.predict(dt, self.direction)
         self._states = None
 
+    def retreat(self, dt: float) -> None:
+        """Take all tracks back by a short dt, s."""
+        self.estimator.retreat(dt)
+        self._states = None
+
     def update(self, tracks: Rows, measurement: Measurement) -> Floats:
         """Update reflections with a measurement each; return the normalised innovations squared."""
         nis = self.estimator.update(tracks, measurement)

@@ -22,6 +22,7 @@ from candaemon.tracking.telling import tell
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
+_CROSSING = 0.5  # s by which a scan may come after a younger one and still tell where things were
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 
@@ -128,12 +129,14 @@ class Tracker:
         return _NONE if self.update is None else self.update.reflection
 
     def _predict(self, time_ns: int) -> None:
-        """Predict all tracks to an instant; an instant in the past leaves them where they are."""
+        """Predict all tracks to an instant, or take them back to one just passed: sensors' scans may cross."""
         dt = (time_ns - self._time_ns) * 1e-9 if len(self._tracks.reflections) else 0.0
         self._dt = max(dt, 0.0)
-        self._time_ns = max(time_ns, self._time_ns)
-        if self._dt > 0.0:
-            self._tracks.predict(self._dt)
+        self._time_ns = time_ns
+        if dt > 0.0:
+            self._tracks.predict(dt)
+        elif -_CROSSING < dt < 0.0:
+            self._tracks.retreat(-dt)
 
     def _associate(self, detections: Detections) -> tuple[Rows, Rows]:
         """Return rows of tracks and of detections that belong together.
@@ -225,7 +228,8 @@ class Tracker:
             self.counts.confirmed += int(born.sum())
         silent = (self._time_ns - obstacles.last_ns) * 1e-9
         unseen = silent > lifecycle.tentative_coast
-        over = unseen & (~obstacles.confirmed | (silent > lifecycle.coast))
+        seen = (obstacles.last_ns - obstacles.first_ns) * 1e-9
+        over = unseen & (~obstacles.confirmed | (silent > np.minimum(lifecycle.coast, seen)))
         if unseen.any():
             over |= unseen & (self._uncertainty() > lifecycle.uncertainty)
             if self._views:
