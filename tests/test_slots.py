@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
+from candaemon.output.seats import Seating
 from candaemon.output.slots import MARGIN, OFF_PATH, Assignment, SlotTable
 
 Cycle = dict[int, float]
@@ -86,6 +91,37 @@ def test_in_the_end_nothing_in_the_path_waits_for_something_less_urgent(
         assert len(served) == min(capacity, len(cycle))
         worst = max((cycle[each] for each in served), default=0.0)
         assert all(cycle[each] >= OFF_PATH or worst <= cycle[each] + MARGIN for each in set(cycle) - served)
+
+
+@settings(deadline=None)
+@given(cycles(), st.integers(1, 5), st.integers(1, 3))
+def test_seats_are_as_the_table_has_them_however_often_the_same_obstacles_come(
+    drive: list[Cycle], capacity: int, times: int
+) -> None:
+    table, seating = SlotTable(capacity), Seating(capacity, send_all=False, send_freed=True)
+    for cycle in (cycle for cycle in drive for _ in range(times)):
+        ids, urgency = np.array(list(cycle), np.int64), np.array(list(cycle.values()), np.float64)
+        assigned = assign(table, cycle)
+        held = holders(cycle, assigned)
+        fresh = {slot for slot, new in zip(assigned.slot, assigned.new, strict=True) if new}
+        seats = seating.seats(ids, urgency.copy)
+        assert ids[seats.order].tolist() == [held[slot] for slot in sorted(held)]
+        assert seats.sent.tolist() == sorted([*held, *assigned.freed])
+        assert seats.occupied.tolist() == [slot in held for slot in seats.sent.tolist()]
+        assert seats.new.tolist() == [slot in fresh for slot in seats.sent.tolist()]
+
+
+def test_where_nobody_comes_or_waits_urgency_is_not_asked() -> None:
+    asked: list[int] = []
+    seating = Seating(2, send_all=True, send_freed=True)
+
+    def urgency(cycle: int, obstacles: int) -> NDArray[np.float64]:
+        asked.append(cycle)
+        return np.full(obstacles, 50.0)
+
+    for cycle, ids in enumerate(([7, 8], [7, 8], [7, 8], [8, 7], [7, 8, 9], [7, 8, 9])):
+        seating.seats(np.array(ids), partial(urgency, cycle, len(ids)))
+    assert asked == [0, 1, 3, 4, 5]
 
 
 def test_a_freed_slot_is_empty_for_one_cycle() -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from candaemon.binding.parts import find_qualified
 from candaemon.binding.signals import SignalBinding, bind_signal
 from candaemon.binding.where import Where, collected, raise_all
 from candaemon.bus.codec import Decoder, compile_decoder
-from candaemon.bus.spec import Database, MessageSpec, SignalSpec
+from candaemon.bus.spec import Database, MessageSpec
 from candaemon.config.base import SignalRef
 from candaemon.config.ego import InsSettings, OdometrySettings
 from candaemon.errors import ConfigError
@@ -21,19 +21,16 @@ class EgoMessage:
 
     Attributes:
         message: what the DBC says of it.
-        decode: payload → the signals' values in the DBC's units; None for a payload that is too short.
+        decode: payload → the quantities, SI units (angles, latitude and longitude too in radians); None for a payload
+            that is too short.
         quantities: name of each value's quantity; one that has several signals (wheel speeds) is there for each.
-        gains: SI units (angles in radians, latitude and longitude too) per unit of the signal.
-        biases: quantity at value 0: quantity = gain × value + bias.
-        bindings: the same with the signals, for writing them.
+        bindings: quantities with their signals, for writing them.
 
     """
 
     message: MessageSpec
     decode: Decoder
     quantities: tuple[str, ...]
-    gains: tuple[float, ...]
-    biases: tuple[float, ...]
     bindings: tuple[SignalBinding, ...]
 
 
@@ -92,12 +89,21 @@ def _signals(settings: InsSettings | OdometrySettings, where: Where) -> Iterator
 
 
 def _ego_message(message: MessageSpec, bindings: list[SignalBinding]) -> EgoMessage:
-    signals: list[SignalSpec] = [binding.signal for binding in bindings]
+    names = [binding.signal.name for binding in bindings]
     return EgoMessage(
         message,
-        compile_decoder(message, [signal.name for signal in signals]),
+        compile_decoder(_in_si_units(message, bindings), names),
         tuple(binding.quantity for binding in bindings),
-        tuple(binding.gain for binding in bindings),
-        tuple(binding.bias for binding in bindings),
         tuple(bindings),
     )
+
+
+def _in_si_units(message: MessageSpec, bindings: list[SignalBinding]) -> MessageSpec:
+    """Return the message with its signals scaled straight to their quantities: decoding needs no second step."""
+    scaled = {
+        each.signal.name: replace(
+            each.signal, scale=each.gain * each.signal.scale, offset=each.gain * each.signal.offset + each.bias
+        )
+        for each in bindings
+    }
+    return replace(message, signals=tuple(scaled.get(signal.name, signal) for signal in message.signals))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +15,8 @@ from candaemon.binding.parts import Part, check_layouts, find_in_parts, resolve_
 from candaemon.binding.signals import SignalBinding, bind_signal, field_reader
 from candaemon.binding.where import Where, collected, raise_all
 from candaemon.bus.codec import BatchDecoder
-from candaemon.bus.spec import Database, SignalSpec
+from candaemon.bus.layout import readable
+from candaemon.bus.spec import Database, MessageSpec, SignalSpec
 from candaemon.config.base import Condition, SignalRef
 from candaemon.config.sensors import ObjectFormat
 from candaemon.errors import ConfigError
@@ -55,6 +58,7 @@ class _PartPlan:
     bindings: list[SignalBinding]
     valid: list[tuple[int, Test]]
     new: list[tuple[int, Test]]
+    length: int = 0
     first: int = 0
     decoder: BatchDecoder | None = None
     gain: Floats = field(default_factory=lambda: np.empty((0, 1)))
@@ -67,7 +71,7 @@ class _PartPlan:
 
     def compile(self, first: int) -> None:
         """Make the decoder and the affine map of the quantities into rows from `first` on."""
-        self.first = first
+        self.length, self.first = self.part.length, first
         # Signals that are no number in every frame (floats, multiplexed ones) can make a quantity NaN.
         self.uncertain = any(b.signal.is_float or b.signal.multiplexer_signal for b in self.bindings)
         if self.rows:
@@ -155,15 +159,15 @@ class ObjectReader:
         """
         n = len(columns[0])
         values = np.empty((len(self.quantities), n))
-        valid = np.ones(n, np.bool_)
-        new = np.ones(n, np.bool_) if self._has_new else np.zeros(n, np.bool_)
+        valid: list[Booleans] = []
+        new: list[Booleans] = []
         raws: list[Floats] = []
         for plan in self._plans:
-            payload, missing = _joined(columns[plan.part.index], plan.part.length)
+            payload, missing = _joined(columns[plan.part.index], plan.length)
+            if missing is not None and not plan.part.optional:
+                valid.append(~missing)
             if plan.decoder is None:
                 raws.append(values)
-                if missing is not None and not plan.part.optional:
-                    valid &= ~missing
                 continue
             raw = plan.decoder.decode(payload)
             raws.append(raw)
@@ -174,45 +178,36 @@ class ObjectReader:
                 if plan.bias is not None:
                     rows += plan.bias
                 if plan.uncertain:
-                    valid &= np.isfinite(rows).all(axis=0)
+                    valid.append(np.logical_and.reduce(np.isfinite(rows)))
                 if missing is not None:
                     rows[:, missing] = np.nan
-            if missing is None:
-                for row, test in plan.valid:
-                    valid &= test(raw[row])
-                for row, test in plan.new:
-                    new &= test(raw[row])
-            else:
-                self._apply_with_gaps(plan, raw, missing, valid, new)
-        return ObjectBatch(self._identities(raws, n), valid, new, self._paired(raws, columns, n), values)
-
-    @staticmethod
-    def _apply_with_gaps(plan: _PartPlan, raw: Floats, missing: Booleans, valid: Booleans, new: Booleans) -> None:
-        """Apply a part's conditions where some objects lack it: nothing is known of those."""
-        if not plan.part.optional:
-            valid &= ~missing
-        for row, test in plan.valid:
-            valid &= test(raw[row]) | missing
-        for row, test in plan.new:
-            new &= test(raw[row]) & ~missing
+            # Where some objects lack a part, nothing is known of those.
+            for row, test in plan.valid:
+                passed: Booleans = test(raw[row])
+                valid.append(passed if missing is None else passed | missing)
+            for row, test in plan.new:
+                passed = test(raw[row])
+                new.append(passed if missing is None else passed & ~missing)
+        is_new = _every(new, n) if self._has_new else _same(False, n)
+        return ObjectBatch(self._identities(raws, n), _every(valid, n), is_new, self._paired(raws, columns, n), values)
 
     def _identities(self, raws: Sequence[Floats], n: int) -> Integers:
         if self._identity is None:
-            return np.full(n, -1, np.int64)
+            return _same(-1, n)
         part, row = self._identity
         identities: Integers = raws[part][row].astype(np.int64)
         return identities
 
     def _paired(self, raws: Sequence[Floats], columns: Sequence[Column], n: int) -> Booleans:
-        paired = np.ones(n, np.bool_)
-        if len(self._pairs) > 1:
+        tested: list[Booleans] = []
+        if self._pairs:
             (first, first_row), *others = self._pairs
             for part, row in others:
                 equal = raws[first][first_row] == raws[part][row]
                 if self.parts[part].optional:
                     equal |= np.array([payload is None for payload in columns[part]], np.bool_)
-                paired &= equal
-        return paired
+                tested.append(equal)
+        return _every(tested, n)
 
     def _add_quantity(self, quantity: str, ref: SignalRef, where: Where) -> None:
         part, signal = find_in_parts(self.parts, ref.signal, where)[0]
@@ -227,12 +222,40 @@ class ObjectReader:
     def _add_condition(self, name: str, condition: Condition, where: Where) -> None:
         part, signal = find_in_parts(self.parts, condition.signal, where)[0]
         plan = self._plans[part.index]
-        test = compile_condition(condition, signal, where)
+        test = _tabulated(compile_condition(condition, signal, where), signal, part.layout)
         (plan.valid if name == "valid" else plan.new).append((plan.row(signal), test))
 
     def _row_of(self, name: str, where: Where) -> tuple[int, int]:
         part, signal = find_in_parts(self.parts, name, where)[0]
         return part.index, self._plans[part.index].row(signal)
+
+
+@lru_cache
+def _same(value: int, n: int) -> npt.NDArray[Any]:
+    """Make an array (n,) of one value; made once, so not to be written to."""
+    array = np.full(n, value)
+    array.flags.writeable = False
+    return array
+
+
+def _every(tested: Sequence[Booleans], n: int) -> Booleans:
+    """Tell for which of n objects all tests passed."""
+    if not tested:
+        return _same(True, n)
+    first, *others = tested
+    for each in others:
+        first &= each
+    return first
+
+
+def _tabulated(test: Test, signal: SignalSpec, message: MessageSpec) -> Test:
+    """Make a look-up of a test of a short plain number, one step whatever it compares with."""
+    plain = not (signal.signed or signal.is_float) and (signal.scale, signal.offset) == (1, 0)
+    always = readable(message, signal) and not any(each.is_multiplexer for each in message.signals)
+    if not plain or not always or signal.length > 8:
+        return test
+    passed = np.array([bool(test(float(value))) for value in range(1 << signal.length)], np.bool_)
+    return lambda values: passed.take(values.astype(np.intp))
 
 
 def _id_name(part: Part) -> list[str]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
+from itertools import repeat, starmap
 from typing import Any, cast
 
 import numpy as np
@@ -44,10 +45,11 @@ class FrameBlock:
     def frames(self) -> Iterator[Frame]:
         """Return the frames one by one."""
         width = self.payload.shape[1]
-        padded = cast("list[bytes]", self.payload.view(f"V{width}").ravel().tolist())
-        data = [payload[:length] for payload, length in zip(padded, self.length.tolist(), strict=True)]
-        columns = zip(
-            self.time_ns.tolist(), self.bus.tolist(), self.can_id.tolist(), data, self.fd.tolist(), strict=True
+        records = np.rec.fromarrays(
+            [self.time_ns, self.bus, self.can_id, self.length, self.payload.view(f"V{width}").ravel(), self.fd],
+            dtype=f"i8,i2,u4,u1,V{width},?",
         )
+        # "p" takes the length's byte and gives that many of the payload's
+        fields = struct.iter_unpack(f"=qhI{width + 1}p?", records)
         # Frame(…) and Frame._make(…) are Python calls; this one stays in C
-        return map(cast("Any", partial(tuple.__new__, Frame)), columns)
+        return starmap(cast("Any", tuple.__new__), zip(repeat(Frame), fields, strict=False))

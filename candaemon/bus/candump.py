@@ -7,7 +7,8 @@ the bit rate switch, as CAN FD frames are sent live.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 
@@ -16,8 +17,8 @@ from candaemon.bus.candumptext import ChunkDecoder
 from candaemon.bus.frame import EXTENDED, Frame
 from candaemon.bus.logstream import ChannelMap, LogBytes, LogCounts
 
-CHUNK = 1 << 20
-"""Bytes of text decoded at once. A line longer than that may be cut."""
+CHUNK = 1 << 19
+"""Bytes of text decoded at once: what is computed of them fits the cache. A line longer than that may be cut."""
 
 
 def read_candump_blocks(
@@ -62,21 +63,33 @@ def _blocks(stream: LogBytes, channels: ChannelMap, counts: LogCounts, chunk: in
                 counts.note_end("its last line is cut short")
 
 
-def candump_line(frame: Frame, channel: str) -> str:
-    """Return a frame as a line of `candump -L`, with its line end.
+def candump_text(frames: Iterable[Frame], channels: Sequence[str]) -> bytes:
+    """Return frames as the text of `candump -L`.
 
     Args:
-        frame: the frame; its time must not be negative.
-        channel: name of its bus.
+        frames: the frames; no time may be negative.
+        channels: names of the buses, by index.
     """
-    time_ns, _, can_id, data, fd = frame
+    lines = []
+    stamp, stamp_ns, stamp_bus = "", -1, -1
+    for time_ns, bus, can_id, data, fd in frames:
+        # the frames of a cycle share their time
+        if time_ns != stamp_ns or bus != stamp_bus:
+            stamp, stamp_ns, stamp_bus = _stamp(time_ns, channels[bus]), time_ns, bus
+        lines.append(f"{stamp}{_identifier(can_id, fd)}{data.hex().upper()}\n")
+    return "".join(lines).encode()
+
+
+def _stamp(time_ns: int, channel: str) -> str:
+    """Return what precedes the identifier."""
     seconds, fraction = divmod(time_ns, 1_000_000_000)
     microseconds, rest = divmod(fraction, 1000)
     digits = f"{fraction:09d}" if rest else f"{microseconds:06d}"
-    identifier = f"{can_id & ~EXTENDED:08X}" if can_id & EXTENDED else f"{can_id:03X}"
-    return f"({seconds:010d}.{digits}) {channel} {identifier}{'##1' if fd else '#'}{data.hex().upper()}\n"
+    return f"({seconds:010d}.{digits}) {channel} "
 
 
-def candump_text(frames: Sequence[Frame], channels: Sequence[str]) -> bytes:
-    """Return frames as the text of `candump -L`; `channels` names the buses by index."""
-    return "".join([candump_line(frame, channels[frame.bus]) for frame in frames]).encode()
+@lru_cache(maxsize=4096)
+def _identifier(can_id: int, fd: bool) -> str:
+    """Return the identifier, and what parts it from the data."""
+    digits = f"{can_id & ~EXTENDED:08X}" if can_id & EXTENDED else f"{can_id:03X}"
+    return f"{digits}{'##1' if fd else '#'}"

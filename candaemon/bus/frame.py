@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Container, Iterable
+from functools import partial
+from typing import Any, Final, NamedTuple, cast
 
 EXTENDED = 0x8000_0000
 """Set in `Frame.can_id` for a 29-bit identifier, as SocketCAN's CAN_EFF_FLAG."""
@@ -24,6 +26,22 @@ class Frame(NamedTuple):
     can_id: int
     data: bytes
     fd: bool = False
+
+
+_make: Final = cast("Any", partial(tuple.__new__, Frame))
+"""Frame(…) and Frame._make(…) are Python calls; this one stays in C."""
+
+
+def frames_at(time_ns: int, bus: int, payloads: Iterable[tuple[int, bytes]], fd_ids: Container[int]) -> list[Frame]:
+    """Return the frames of one instant.
+
+    Args:
+        time_ns: of all.
+        bus: index, of all.
+        payloads: CAN id and payload of each.
+        fd_ids: the identifiers of CAN FD frames.
+    """
+    return [_make((time_ns, bus, can_id, data, can_id in fd_ids)) for can_id, data in payloads]
 
 
 class Tick(NamedTuple):

@@ -25,6 +25,8 @@ from candaemon.bus.logstream import channel_number
 from candaemon.bus.messages import to_message
 from candaemon.errors import InputError
 
+_BUFFER = 1 << 16  # bytes; a cycle writes some 3,000
+
 
 class LogWriter(ABC):
     """Writes frames to a log until it is closed.
@@ -39,7 +41,7 @@ class LogWriter(ABC):
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            self._file: BinaryIO = path.open("wb")
+            self._file: BinaryIO = path.open("wb", buffering=_BUFFER)
         except OSError as error:
             raise self._failed(error) from error
         self._target: BinaryIO = self._file

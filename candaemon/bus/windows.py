@@ -71,10 +71,11 @@ class Windows:
         Returns:
             The window that holds each signal: (1, n) if it is one for all, else (signals, n).
         """
+        if self._word is not None:
+            words = np.frombuffer(payloads, self._word) if isinstance(payloads, bytes) else payloads.view(self._word)
+            return words.astype(np.int64).reshape(1, -1)
         if not isinstance(payloads, np.ndarray):
             payloads = np.frombuffer(payloads, np.uint8).reshape(-1, max(self._length, 1))
-        if self._word is not None:
-            return payloads.view(self._word).astype(np.int64).reshape(1, -1)
         if self._width != self._length:
             padded = np.zeros((len(payloads), self._width), np.uint8)
             padded[:, : self._length] = payloads
@@ -95,7 +96,7 @@ class Windows:
         """
         if self._word is not None:
             word: Integers = np.bitwise_or.reduce(bits, axis=0)
-            return word.astype(self._word).view(np.uint8).reshape(-1, 8)
+            return word.astype(self._word, copy=False).view(np.uint8).reshape(-1, 8)
         payloads = np.zeros((bits.shape[1], self._width), np.uint8)
         for row, (order, byte) in enumerate(self._windows):
             word = np.bitwise_or.reduce(bits if len(self._windows) == 1 else bits[self._members[row]], axis=0)

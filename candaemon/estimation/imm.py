@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from candaemon.estimation.kalman import line_of_sight, propagated, symmetrise, update_position, update_scalar
 from candaemon.estimation.measurement import Measurement
-from candaemon.estimation.models import ACCELERATION, TURN, VELOCITY, CoordinatedTurn, MotionModel
+from candaemon.estimation.models import ACCELERATION, TURN, VELOCITY, CoordinatedTurn, LinearModel, MotionModel
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -119,6 +119,11 @@ class Imm:
             self.mean[:, j], f, q = model.transition(self.mean[:, j], dt, direction)
             np.add(propagated(self.covariance[:, j], f), q, out=self.covariance[:, j])
         symmetrise(self.covariance)
+
+    @property
+    def directional(self) -> bool:
+        """Whether any model treats the directions along and across the travel differently."""
+        return any(isinstance(model, LinearModel) and not model.isotropic for model in self._models)
 
     def retreat(self, dt: float) -> None:
         """Take all tracks back by a short dt (s), for a measurement that comes late; what was learnt since is kept."""

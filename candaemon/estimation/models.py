@@ -109,9 +109,9 @@ def white_axis(dt: float, intensity: float, *, order: int) -> Axis:
 
 def _plane(along: Floats, across: Floats, direction: Floats, width: int) -> Floats:
     """Spread two 3 × 3 axis matrices over the plane, (n, width, width)."""
+    if along is across or not (along != across).any():
+        return _isotropic(along, width)[None]
     difference = along - across
-    if not difference.any():
-        return _isotropic(across, width)[None]
     cosine, sine = direction[:, 0, None, None], direction[:, 1, None, None]
     mixed = difference * (cosine * sine)
     out = np.zeros((len(direction), width, width))
@@ -152,9 +152,17 @@ class LinearModel:
         """Indices of the state's components that the model has."""
         return tuple(range(4 if self.order == 1 else 6))
 
+    @property
+    def isotropic(self) -> bool:
+        """Whether the model is the same along and across the travel."""
+        return self.settling == (None, None) and self.noise[0] == self.noise[1] and self.wander[0] == self.wander[1]
+
     def axes(self, dt: float) -> tuple[Axis, Axis]:
         """Return the axis along and the axis across the direction of travel."""
-        return self._axis(0, self.order, dt), self._axis(1, self.order if self.settling[1] is None else 1, dt)
+        along = self._axis(0, self.order, dt)
+        if self.isotropic:
+            return along, along
+        return along, self._axis(1, self.order if self.settling[1] is None else 1, dt)
 
     def _axis(self, which: int, order: int, dt: float) -> Axis:
         time_constant = self.settling[which]
@@ -205,15 +213,12 @@ class CurrentStatistical:
         del direction  # the model is the same in every direction
         width = mean.shape[1]
         axis = decaying_axis(self.alpha, dt, 2 * self.alpha, order=2)
-        predicted = mean.copy()
-        acceleration = mean[:, ACCELERATION]
-        predicted[:, POSITION] += dt * mean[:, VELOCITY] + (dt * dt / 2) * acceleration
-        predicted[:, VELOCITY] += dt * acceleration
-        q = np.zeros((len(mean), width, width))
-        variance = self.variance(acceleration)
-        q[:, _X, _X] = variance[:, 0, None, None] * axis.noise
-        q[:, _Y, _Y] = variance[:, 1, None, None] * axis.noise
-        return predicted, _isotropic(axis.transition, width)[None], q
+        constant = np.array(((1.0, dt, dt * dt / 2), (0.0, 1.0, dt), (0.0, 0.0, 1.0)))
+        predicted = mean @ _isotropic(constant, width).T
+        per_axis = np.zeros((2, width, width))
+        per_axis[0, _X, _X] = per_axis[1, _Y, _Y] = axis.noise
+        q = self.variance(mean[:, ACCELERATION]) @ per_axis.reshape(2, -1)
+        return predicted, _isotropic(axis.transition, width)[None], q.reshape(-1, width, width)
 
     def variance(self, acceleration: Floats) -> Floats:
         """Return σₐ² of (8) and (20), with the clamp and the floor."""

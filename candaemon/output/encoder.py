@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from math import isfinite
 from typing import Final, TypeAlias, TypeVar
 
 import numpy as np
@@ -10,7 +12,8 @@ from numpy.typing import NDArray
 
 from candaemon.binding.bound import BoundOutput
 from candaemon.output.quantities import OwnAcceleration, View
-from candaemon.output.slots import OFF_PATH, SlotTable
+from candaemon.output.seats import Seating, Seats
+from candaemon.output.slots import OFF_PATH
 from candaemon.sensing.pose import EgoPose
 from candaemon.tracking.obstacles import TENTATIVE, Obstacles
 
@@ -73,8 +76,8 @@ class OutputEncoder:
         self._polar = "range" in settings.signals
         self._counts_cycles = "counter" in settings.signals
         self._own_acceleration = OwnAcceleration() if "rel_ax" in settings.signals else None
-        self._slots = SlotTable(output.writer.slots)
-        self._every_slot = np.arange(output.writer.slots)
+        self._tells_id = "id" in settings.signals
+        self._seating = Seating(output.writer.slots, send_all=self._all, send_freed=not self._listed)
         self._sent = np.zeros(output.writer.slots, np.int64)
         self._cycle = 0
         self.unreported = 0
@@ -96,69 +99,62 @@ class OutputEncoder:
             CAN id and payload: the status, then the first message of every slot in order, then the second, and so on.
         """
         told = self._told(obstacles)
-        assigned = self._slots.assign(obstacles.id[told].tolist(), self._urgency(obstacles, told).tolist())
-        slots = np.array(assigned.slot, np.int64)
-        by_slot = np.argsort(slots)[np.count_nonzero(slots < 0) :]
-        rows, held = told[by_slot], slots[by_slot]
-        new = np.array(assigned.new, np.bool_)[by_slot]
-        self.unreported = self._worth(obstacles) - len(held)
-        sent = self._sent_slots(held, assigned.freed)
-        occupied = np.zeros(len(self._every_slot), np.bool_)
-        occupied[held] = True
-        occupied = occupied[sent]
-        frames = [] if self._status is None else [self._write_status(status, len(held), sent, occupied)]
-        columns = self._columns(obstacles, rows, pose, occupied)
-        counter = self._cycle if self._counts_cycles else self._sent[sent]
-        frames += self._writer.write(sent, columns, occupied, counter=counter, new=_spread(new, occupied))
-        self._sent[sent] += 1
+        seats = self._seating.seats(obstacles.id[told], partial(self._urgency, obstacles, told))
+        held = len(seats.order)
+        self.unreported = self._worth(obstacles) - held
+        frames = [] if self._status is None else [self._write_status(status, held, seats)]
+        columns = self._columns(obstacles, told, pose, seats)
+        frames += self._writer.write(seats.sent, columns, seats.occupied, counter=self._count(seats), new=seats.new)
         self._cycle += 1
         return frames
+
+    def _count(self, seats: Seats) -> int | Integers:
+        """Give what the counters of this cycle's frames show."""
+        if self._counts_cycles:
+            return self._cycle
+        counted = self._sent[seats.sent]
+        self._sent[seats.sent] = counted + 1
+        return counted
 
     def _worth(self, obstacles: Obstacles) -> int:
         """Count the obstacles that should be told."""
         return len(obstacles) if self._tentative else int(np.count_nonzero(obstacles.state != TENTATIVE))
 
-    def _told(self, obstacles: Obstacles) -> Rows:
+    def _told(self, obstacles: Obstacles) -> Rows | slice:
         """List the obstacles that can be told: of the states asked for, with position and velocity in bounds."""
-        motion = np.abs([obstacles.x, obstacles.y, obstacles.vx, obstacles.vy])
-        good = (motion < FARTHEST).all(axis=0)  # NaN is not
-        if not self._tentative:
-            good &= obstacles.state != TENTATIVE
-        return np.flatnonzero(good)
+        motion = np.array([obstacles.x, obstacles.y, obstacles.vx, obstacles.vy])
+        asked = None if self._tentative else obstacles.state != TENTATIVE
+        if np.vdot(motion, motion) < FARTHEST**2:  # then each one is in bounds
+            return slice(None) if asked is None else asked.nonzero()[0]
+        good = (np.abs(motion) < FARTHEST).all(axis=0)  # NaN is not
+        return np.flatnonzero(good if asked is None else good & asked)
 
-    def _urgency(self, obstacles: Obstacles, rows: Rows) -> Floats:
+    def _urgency(self, obstacles: Obstacles, rows: Rows | slice) -> Floats:
         x, y = obstacles.x[rows], obstacles.y[rows]
         in_path = (x > 0) & (np.abs(y) <= self._half_width)
         return np.hypot(x, y) + np.where(in_path, 0.0, OFF_PATH)
 
-    def _sent_slots(self, held: Integers, freed: list[int]) -> Integers:
-        """List the slots to send, in order."""
-        if self._all:
-            return self._every_slot
-        if not freed or self._listed:
-            return held
-        return np.sort(np.concatenate([held, np.array(freed, np.int64)]))
-
-    def _columns(self, obstacles: Obstacles, rows: Rows, pose: EgoPose, occupied: Booleans) -> Columns:
-        """Return each quantity of the slots sent: of the obstacles in these rows where occupied; all are finite."""
+    def _columns(self, obstacles: Obstacles, told: Rows | slice, pose: EgoPose, seats: Seats) -> Columns:
+        """Return each quantity of the slots sent: of their holders where occupied, 0 elsewhere; all are finite."""
         own = 0j if self._own_acceleration is None else self._own_acceleration.update(pose)
-        view = View(obstacles, rows, self._mount, pose, own)
+        view = View(obstacles, told, self._mount, pose, own)
         with np.errstate(invalid="ignore", over="ignore"):  # what is no number is dealt with below
             table = np.array([view.quantity(name, polar=self._polar) for name in self._names], np.float64)
-        finite = np.isfinite(table)
-        if not finite.all():
+        table = table.take(seats.order, axis=-1)
+        if not isfinite(np.vdot(table, table)):
             filler = np.zeros((len(self._names), 1))
             filler[self._deviations] = UNKNOWN_DEVIATION
-            table = np.where(finite, table, filler)
-        columns: Columns = dict(zip(self._names, _spread(table, occupied), strict=True))
-        columns["id"] = _spread(obstacles.id[rows], occupied)
+            table = np.where(np.isfinite(table), table, filler)
+        columns: Columns = dict(zip(self._names, _spread(table, seats.occupied), strict=True))
+        if self._tells_id:
+            columns["id"] = _spread(obstacles.id[told][seats.order], seats.occupied)
         return columns
 
-    def _write_status(self, status: OutputStatus, held: int, sent: Integers, occupied: Booleans) -> tuple[int, bytes]:
+    def _write_status(self, status: OutputStatus, held: int, seats: Seats) -> tuple[int, bytes]:
         """Write the status message."""
         assert self._status is not None  # noqa: S101  # the caller asked
         # A reader takes `count` objects from a list, or the first `count` of all slots.
-        count = int(np.flatnonzero(occupied).max(initial=-1)) + 1 if self._all else len(sent)
+        count = int(np.flatnonzero(seats.occupied).max(initial=-1)) + 1 if self._all else len(seats.sent)
         values = {
             "cycle": self._cycle,
             "occupied": held,
@@ -173,7 +169,7 @@ class OutputEncoder:
 
 def _spread(values: NDArray[Value], occupied: Booleans) -> NDArray[Value]:
     """Put the values (…, occupied slots) in their places (…, slots), zeros between."""
-    if occupied.all():
+    if values.shape[-1] == len(occupied):
         return values
     full = np.zeros((*values.shape[:-1], len(occupied)), values.dtype)
     full[..., occupied] = values

@@ -6,9 +6,9 @@ Plane vectors are complex numbers, x + iy: a turn is a product.
 from __future__ import annotations
 
 from cmath import exp
-from functools import cached_property
+from collections.abc import Callable
 from math import radians
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from candaemon.tracking.obstacles import Obstacles
 Floats = NDArray[np.float64]
 Plane = NDArray[np.complex128]
 Rows = NDArray[np.intp]
+Value = TypeVar("Value")
 
 ACCELERATION_TIME: Final = 0.3
 """s, time constant of own acceleration, which is derived from the velocities of successive cycles."""
@@ -49,19 +50,31 @@ class OwnAcceleration:
         return self._acceleration * exp(-1j * pose.heading)
 
 
+class _Once(Generic[Value]):
+    """A property worked out on first use; `functools.cached_property` takes a lock for it until Python 3.12."""
+
+    def __init__(self, find: Callable[[View], Value]) -> None:
+        self._find, self._name = find, find.__name__
+        self.__doc__ = find.__doc__
+
+    def __get__(self, view: View, owner: type[View]) -> Value:
+        value = view.__dict__[self._name] = self._find(view)
+        return value
+
+
 class View:
     """Obstacles of one cycle as a sensor at the mount would see them.
 
     Args:
         obstacles: of the cycle.
-        rows: those to show (n,).
+        rows: those to show, (n,) or a slice.
         mount: of the output's axes in vehicle axes.
         pose: own pose at the obstacles' time.
         acceleration: of the vehicle over ground, in vehicle axes, m/s².
     """
 
     def __init__(
-        self, obstacles: Obstacles, rows: Rows, mount: Mount, pose: EgoPose, acceleration: complex = 0j
+        self, obstacles: Obstacles, rows: Rows | slice, mount: Mount, pose: EgoPose, acceleration: complex = 0j
     ) -> None:
         self._obstacles, self._rows = obstacles, rows
         self._mount = complex(mount.x, mount.y)
@@ -93,9 +106,9 @@ class View:
             case "ay":
                 return self.acceleration.imag
             case "range":
-                return np.abs(self.position)
+                return self.distance
             case "azimuth":
-                return np.angle(self.position)
+                return np.arctan2(self.position.imag, self.position.real)
             case "range_rate":
                 return self._along(self.relative_velocity)
             case "rel_vx":
@@ -112,28 +125,35 @@ class View:
             case _:
                 return self._take(name)
 
-    @cached_property
+    @_Once
     def position(self) -> Plane:
         """Positions in the mount's axes, m."""
-        return (self._plane("x", "y") - self._mount) * self._turn
+        position = self._plane("x", "y")
+        position -= self._mount
+        return self._turned(position)
 
-    @cached_property
+    @_Once
+    def distance(self) -> Floats:
+        """Distances from the mount, m."""
+        return np.abs(self.position)
+
+    @_Once
     def velocity(self) -> Plane:
         """Velocities over ground in the mount's axes, m/s."""
-        return self._plane("vx", "vy") * self._turn
+        return self._turned(self._plane("vx", "vy"))
 
-    @cached_property
+    @_Once
     def acceleration(self) -> Plane:
         """Accelerations over ground in the mount's axes, m/s²."""
-        return self._plane("ax", "ay") * self._turn
+        return self._turned(self._plane("ax", "ay"))
 
-    @cached_property
+    @_Once
     def relative_velocity(self) -> Plane:
         """Velocities less the mount's own, m/s."""
         own = complex(*self._pose.velocity_in_vehicle_axes()) + 1j * self._pose.yaw_rate * self._mount
         return self.velocity - own * self._turn
 
-    @cached_property
+    @_Once
     def rate(self) -> Plane:
         """Rates of the positions in the mount's axes, which turn with the vehicle, m/s."""
         return self.relative_velocity - 1j * self._pose.yaw_rate * self.position
@@ -143,11 +163,19 @@ class View:
         return column
 
     def _plane(self, x: str, y: str) -> Plane:
-        return self._take(x) + 1j * self._take(y)
+        real, imaginary = self._take(x), self._take(y)
+        plane = np.empty(len(real), np.complex128)
+        plane.real, plane.imag = real, imaginary
+        return plane
+
+    def _turned(self, vector: Plane) -> Plane:
+        """Turn from vehicle axes into the mount's."""
+        return vector if self._turn == 1 else vector * self._turn
 
     def _along(self, vector: Plane) -> Floats:
         """Return the component away along the line of sight."""
-        return np.real(np.conj(self.position) * vector) / np.maximum(np.abs(self.position), NEAREST)
+        product: Plane = np.conj(self.position) * vector
+        return product.real / np.maximum(self.distance, NEAREST)
 
     def _deviation(self, name: str) -> Floats:
         """Return a standard deviation along one of the mount's axes, x and y taken as uncorrelated."""

@@ -17,7 +17,8 @@ those known, or the last look plus the shortest time-out, has come.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -76,6 +77,9 @@ class ScanAssembler(ABC):
         self._expected = [True] * len(reader.parts)
         self._position = [row for row, name in enumerate(reader.quantities) if name in POSITION]
         self._every_slot = np.arange(reader.slots, dtype=np.int64)
+        self._every_slot.flags.writeable = False  # scans share it
+        self._slot_list = list(range(reader.slots))
+        self._in_order = itemgetter(*range(reader.slots)) if reader.slots > 1 else None
         self._frames: list[dict[int, bytes]] = [{} for _ in reader.parts]
         self._open = False
         self._awaited = UNKNOWN
@@ -214,6 +218,9 @@ class ScanAssembler(ABC):
         """List the slots whose required messages came, in order."""
         frames, counts = self._frames, self.counts
         first, *others = [frames[part] for part in self._required]
+        limit = self._limit()
+        if len(first) == self._slots and not others and limit == NEVER and not self._multiplexed:
+            return self._slot_list
         common = set(first).intersection(*others)
         if others:
             counts.rejected += len(set(first).union(*others)) - len(common)
@@ -224,13 +231,13 @@ class ScanAssembler(ABC):
             counts.surplus += surplus
             counts.used -= surplus
             slots = slots[: self._slots]
-        limit = self._limit()
         return slots if limit == NEVER else [slot for slot in slots if slot < limit]
 
     def _read(self, slots: list[int], missing: int) -> Scan:
         """Read the objects of these slots."""
         counts = self.counts
-        batch = self._reader.read([list(map(column.get, slots)) for column in self._frames])
+        full = len(slots) == self._slots and not self._multiplexed
+        batch = self._reader.read([self._payloads(column, slots, full) for column in self._frames])
         use = batch.valid
         if self._has_pairs:
             use = batch.valid & batch.paired
@@ -239,12 +246,21 @@ class ScanAssembler(ABC):
             placed = np.isfinite(batch.values[self._position]).all(axis=0)
             counts.rejected += int(np.count_nonzero(use & ~placed))
             use = use & placed
-        full = len(slots) == self._slots and not self._multiplexed
         slot: npt.NDArray[np.int64] = self._every_slot if full else np.array(slots, np.int64)
-        rows = np.flatnonzero(use)
-        slot = slot[rows]
-        object_id = batch.identity[rows] if self._has_identity else slot
-        return Scan(self._time_ns(), self._sensor, object_id, slot, batch.new[rows], batch.values[:, rows], missing)
+        object_id = batch.identity if self._has_identity else slot
+        new, values = batch.new, batch.values
+        if np.count_nonzero(use) < len(use):
+            rows = use.nonzero()[0]
+            slot, object_id, new = slot.take(rows), object_id.take(rows), new.take(rows)
+            values = values.take(rows, axis=1)
+        return Scan(self._time_ns(), self._sensor, object_id, slot, new, values, missing)
+
+    def _payloads(self, column: Mapping[int, bytes], slots: list[int], full: bool) -> Sequence[bytes | None]:
+        """Take the payloads of these slots, None where one did not come."""
+        if full and len(column) == self._slots and self._in_order is not None:
+            payloads: tuple[bytes, ...] = self._in_order(column)
+            return payloads
+        return list(map(column.get, slots))
 
     def _nothing(self, missing: int) -> Scan:
         none = np.empty(0, np.int64)

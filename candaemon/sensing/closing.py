@@ -28,15 +28,25 @@ class CounterAssembler(ScanAssembler):
             self.counts.short += 1
             return None
         counter = self._counters[part](data)
-        closed = None
         if counter != self._counter:
-            if counter == self._closed_counter and self._straggles(time_ns, self._straggling_ns):
-                self.counts.late += 1
-                return None
-            if self._open:
-                closed = self._close()
-            self._start(time_ns)
-            self._counter = counter
+            return self._turn_over(counter, part, slot, data, time_ns)
+        frames = self._frames[part]
+        if slot in frames:
+            self.counts.duplicate += 1
+            return None
+        frames[slot] = data
+        self._last_ns = time_ns
+        self._awaited -= 1
+        return None if self._awaited else self._close()
+
+    def _turn_over(self, counter: int, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:
+        """Take the first frame of another scan."""
+        if counter == self._closed_counter and self._straggles(time_ns, self._straggling_ns):
+            self.counts.late += 1
+            return None
+        closed = self._close() if self._open else None
+        self._start(time_ns)
+        self._counter = counter
         return self._put(part, slot, data, time_ns, closed)
 
     def _close(self) -> Scan:

@@ -11,7 +11,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, hypot, sin
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from candaemon.config.ego import BiasSettings
 from candaemon.sensing.pose import EgoPose, EgoStatus
@@ -42,9 +42,11 @@ class EgoMotion(Protocol):
 
     Attributes:
         teaching: how stationary returns may correct it; None where they may not.
+        wanted: the quantities it makes use of.
     """
 
     teaching: BiasSettings | None
+    wanted: frozenset[str]
 
     @property
     def known_until_ns(self) -> int:
@@ -64,8 +66,7 @@ class EgoMotion(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(NamedTuple):
     """Own motion at one instant: as `EgoPose`, with the accelerations east and north, m/s²."""
 
     time_ns: int

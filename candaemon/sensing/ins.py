@@ -31,9 +31,9 @@ class InsMotion:
         needed = {"heading", self._clock} | ({self._turn} if self._turn is not None else set())
         self._needed = frozenset(needed | ({"velocity_east"} if self._components else set()))
         self._latency_ns = round(settings.latency * 1e9)
-        self._fresh: set[str] = set()
+        self.wanted = self._needed | {"valid"}
+        self._missing: set[str] = set(self._needed)
         self._value: dict[str, float] = {}
-        self._valid = True
         self._sample_ns = 0
         self._yaw_rate = 0.0
         self._heading: float | None = None
@@ -47,17 +47,15 @@ class InsMotion:
 
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Take the quantities of one frame."""
-        for name, value in zip(names, values, strict=True):
-            if name == "valid":
-                self._valid = value != 0.0
-            elif value == value:  # NaN: the DBC's multiplexer left it out
+        if self._clock in names:
+            self._sample_ns = time_ns - self._latency_ns
+        for name, value in zip(names, values):  # noqa: B905 - binding pairs them once for all frames
+            if value == value:  # not NaN: the DBC's multiplexer may leave it out
                 self._value[name] = value
-                self._fresh.add(name)
-                if name == self._clock:
-                    self._sample_ns = time_ns - self._latency_ns
-        if self._needed <= self._fresh:
-            self._fresh.clear()
-            if self._valid:
+                self._missing.discard(name)
+        if not self._missing:
+            self._missing.update(self._needed)
+            if self._value.get("valid", 1.0) != 0.0:
                 self._add_sample()
 
     def _add_sample(self) -> None:

@@ -74,11 +74,11 @@ class Mounting:
         if self._polar:
             direction = b + yaw
             c, s = np.cos(direction), np.sin(direction)
-            offset = np.stack([a * c, a * s], axis=1)
+            offset = _plane(a * c, a * s)
             self._spread(noise, c, s, self._first_variance, self._second_variance * a * a)
         else:
             c0, s0 = cos(yaw), sin(yaw)
-            offset = np.stack([a * c0 - b * s0, a * s0 + b * c0], axis=1)
+            offset = _plane(a * c0 - b * s0, a * s0 + b * c0)
             self._spread(noise, c0, s0, self._first_variance, self._second_variance)
         origin, velocity = pose.place(mount.x, mount.y)
         position = offset + origin
@@ -126,3 +126,10 @@ class Mounting:
                 )
             )
         return tuple(out)
+
+
+def _plane(x: Floats, y: Floats) -> Floats:
+    """Put components (n,) side by side, (n, 2)."""
+    both = np.empty((len(x), 2))
+    both[:, 0], both[:, 1] = x, y
+    return both

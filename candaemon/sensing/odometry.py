@@ -22,6 +22,7 @@ class OdometryMotion:
 
     def __init__(self, settings: OdometrySettings) -> None:
         self.teaching: BiasSettings | None = settings.bias
+        self.wanted = frozenset({"speed", "left_wheels", "right_wheels", "yaw_rate"})
         self._track_width = settings.track_width
         self._latency_ns = round(settings.latency * 1e9)
         self.bias = MotionBias(settings.bias)
@@ -99,6 +100,7 @@ class StandingStill:
     """Own motion of a vehicle, or a mast, that never moves."""
 
     teaching: BiasSettings | None = None
+    wanted: frozenset[str] = frozenset()
     known_until_ns = 1 << 62
 
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:

@@ -23,12 +23,20 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Position, velocity, acceleration and covariance of obstacles, level frame: (k, 2) each and (k, 6, 6)."""
+    """States [x, y, vx, vy, ax, ay] of k reference points, level frame, (k, 6), and covariances (k, 6, 6)."""
 
-    position: Floats
-    velocity: Floats
-    acceleration: Floats
+    state: Floats
     covariance: Floats
+
+    @property
+    def position(self) -> Floats:
+        """Positions (k, 2), m."""
+        return self.state[:, :2]
+
+    @property
+    def velocity(self) -> Floats:
+        """Velocities over ground (k, 2), m/s."""
+        return self.state[:, 2:4]
 
 
 def to_travel_axes(vectors: Floats, direction: Floats) -> Floats:
@@ -53,15 +61,15 @@ def from_travel_axes(components: Floats, direction: Floats) -> Floats:
 def rigid_motion(obstacles: ObstacleTable, reflections: Reflections, mean: Floats, covariance: Floats) -> Motion:
     """Return the motion of each obstacle from its reflections' states (n, 6) and covariances (n, 6, 6)."""
     lead = obstacles.leader
-    position = mean[lead, :2] + from_travel_axes(obstacles.offset, obstacles.direction)
-    if len(reflections) == len(obstacles):
-        return Motion(position, mean[lead, 2:4], mean[lead, 4:6], covariance[lead])
-    weight = 1.0 / (covariance[:, 2, 2] + covariance[:, 3, 3])
-    total = np.bincount(reflections.obstacle, weight, len(obstacles))
-    moving = np.stack(
-        [np.bincount(reflections.obstacle, weight * mean[:, c], len(obstacles)) / total for c in (2, 3, 4, 5)], axis=1
-    )
-    return Motion(position, moving[:, :2], moving[:, 2:], covariance[lead])
+    state, uncertain = mean[lead], covariance[lead]
+    if obstacles.offset.any():
+        state[:, :2] += from_travel_axes(obstacles.offset, obstacles.direction)
+    if len(reflections) > len(obstacles):
+        weight = 1.0 / (covariance[:, 2, 2] + covariance[:, 3, 3])
+        total = np.bincount(reflections.obstacle, weight, len(obstacles))
+        for c in range(2, 6):
+            state[:, c] = np.bincount(reflections.obstacle, weight * mean[:, c], len(obstacles)) / total
+    return Motion(state, uncertain)
 
 
 def pass_the_lead(
@@ -114,19 +122,29 @@ def parted(
 
 
 def beside_an_older(obstacles: ObstacleTable, motion: Motion, settings: ReflectionSettings) -> Integers:
-    """Return for each obstacle the row of an older one that it is side by side with, or −1."""
-    direction = obstacles.direction
-    place = to_travel_axes(motion.position[None, :] - motion.position[:, None], direction[:, None])
-    speed = motion.velocity[None, :] - motion.velocity[:, None]
-    near = (
-        (np.abs(place[..., 0]) < settings.along)
-        & (np.abs(place[..., 1]) < settings.across)
-        & ((speed * speed).sum(axis=-1) < settings.speed**2)
-        & (obstacles.id[None, :] < obstacles.id[:, None])
-        & obstacles.confirmed[None, :]
+    """Return for each obstacle the row of an older one that it is side by side with, or −1.
+
+    Rows keep the order of birth, so an older obstacle has a smaller row.
+    """
+    found = np.full(len(obstacles), -1, dtype=np.int64)
+    reach = settings.along + settings.across
+    east, north = motion.state[:, 0], motion.state[:, 1]
+    near = (np.abs(east[:, None] - east) < reach) & (np.abs(north[:, None] - north) < reach)
+    young, old = np.nonzero(near)
+    earlier = old < young
+    young, old = young[earlier], old[earlier]
+    if not len(young):
+        return found
+    place = to_travel_axes(motion.position[old] - motion.position[young], obstacles.direction[young])
+    faster = motion.velocity[old] - motion.velocity[young]
+    beside = (
+        (np.abs(place[:, 0]) < settings.along)
+        & (np.abs(place[:, 1]) < settings.across)
+        & ((faster * faster).sum(axis=1) < settings.speed**2)
+        & obstacles.confirmed[old]
     )
-    found = near.any(axis=1)
-    return np.where(found, near.argmax(axis=1), -1)
+    found[young[beside][::-1]] = old[beside][::-1]  # reversed, so that the oldest of several is written last
+    return found
 
 
 def turn_to_course(obstacles: ObstacleTable, velocity: Floats, dt: float, settings: TravelSettings) -> None:
@@ -138,13 +156,15 @@ def turn_to_course(obstacles: ObstacleTable, velocity: Floats, dt: float, settin
         dt: s since the last turn.
         settings: how fast, and from which speed on.
     """
-    speed = np.sqrt((velocity * velocity).sum(axis=1))
+    vx, vy = velocity[:, 0], velocity[:, 1]
+    speed = np.sqrt(vx * vx + vy * vy)
     moving = speed > settings.min_speed
     if dt == 0.0 or not moving.any():
         return
-    course = velocity / np.maximum(speed, settings.min_speed)[:, None]
+    dx, dy = obstacles.direction[:, 0], obstacles.direction[:, 1]
     # an axis has no sign: what drives towards us turns the same axis
-    course *= np.where(to_travel_axes(course, obstacles.direction)[:, :1] < 0, -1.0, 1.0)
     share = moving * -np.expm1(-dt / settings.time_constant)
-    turned = obstacles.direction + share[:, None] * (course - obstacles.direction)
-    obstacles.direction = turned / np.sqrt((turned * turned).sum(axis=1, keepdims=True))
+    towards = np.copysign(share / np.maximum(speed, settings.min_speed), vx * dx + vy * dy)
+    dx, dy = dx + towards * vx - share * dx, dy + towards * vy - share * dy
+    norm = np.sqrt(dx * dx + dy * dy)
+    obstacles.direction = np.stack([dx / norm, dy / norm], axis=1)

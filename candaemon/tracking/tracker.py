@@ -89,6 +89,7 @@ class Tracker:
         self._slack_ns = slack_ns
         self._births = Births(settings)
         self._tracks = Population(settings, ids)
+        self._uses_direction = settings.reflections.merge or self._tracks.estimator.directional
         self._time_ns = 0
         self._dt = 0.0
         self.counts = TrackerCounts()
@@ -114,8 +115,10 @@ class Tracker:
         self._end_lives(pose)
         if detections is not None and self._settings.reflections.merge and len(self):
             self._settle()
-        turn_to_course(self._tracks.obstacles, self._tracks.motion().velocity, self._dt, self._settings.travel)
-        return tell(self._tracks, pose, self._updated(), self._slack_ns)
+        motion = self._tracks.motion()
+        if self._uses_direction:
+            turn_to_course(self._tracks.obstacles, motion.velocity, self._dt, self._settings.travel)
+        return tell(self._tracks, motion, pose, self._updated(), self._slack_ns)
 
     def expected_positions(self, horizon: float) -> Floats:
         """Return where each detection of the latest update is expected after a time: (m, 2), level frame, m."""
@@ -187,8 +190,7 @@ class Tracker:
         obstacles.history = np.where(expecting, obstacles.history << 1 & _HISTORY, obstacles.history)
         obstacles.scans += expecting
         measurement = detections.measurement
-        whole = len(rows) == len(detections) and bool((rows == np.arange(len(rows))).all())
-        nis = self._tracks.update(tracks, measurement if whole else measurement.take(rows))
+        nis = self._tracks.update(tracks, measurement.take(rows))
         self._tracks.note(tracks, rows, detections)
         return nis
 
@@ -221,13 +223,15 @@ class Tracker:
     def _end_lives(self, pose: EgoPose) -> None:
         """Confirm what was seen often enough; let go of what is unseen for too long, lost from view, or anywhere."""
         obstacles, reflections, lifecycle = self._tracks.obstacles, self._tracks.reflections, self._settings.lifecycle
+        silent = (self._time_ns - obstacles.last_ns) * 1e-9
+        unseen = silent > lifecycle.tentative_coast
+        if len(reflections) == len(obstacles) and not (unseen | ~obstacles.confirmed).any():
+            return
         hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
         born = (hits >= lifecycle.confirm) & ~obstacles.confirmed
         if born.any():
             obstacles.confirmed |= born
             self.counts.confirmed += int(born.sum())
-        silent = (self._time_ns - obstacles.last_ns) * 1e-9
-        unseen = silent > lifecycle.tentative_coast
         seen = (obstacles.last_ns - obstacles.first_ns) * 1e-9
         over = unseen & (~obstacles.confirmed | (silent > np.minimum(lifecycle.coast, seen)))
         if unseen.any():

@@ -1,0 +1,121 @@
+"""The parts of the chain, and the libraries they take the place of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.bus.candump import read_candump_blocks
+from candaemon.bus.codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder
+from candaemon.bus.database import load_database
+from candaemon.bus.logs import read_log
+from candaemon.bus.logstream import ChannelMap, LogCounts
+from candaemon.config.tracker import CsEstimatorSettings, ImmEstimatorSettings
+from candaemon.estimation.measurement import Measurement
+from candaemon.tracking.estimators import make_estimator
+
+from . import naive
+from .chains import ROOT, count
+
+BATCH = 64
+_DT = 0.05
+_FRAMES, _BATCHED, _WITH_CANTOOLS = 20_000, 64_000, 3_000
+_CHANNELS = {"can1": 0, "can2": 1}
+
+
+class Codec:
+    """All signals of one message, by candaemon and by cantools; each method returns its number of frames."""
+
+    def __init__(self) -> None:
+        dbc = ROOT / "dbc/esr.dbc"
+        message = load_database(dbc).message("Target1")
+        self._payload = bytes.fromhex("2000C51C20812515")
+        self._cantools = naive.load_dbc(dbc)
+        self._values: dict[str, float] = self._cantools.decode_message("Target1", self._payload, decode_choices=False)
+        self._row = list(self._values.values())
+        self._decode, self._encode = compile_decoder(message), compile_encoder(message)
+        self._decoder, self._encoder = BatchDecoder(message), BatchEncoder(message)
+        self._payloads = self._payload * BATCH
+        self._table = np.repeat(np.array([self._row]).T, BATCH, axis=1)
+
+    def decode(self) -> int:
+        for _ in range(_FRAMES):
+            self._decode(self._payload)
+        return _FRAMES
+
+    def decode_batch(self) -> int:
+        for _ in range(_BATCHED // BATCH):
+            self._decoder.decode(self._payloads)
+        return _BATCHED
+
+    def decode_with_cantools(self) -> int:
+        for _ in range(_WITH_CANTOOLS):
+            self._cantools.decode_message("Target1", self._payload, decode_choices=False)
+        return _WITH_CANTOOLS
+
+    def encode(self) -> int:
+        for _ in range(_FRAMES):
+            self._encode(self._row)
+        return _FRAMES
+
+    def encode_batch(self) -> int:
+        for _ in range(_BATCHED // BATCH):
+            self._encoder.encode(self._table)
+        return _BATCHED
+
+    def encode_with_cantools(self) -> int:
+        for _ in range(_WITH_CANTOOLS):
+            self._cantools.encode_message("Target1", self._values)
+        return _WITH_CANTOOLS
+
+
+def read_frames(log: Path) -> int:
+    """Read a log frame by frame; return their number, as the others do."""
+    return count(read_log(log, _CHANNELS, LogCounts()))
+
+
+def read_blocks(log: Path) -> int:
+    """Read a log as arrays."""
+    return sum(len(block) for block in read_candump_blocks(log, ChannelMap(_CHANNELS), LogCounts()))
+
+
+def read_with_python_can(log: Path) -> int:
+    """Read a log with python-can."""
+    with can.LogReader(log) as reader:
+        return count(iter(reader))
+
+
+def estimate(settings: CsEstimatorSettings | ImmEstimatorSettings, tracks: int, steps: int) -> int:
+    """Predict and update all tracks at once; return the number of steps."""
+    estimator = make_estimator(settings)
+    position, noise = _scene(tracks)
+    estimator.spawn(position, noise, np.zeros((tracks, 2)), np.tile(np.eye(2) * 225.0, (tracks, 1, 1)))
+    rows, direction, at_rest = np.arange(tracks), np.tile([1.0, 0.0], (tracks, 1)), np.zeros(2)
+    for step in range(steps):
+        estimator.predict(_DT, direction)
+        estimator.update(rows, Measurement(position + 0.01 * step, noise, at_rest, at_rest))
+    return steps
+
+
+def estimate_with_filterpy(kind: Callable[..., naive.Filter], tracks: int, steps: int) -> int:
+    """Predict and update a filter a track; return the number of steps."""
+    position, noise = _scene(tracks)
+    columns = position[:, :, None]
+    filters: list[Any] = [kind(each, r) for each, r in zip(columns, noise, strict=True)]
+    for step in range(steps):
+        matrices = filters[0].matrices(_DT)
+        for each, z, r in zip(filters, columns + 0.01 * step, noise, strict=True):
+            each.predict(matrices)
+            each.update(z, r)
+    return steps
+
+
+def _scene(tracks: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return positions (n, 2) and their covariances (n, 2, 2)."""
+    x, y = np.linspace(20.0, 120.0, tracks), np.linspace(-20.0, 20.0, tracks)
+    return np.stack([x, y], axis=1), np.tile([[0.06, 0.02], [0.02, 0.3]], (tracks, 1, 1))
