@@ -1,0 +1,53 @@
+"""What a tracker did: in its latest scan, and since the start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+@dataclass(slots=True)
+class TrackerCounts:
+    """What a tracker did.
+
+    Attributes:
+        cycles: scans tracked.
+        detections: detections given.
+        used: detections that updated or began a track.
+        crowded: detections dropped because `max_tracks` was reached.
+        obstacles: obstacles begun.
+        confirmed: obstacles confirmed.
+        merged: obstacles that became part of another.
+        slot_jumps: detections whose sensor kept the id but that cannot be the track of that id.
+    """
+
+    cycles: int = 0
+    detections: int = 0
+    used: int = 0
+    crowded: int = 0
+    obstacles: int = 0
+    confirmed: int = 0
+    merged: int = 0
+    slot_jumps: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """The detections that updated or began a track in the latest scan.
+
+    Attributes:
+        detection: rows in the scan (m,).
+        reflection: rows of the reflections they updated (m,).
+        nis: normalised innovation squared (m,); NaN where a track began.
+        freedom: degrees of freedom of one detection.
+    """
+
+    detection: Rows
+    reflection: Rows
+    nis: Floats
+    freedom: int
