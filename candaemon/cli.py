@@ -47,6 +47,13 @@ def main(argv: list[str] | None = None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         terminal.abandon_stdout()  # whoever reads has read enough
+    except OSError as error:  # a full disk, a quota: what was written until then stays
+        try:
+            sys.stdout.flush()
+        except OSError:
+            terminal.abandon_stdout()
+        terminal.say(f"error: {error.filename or 'output'} cannot be written: {error.strerror or error}")
+        return 1
     return 0
 
 
@@ -82,6 +89,10 @@ def replay(arguments: argparse.Namespace) -> None:
 
     binding = _bound(arguments.config)
     terminal.warn(binding.warnings)
+    channels = [channel for channel, _ in arguments.map]
+    twice = sorted({channel for channel in channels if channels.count(channel) > 1})
+    if twice:
+        raise ConfigError(f"--map gives {', '.join(twice)} to several buses; a channel has one")
     request = ReplayRequest(
         arguments.log,
         arguments.output,
@@ -95,15 +106,20 @@ def replay(arguments: argparse.Namespace) -> None:
     with terminal.log_progress(arguments.log.name) as progress:
         replayed = replay_log(binding, request, progress)
     figures = summarise(replayed)
+    terminal.print_figures(arguments.log.name, figures)
     if arguments.summary is not None:
         _write(arguments.summary, json.dumps(figures, indent=2, allow_nan=False) + "\n")
-    terminal.print_figures(arguments.log.name, figures)
     terminal.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
-    if not any(bus.used for bus in replayed.pipeline.counts.buses):
+    silent = [name for name, counts in figures["sensors"].items() if not counts["used"]]
+    if len(silent) == len(figures["sensors"]):
+        others = ", ".join(figures["log"]["other_channels"]) or "none"
         raise InputError(
-            "not one usable frame: no sensor and no own motion took any; check the channels, or use --map CHANNEL=BUS",
+            f"not one usable frame of any sensor ({', '.join(silent)}); log channels no bus takes: {others}; "
+            "check each bus's channel, or use --map CHANNEL=BUS",
             file=arguments.log,
         )
+    if silent:
+        terminal.warn([f"sensor '{name}': not one usable frame in this log" for name in silent])
 
 
 def check(arguments: argparse.Namespace) -> None:
@@ -168,6 +184,11 @@ def _check_request(request: ReplayRequest, summary: Path | None, binding: Bindin
     for channel, bus in request.channels.items():
         if bus not in buses:
             raise ConfigError(f"--map {channel}={bus}: no bus '{bus}'; expected one of {', '.join(sorted(buses))}")
+    if request.output is not None and binding.output is None:
+        raise ConfigError(
+            f"-o {request.output}: the configuration has no 'output', so there are no frames to write; add one",
+            file=binding.loaded.path,
+        )
     written = [path for path in (request.output, request.tracks, request.predictions, summary) if path is not None]
     paths = [path.resolve() for path in (request.log, *written)]
     if len(set(paths)) < len(paths):

@@ -41,6 +41,7 @@ class PipelineCounts:
         cycles: times that obstacles were told.
         coasting_cycles: those of them without a scan, because every sensor was silent.
         without_ego: scans dropped because own motion was not known yet.
+        own_motion_short: frames of own motion with fewer bytes than the DBC says.
         sent: frames made for the output bus.
         buses: per bus.
     """
@@ -48,6 +49,7 @@ class PipelineCounts:
     cycles: int = 0
     coasting_cycles: int = 0
     without_ego: int = 0
+    own_motion_short: int = 0
     sent: int = 0
     buses: list[BusCounts] = field(default_factory=list)
 

@@ -22,13 +22,15 @@ from candaemon.sensing.mounting import Mounting, View
 from candaemon.sensing.pose import EgoPose, EgoStatus
 from candaemon.sensing.scan import Scan
 from candaemon.sensing.sources import make_ego
-from candaemon.tracking.obstacles import Obstacles, joined
+from candaemon.tracking.obstacles import Obstacles, joined, none
 from candaemon.tracking.stationary import StationaryWatch
 from candaemon.tracking.tracker import Tracker
 
 _SILENT_CYCLES = 1.5
 _LONGEST_COASTING_NS = 10_000_000_000
 _LOST_AFTER_CYCLES = 5
+_STARTING_NS = 1_000_000_000  # after the first frame or tick, until the status is told without a scan
+_WORRIED_NS = 1_000_000_000
 
 
 class Pipeline:
@@ -53,6 +55,9 @@ class Pipeline:
         self._shortest_timeout_ns = min(round(sensor.settings.timeout * 1e9) for sensor in binding.sensors)
         self._coast_ns = min(self._cycle_ns)
         self._coast_due_ns = NEVER
+        self._latency_ns = min(round(sensor.settings.latency * 1e9) for sensor in binding.sensors)
+        self._drops = 0
+        self._dropped_ns = -_WORRIED_NS
         self._deadline_ns = 0
 
     def run(self, items: Iterable[Frame | Tick]) -> Iterator[Cycle]:
@@ -83,15 +88,17 @@ class Pipeline:
 
     def advance(self, time_ns: int) -> Iterator[Cycle]:
         """Close the scans, and tell the coasting obstacles, that are due by a time."""
+        if self._coast_due_ns == NEVER:
+            self._coast_due_ns = time_ns + _STARTING_NS
         while True:
             assembler = min(self.assemblers, key=_deadline)
-            if assembler.deadline_ns <= min(time_ns, self._coast_due_ns):
+            if assembler.deadline_ns <= time_ns:
                 closed_ns = assembler.deadline_ns
                 scan = assembler.expire(closed_ns)
                 if scan is not None:
                     yield from self._cycle(scan, closed_ns)
-            elif self._coast_due_ns <= time_ns:
-                yield from self._coast(max(self._coast_due_ns, time_ns - _LONGEST_COASTING_NS))
+            elif assembler.deadline_ns == NEVER and self._coast_due_ns <= time_ns:
+                yield self._coast(max(self._coast_due_ns, time_ns - _LONGEST_COASTING_NS))
             else:
                 break
         self._set_deadline(time_ns)
@@ -107,9 +114,8 @@ class Pipeline:
     @property
     def drops(self) -> int:
         """Frames of sensors and own motion that were lost or could not be used so far."""
-        return sum(assembler.counts.dropped for assembler in self.assemblers) + sum(
-            bus.short for bus in self.counts.buses
-        )
+        scans = sum(assembler.counts.dropped + assembler.counts.missing for assembler in self.assemblers)
+        return scans + self.counts.own_motion_short
 
     @property
     def saturated(self) -> int:
@@ -119,7 +125,9 @@ class Pipeline:
     def _set_deadline(self, time_ns: int) -> None:
         """Find the next instant at which something happens without a frame."""
         opening_ns = time_ns + self._shortest_timeout_ns  # a scan that opens from here on is due no sooner
-        self._deadline_ns = min(opening_ns, self._coast_due_ns, *(each.deadline_ns for each in self.assemblers))
+        first_ns = min(each.deadline_ns for each in self.assemblers)
+        # while a scan is open nothing coasts: it is about to tell where things are
+        self._deadline_ns = min(opening_ns, self._coast_due_ns if first_ns == NEVER else first_ns)
 
     def _cycle(self, scan: Scan, now_ns: int) -> Iterator[Cycle]:
         """Scan → detections → tracks → obstacles → frames."""
@@ -128,6 +136,7 @@ class Pipeline:
         pose = self.ego.pose(scan.time_ns)
         if pose is None:
             self.counts.without_ego += 1
+            yield self._tell(none(scan.time_ns), _nowhere(scan.time_ns), now_ns, None, None)
             return
         detections = self._mountings[scan.sensor].detections(scan, pose)
         tracker = self._tracker_of[scan.sensor]
@@ -138,14 +147,15 @@ class Pipeline:
             if returns is not None:
                 self.ego.learn(returns)
 
-    def _coast(self, now_ns: int) -> Iterator[Cycle]:
+    def _coast(self, now_ns: int) -> Cycle:
         """Tell where the obstacles should be, every sensor being silent."""
         self._coast_due_ns = now_ns + self._coast_ns
-        pose = self.ego.pose(now_ns)
-        if pose is None:
-            return
         self.counts.coasting_cycles += 1
-        yield self._tell(self._step(None, None, pose), pose, now_ns, None, None)
+        time_ns = now_ns - self._latency_ns
+        pose = self.ego.pose(time_ns)
+        if pose is None:
+            return self._tell(none(time_ns), _nowhere(time_ns), now_ns, None, None)
+        return self._tell(self._step(None, None, pose), pose, now_ns, None, None)
 
     def _step(self, tracker: Tracker | None, detections: Detections | None, pose: EgoPose) -> Obstacles:
         """Advance every group to the pose, the one tracker with detections."""
@@ -166,11 +176,14 @@ class Pipeline:
         return Cycle(now_ns, obstacles, frames, pose, detections, tracker)
 
     def _health(self, pose: EgoPose, now_ns: int) -> int:
-        """Return 0 ok, 1 degraded (own motion is not valid), 2 a sensor is lost."""
+        """Return 0 ok, 1 degraded (own motion is not valid, or frames were lost of late), 2 a sensor is lost."""
+        drops = self.drops
+        if drops > self._drops:
+            self._drops, self._dropped_ns = drops, now_ns
         for last_ns, cycle_ns in zip(self._last_scan_ns, self._cycle_ns, strict=True):
             if now_ns - last_ns > _LOST_AFTER_CYCLES * cycle_ns:
                 return 2
-        return 0 if pose.status is EgoStatus.VALID else 1
+        return int(pose.status is not EgoStatus.VALID or now_ns - self._dropped_ns < _WORRIED_NS)
 
     def _make_routes(self) -> list[dict[int, Route]]:
         """Return for each bus who receives an identifier: a sensor, own motion, or a counter of the rest."""
@@ -182,10 +195,15 @@ class Pipeline:
         ego = self.binding.ego
         if ego is not None:
             for can_id, own in ego.messages.items():
-                routes[ego.bus][can_id] = (_own_motion(own, self.ego, self.counts.buses[ego.bus]), 0, 0)
+                routes[ego.bus][can_id] = (_own_motion(own, self.ego, self.counts, ego.bus), 0, 0)
         for sensor, assembler in zip(self.binding.sensors, self.assemblers, strict=True):
             routes[sensor.bus].update(assembler.routes)
         return routes
+
+
+def _nowhere(time_ns: int) -> EgoPose:
+    """Return the pose of a vehicle that knows nothing of its motion."""
+    return EgoPose(time_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EgoStatus.LOST)
 
 
 def _deadline(assembler: ScanAssembler) -> int:
@@ -204,7 +222,7 @@ def _spare(length: int, counts: BusCounts) -> Receiver:
     return receive
 
 
-def _own_motion(own: EgoMessage, ego: EgoMotion, counts: BusCounts) -> Receiver:
+def _own_motion(own: EgoMessage, ego: EgoMotion, counts: PipelineCounts, bus: int) -> Receiver:
     """Give a message's quantities to own motion."""
     decode, names, update = own.decode, own.quantities, ego.update
     wanted, length = not ego.wanted.isdisjoint(names), own.message.length
@@ -212,7 +230,8 @@ def _own_motion(own: EgoMessage, ego: EgoMotion, counts: BusCounts) -> Receiver:
     def receive(_part: int, _slot: int, data: bytes, time_ns: int) -> None:
         values = decode(data) if wanted else ()
         if values is None or len(data) < length:
-            counts.short += 1
+            counts.own_motion_short += 1
+            counts.buses[bus].short += 1
         elif wanted:
             update(time_ns, names, values)
 
@@ -232,13 +251,13 @@ def _make_trackers(binding: Binding) -> tuple[list[Tracker], list[Tracker]]:
     tracker_of: dict[str, Tracker] = {}
     for settings, names in groups:
         cycles = [sensor.settings.cycle_time for sensor in binding.sensors if sensor.name in names]
-        slack_ns = round(max(cycles) * 1e9) if len(cycles) > 1 else 0
+        slack_ns = round(1.5 * max(cycles) * 1e9) if len(binding.sensors) > 1 else 0
         views = [
             View(sensor.settings.mount, sensor.settings.field_of_view)
             for sensor in binding.sensors
             if sensor.name in names
         ]
-        tracker = Tracker(settings, ids, slack_ns=slack_ns, views=views)
+        tracker = Tracker(settings, ids, cycle_time=max(cycles), slack_ns=slack_ns, views=views)
         trackers.append(tracker)
         tracker_of.update(dict.fromkeys(names, tracker))
     return trackers, [tracker_of[sensor.name] for sensor in binding.sensors]

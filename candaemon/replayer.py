@@ -23,6 +23,7 @@ from candaemon.pipeline import Pipeline
 from candaemon.summary import DriveScore
 from candaemon.tracking.obstacles import MOTION, Obstacles
 
+_PATIENCE_NS = 2_000_000_000
 HORIZONS = (0.5, 1.0)
 """Default horizons of predictions, s."""
 
@@ -224,7 +225,9 @@ class Predictions:
                 )
             )
         known_ns = self._pipeline.ego.known_until_ns
-        while self._waiting and self._waiting[0].time_ns + max(self._horizons_ns) <= known_ns:
+        # own motion that has gone silent is not waited for longer than this: the queue stays bounded
+        latest_ns = max(known_ns, cycle.obstacles.time_ns - _PATIENCE_NS)
+        while self._waiting and self._waiting[0].time_ns + max(self._horizons_ns) <= latest_ns:
             self._tell(self._waiting.popleft(), known_ns)
 
     def finish(self) -> None:

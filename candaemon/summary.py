@@ -22,6 +22,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
+_WAITED = 2.0  # s that predictions may wait for own motion
+
+
 class DriveScore:
     """Figures of a drive without truth, cycle by cycle.
 
@@ -32,8 +35,9 @@ class DriveScore:
 
     def __init__(self, cycle_times: Sequence[float], horizons: Sequence[float]) -> None:
         self._runs = ObjectRuns(cycle_times)
+        self._owners: dict[int, dict[int, int]] = {}
         self._run_of: dict[tuple[int, int], Integers] = {}
-        self._keep = 2 * round(max(horizons) / min(cycle_times)) + 64
+        self._keep = len(cycle_times) * (round((max(horizons) + _WAITED) / min(cycle_times)) + 64)
         self.predictions = PredictionScore(horizons, cycle_times)
         self.stationary = StationarySpeed()
         self.nis = NisScore()
@@ -54,7 +58,8 @@ class DriveScore:
             return
         known = np.isfinite(update.nis)
         self.nis.add(update.nis[known], np.full(int(known.sum()), update.freedom))
-        run = self._runs.update(detections.sensor, detections.time_ns, detections.object_id, detections.new)
+        new = detections.new | self._passed_on(cycle)
+        run = self._runs.update(detections.sensor, detections.time_ns, detections.object_id, new)
         self._run_of[detections.sensor, detections.time_ns] = run[update.detection]
         if len(self._run_of) > self._keep:
             del self._run_of[next(iter(self._run_of))]
@@ -72,6 +77,19 @@ class DriveScore:
         vy[update.detection[sure]] = obstacles.vy[rows[sure]]
         self.stationary.add(detections.time_ns, run, closing, vx, vy)
 
+    def _passed_on(self, cycle: Cycle) -> NDArray[np.bool_]:
+        """Tell which detections have an id that stood for another obstacle in the scan before."""
+        detections, obstacles, update = cycle.detections, cycle.obstacles, cycle.tracker and cycle.tracker.update
+        changed = np.zeros(0 if detections is None else len(detections), dtype=np.bool_)
+        if detections is None or not update:
+            return changed
+        owners = dict(zip(obstacles.used_object.tolist(), obstacles.id[obstacles.used_row].tolist(), strict=True))
+        before = self._owners.get(detections.sensor, {})
+        self._owners[detections.sensor] = owners
+        for row, key in zip(update.detection.tolist(), obstacles.used_object.tolist(), strict=True):
+            changed[row] = before.get(key, owners[key]) != owners[key]
+        return changed
+
     def expect(self, sensor: int, time_ns: int, horizon: int, x: Floats, y: Floats) -> None:
         """Take the predictions that one scan's used detections gave for one horizon, in vehicle axes when due."""
         run = self._run_of.get((sensor, time_ns))
@@ -86,7 +104,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     `log`               frames read, lines that are none, remote and error frames, other channels
     `buses`             per bus: frames, used, spare (nobody asks), unknown (no DBC entry), short
     `sensors`           per sensor: frames by fate, scans, incomplete scans, frames missing
-    `clock`             steps back that were rebased, frames reordered
+    `clock`             steps back that were rebased; frames whose time was raised because they came late; reordered
     `cycles`            told, coasting (every sensor silent), dropped for want of own motion
     `tracks`            detections given and used, obstacles begun, confirmed, merged, slot jumps
     `nis`               mean, expected, coverage of the 95 % quantile, samples
@@ -119,7 +137,11 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             sensor.name: asdict(assembler.counts)
             for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True)
         },
-        "clock": {"backward_steps": replayed.sequence.backward_steps, "reordered": replayed.sequence.reordered},
+        "clock": {
+            "backward_steps": replayed.sequence.backward_steps,
+            "late": replayed.sequence.late,
+            "reordered": replayed.sequence.reordered,
+        },
         "cycles": {
             "told": counts.cycles,
             "coasting": counts.coasting_cycles,

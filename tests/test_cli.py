@@ -197,8 +197,8 @@ def test_a_file_is_not_written_over_what_is_read(short: Path, capsys: pytest.Cap
 def test_map_gives_a_channel_to_a_bus(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / "renamed.log"
     log.write_text((short / "drive.log").read_text(encoding="utf-8").replace(" can1 ", " front "), encoding="utf-8")
-    assert main(["replay", "esr_ins", str(log)]) == 0
-    assert figures(capsys.readouterr().out)["cycles.told"] == "0"
+    assert main(["replay", "esr_ins", str(log)]) == 1
+    assert figures(capsys.readouterr().out)["tracks.detections"] == "0"
     assert main(["replay", "esr_ins", str(log), "--map", "front=radar"]) == 0
     assert figures(capsys.readouterr().out)["cycles.told"] == "80"
     assert main(["replay", "esr_ins", str(log), "--map", "front=rader"]) == 2

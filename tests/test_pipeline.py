@@ -174,9 +174,32 @@ def test_before_own_motion_is_known_scans_are_counted() -> None:
     bound = binding("toyota_rav4")
     radar = [frame for frame in drive("toyota_rav4", duration=1.0) if frame.bus == bound.sensors[0].bus]
     pipeline = Pipeline(bound)
-    assert list(chain(pipeline.run(radar), pipeline.finish())) == []
-    assert pipeline.counts.without_ego == pytest.approx(20, abs=1)
-    assert pipeline.counts.cycles == pipeline.counts.sent == 0
+    cycles = list(chain(pipeline.run(radar), pipeline.finish()))
+    assert pipeline.counts.without_ego == len(cycles) == pytest.approx(20, abs=1)
+    assert [len(cycle.obstacles) for cycle in cycles] == [0] * len(cycles)
+    assert {status(cycle)["Ego"] for cycle in cycles} == {EgoStatus.LOST}
+
+
+def test_the_status_is_told_though_no_sensor_ever_speaks() -> None:
+    pipeline = Pipeline(binding("toyota_rav4"))
+    cycles = list(pipeline.run(Tick(ns(1.7e9 + 0.01 * k)) for k in range(300)))
+    assert len(cycles) == pytest.approx(40, abs=2)
+    assert {(status(cycle)["Ego"], status(cycle)["Health"]) for cycle in cycles} == {(0, 2)}
+
+
+def test_a_lost_ins_frame_costs_one_sample_and_turns_nothing() -> None:
+    bound = binding("toyota_rav4_ins")
+    assert bound.ego is not None
+    own = [frame for frame in drive("toyota_rav4_ins") if frame.bus == bound.ego.bus]
+    velocities = [frame for frame in own if frame.can_id == 0x603]
+    whole, lossy = Pipeline(bound), Pipeline(bound)
+    assert list(whole.run(own)) is not None
+    assert list(lossy.run(frame for frame in own if frame is not velocities[20])) is not None
+    for k in range(30, 60):
+        expected, found = whole.ego.pose(velocities[k].time_ns), lossy.ego.pose(velocities[k].time_ns)
+        assert expected is not None
+        assert found is not None
+        assert (found.heading, found.ve, found.vn) == (expected.heading, expected.ve, expected.vn)
 
 
 def test_every_frame_is_counted_somewhere() -> None:

@@ -207,7 +207,7 @@ class _Binder:
                 ]
             sent: list[Traffic] = []
             if output is not None and output.bus == index:
-                rate = max(1 / sensor.settings.cycle_time for sensor in sensors)
+                rate = sum(1 / sensor.settings.cycle_time for sensor in sensors)  # a cycle is told a scan
                 slots = output.writer.slots
                 sent = [_traffic(part.layout, rate * slots) for part in output.writer.parts] + (
                     [] if output.status is None else [_traffic(output.status.message, rate)]

@@ -75,6 +75,7 @@ class Config(Settings):
             if bus not in self.buses:
                 yield location, unknown_name("bus", bus, buses)
         channels: dict[tuple[str, str], str] = {}
+        logged: dict[str, str] = {}
         for bus, settings in self.buses.items():
             first = channels.setdefault((settings.interface, settings.channel), bus)
             if first != bus:
@@ -82,6 +83,10 @@ class Config(Settings):
                     ("buses", bus, "channel"),
                     f"channel '{settings.channel}' is bus '{first}' already; a bus has its own",
                 )
+            for name in settings.names_in_logs:
+                owner = logged.setdefault(name, bus)
+                if owner != bus and first == bus:
+                    yield ("buses", bus), f"'{name}' is bus '{owner}' in a log already; give a log_channel of its own"
         yield from self._group_problems()
 
     def _group_problems(self) -> Iterator[tuple[Location, str]]:

@@ -9,6 +9,8 @@ from candaemon.config.ego import BiasSettings, InsSettings
 from candaemon.sensing.ego import MotionHistory, StationaryReturns
 from candaemon.sensing.pose import EgoPose
 
+_SHORTEST_PERIOD_NS = 1_000_000
+
 
 class InsMotion:
     """Own motion from velocity and heading over ground; GNSS positions are not integrated, only kept.
@@ -34,6 +36,8 @@ class InsMotion:
         self.wanted = self._needed | {"valid"}
         self._missing: set[str] = set(self._needed)
         self._value: dict[str, float] = {}
+        self._arrived_ns: dict[str, int] = {}
+        self._period_ns = round(settings.age_limit * 1e9)
         self._sample_ns = 0
         self._yaw_rate = 0.0
         self._heading: float | None = None
@@ -48,15 +52,28 @@ class InsMotion:
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Take the quantities of one frame."""
         if self._clock in names:
-            self._sample_ns = time_ns - self._latency_ns
+            self._beat(time_ns)
         for name, value in zip(names, values):  # noqa: B905 - binding pairs them once for all frames
             if value == value:  # not NaN: the DBC's multiplexer may leave it out
                 self._value[name] = value
+                self._arrived_ns[name] = time_ns
                 self._missing.discard(name)
+        if not self._missing:
+            # what has waited since the burst before, because a frame was lost, does not belong to this one
+            self._missing.update(
+                name for name in self._needed if time_ns - self._arrived_ns[name] > self._period_ns / 2
+            )
         if not self._missing:
             self._missing.update(self._needed)
             if self._value.get("valid", 1.0) != 0.0:
                 self._add_sample()
+
+    def _beat(self, time_ns: int) -> None:
+        """Note when the velocity came; the shortest time between two is the length of a burst's period."""
+        interval_ns = time_ns - self._latency_ns - self._sample_ns
+        if interval_ns > _SHORTEST_PERIOD_NS:
+            self._period_ns = min(self._period_ns, interval_ns)
+        self._sample_ns = time_ns - self._latency_ns
 
     def _add_sample(self) -> None:
         value = self._value

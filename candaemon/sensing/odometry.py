@@ -27,6 +27,8 @@ class OdometryMotion:
         self._latency_ns = round(settings.latency * 1e9)
         self.bias = MotionBias(settings.bias)
         self._yaw_rate: float | None = None
+        self._yaw_rate_ns = 0
+        self._age_limit_ns = round(settings.age_limit * 1e9)
         self._wheel_speed = 0.0
         self._sides: dict[str, float] = {}
         self._heading = 0.0
@@ -50,7 +52,7 @@ class OdometryMotion:
         mean = {name: total / number for name, (total, number) in sums.items()}
         if "yaw_rate" in mean:
             self._turn(time_ns)
-            self._yaw_rate = mean.pop("yaw_rate")
+            self._yaw_rate, self._yaw_rate_ns = mean.pop("yaw_rate"), time_ns
         speed = mean.pop("speed", None)
         self._sides.update(mean)
         if len(self._sides) == 2:  # both sides are fresh, be it from one message or from two
@@ -58,7 +60,8 @@ class OdometryMotion:
             self._sides.clear()
             speed = (left + right) / 2
             self._compare(right - left)
-        if speed is not None and self._yaw_rate is not None:
+        # without a fresh yaw rate there is no sample: own motion becomes dead reckoning, and says so
+        if speed is not None and self._yaw_rate is not None and time_ns - self._yaw_rate_ns <= self._age_limit_ns:
             self._add_sample(time_ns, speed)
 
     def _compare(self, difference: float) -> None:

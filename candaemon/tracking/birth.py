@@ -93,6 +93,10 @@ class Births:
         if measurement.range_rate is not None and np.isfinite(measurement.range_rate[row]):
             rate, _ = line_of_sight(mean, measurement.origin, measurement.velocity)
             close &= np.abs(rate - measurement.range_rate[row]) < near.speed
+        for speed in measurement.projections:
+            if np.isfinite(speed.value[row]):
+                differs = np.abs(mean[:, 2:4] @ speed.direction[row] - speed.value[row])
+                close &= differs < near.speed + 2 * np.sqrt(speed.variance[row])
         if not close.any():
             return -1, -1
         distance = np.where(close, (place[:, 0] / near.along) ** 2 + (place[:, 1] / near.across) ** 2, np.inf)

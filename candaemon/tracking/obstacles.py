@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,3 +80,11 @@ def joined(parts: Sequence[Obstacles]) -> Obstacles:
     }
     used_row = np.concatenate([part.used_row + row for part, row in zip(parts, first_rows, strict=True)])
     return Obstacles(time_ns=parts[0].time_ns, used_row=used_row, **columns)
+
+
+def none(time_ns: int) -> Obstacles:
+    """Return no obstacles, at an instant."""
+    empty: dict[str, Any] = dict.fromkeys((field.name for field in fields(Obstacles)), np.empty(0))
+    for name in ("id", "sensors", "used_row", "used_sensor", "used_object"):
+        empty[name] = np.empty(0, dtype=np.int64)
+    return Obstacles(**empty | {"time_ns": time_ns, "state": np.empty(0, dtype=np.int8)})

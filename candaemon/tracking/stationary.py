@@ -43,11 +43,14 @@ class StationaryWatch:
         self._settings = settings
         self._span_ns = round(settings.drift_time * 1e9)
         self._anchors: dict[tuple[int, int], _Anchor] = {}
+        self._pruned_ns = 0
 
     def returns(
         self, detections: Detections, tracker: Tracker, obstacles: Obstacles, pose: EgoPose
     ) -> StationaryReturns | None:
         """Return what this cycle's detections of standing obstacles say of own motion; None where none does."""
+        if detections.time_ns - self._pruned_ns > self._span_ns:
+            self._prune(detections.time_ns)
         measurement, update, settings = detections.measurement, tracker.update, self._settings
         own_speed = hypot(pose.ve, pose.vn)
         if measurement.range_rate is None or update is None or own_speed < settings.least_own_speed:
@@ -77,6 +80,11 @@ class StationaryWatch:
             if (drift := self._drift(int(obstacles.id[obstacles.used_row[row]]), int(i), detections, pose)) is not None
         )
         return StationaryReturns(detections.time_ns, speeds, drifts)
+
+    def _prune(self, time_ns: int) -> None:
+        """Forget points that were not seen for a span."""
+        self._anchors = {k: each for k, each in self._anchors.items() if time_ns - each.last_ns <= self._span_ns}
+        self._pruned_ns = time_ns
 
     def _drift(self, obstacle: int, i: int, detections: Detections, pose: EgoPose) -> tuple[float, float] | None:
         """Follow one point; return its sideways motion, m, and distance × time, m·s, once it was watched for long."""

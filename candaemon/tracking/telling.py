@@ -9,18 +9,19 @@ from candaemon.sensing.pose import EgoPose
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.population import Population
 from candaemon.tracking.reflections import Motion
+from candaemon.tracking.update import Used
 
 _REMEMBERED = 32  # scans in an obstacle's history
 
 
-def tell(population: Population, motion: Motion, pose: EgoPose, used: NDArray[np.intp], slack_ns: int) -> Obstacles:
+def tell(population: Population, motion: Motion, pose: EgoPose, used: Used, slack_ns: int) -> Obstacles:
     """Return the obstacles in vehicle axes and in the level frame.
 
     Args:
         population: the tracks, predicted to the pose's time.
         motion: of the obstacles.
         pose: own pose.
-        used: rows of the reflections that were updated in this cycle.
+        used: the detections of this cycle and the reflections they updated.
         slack_ns: how long an obstacle may be without a detection and not count as coasting.
     """
     obstacles, reflections = population.obstacles, population.reflections
@@ -51,9 +52,9 @@ def tell(population: Population, motion: Motion, pose: EgoPose, used: NDArray[np
         age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
         existence=np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _REMEMBERED),
         sensors=obstacles.sensors.copy(),
-        used_row=reflections.obstacle[used],
-        used_sensor=reflections.sensor[used],
-        used_object=reflections.object_id[used],
+        used_row=reflections.obstacle[used.reflection],
+        used_sensor=np.full(len(used.objects), used.sensor),
+        used_object=used.objects,
     )
 
 

@@ -17,11 +17,12 @@ from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.population import Population
 from candaemon.tracking.reflections import beside_an_older, parted, pass_the_lead, turn_to_course
 from candaemon.tracking.telling import tell
-from candaemon.tracking.update import TrackerCounts, Update
+from candaemon.tracking.update import TrackerCounts, Update, Used
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
+_MISSED_SCAN = 2.4  # cycles: two, and the jitter of a scan
 _CROSSING = 0.5  # s by which a scan may come after a younger one and still tell where things were
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
@@ -33,15 +34,23 @@ class Tracker:
     Args:
         settings: how.
         ids: where the identities of new obstacles come from; shared by the trackers of a run.
-        slack_ns: how long an obstacle may be without a detection and not count as coasting: 0 for one sensor, the
-            longest cycle for several.
+        cycle_time: the longest of its sensors, s; a tentative obstacle survives one missed scan of it.
+        slack_ns: how long an obstacle may be without a detection and not count as coasting: 0 where every cycle is a
+            scan of the one sensor, the longest cycle where others come between.
         views: what the sensors can see; an obstacle that has left all of them and is not detected ends early. Without
             any, obstacles end by time alone.
     """
 
     def __init__(
-        self, settings: TrackerSettings, ids: Iterator[int], *, slack_ns: int = 0, views: Sequence[View] = ()
+        self,
+        settings: TrackerSettings,
+        ids: Iterator[int],
+        *,
+        cycle_time: float = 0.05,
+        slack_ns: int = 0,
+        views: Sequence[View] = (),
     ) -> None:
+        self._tentative_coast = max(settings.lifecycle.tentative_coast, _MISSED_SCAN * cycle_time)
         self._settings = settings
         self._views = views
         self._slack_ns = slack_ns
@@ -76,7 +85,7 @@ class Tracker:
         motion = self._tracks.motion()
         if self._uses_direction:
             turn_to_course(self._tracks.obstacles, motion.velocity, self._dt, self._settings.travel)
-        return tell(self._tracks, motion, pose, self._updated(), self._slack_ns)
+        return tell(self._tracks, motion, pose, self._used(detections), self._slack_ns)
 
     def expected_positions(self, horizon: float) -> Floats:
         """Return where each detection of the latest update is expected after a time: (m, 2), level frame, m."""
@@ -85,9 +94,11 @@ class Tracker:
         rows = self.update.reflection
         return self._tracks.estimator.expected_position(rows, horizon, self._tracks.direction[rows])
 
-    def _updated(self) -> Rows:
-        """Return the rows of the reflections that this cycle's detections updated."""
-        return _NONE if self.update is None else self.update.reflection
+    def _used(self, detections: Detections | None) -> Used:
+        """Return what this cycle's detections updated."""
+        if self.update is None or detections is None:
+            return Used(_NONE, 0, np.empty(0, dtype=np.int64))
+        return Used(self.update.reflection, detections.sensor, detections.object_id[self.update.detection])
 
     def _predict(self, time_ns: int) -> None:
         """Predict all tracks to an instant, or take them back to one just passed: sensors' scans may cross."""
@@ -182,7 +193,7 @@ class Tracker:
         """Confirm what was seen often enough; let go of what is unseen for too long, lost from view, or anywhere."""
         obstacles, reflections, lifecycle = self._tracks.obstacles, self._tracks.reflections, self._settings.lifecycle
         silent = (self._time_ns - obstacles.last_ns) * 1e-9
-        unseen = silent > lifecycle.tentative_coast
+        unseen = silent > self._tentative_coast
         if len(reflections) == len(obstacles) and not (unseen | ~obstacles.confirmed).any():
             return
         hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)

@@ -51,3 +51,18 @@ class Update:
     reflection: Rows
     nis: Floats
     freedom: int
+
+
+@dataclass(frozen=True, slots=True)
+class Used:
+    """The same, as it is told.
+
+    Attributes:
+        reflection: rows of the reflections updated (m,).
+        sensor: index of the sensor.
+        objects: its own id of each detection (m,).
+    """
+
+    reflection: Rows
+    sensor: int
+    objects: NDArray[np.int64]
