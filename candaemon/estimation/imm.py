@@ -262,6 +262,3 @@ class Imm:
         covariance = np.einsum("nj,njcd->ncd", share, self.covariance[:, models, block, block])
         covariance += np.einsum("nj,njc,njd->ncd", share, spread, spread)
         return mean, covariance
-
-
-__all__ = ["ACCELERATION", "Imm"]
