@@ -20,8 +20,18 @@ if TYPE_CHECKING:
     from candaemon.bus.frame import Frame, Tick
     from candaemon.config import json_schema, load_config
     from candaemon.cycle import Cycle
+    from candaemon.estimation.adaptive import AdaptiveFilter, InnovationNoise
+    from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
+    from candaemon.estimation.federated import Federated
     from candaemon.estimation.imm import Imm
-    from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel
+    from candaemon.estimation.information import InformationFilter
+    from candaemon.estimation.manoeuvre import SwitchRule
+    from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel, Singer
+    from candaemon.estimation.radial import ModifiedLinearKalman
+    from candaemon.estimation.smoothing import FixedLag
+    from candaemon.estimation.switching import CvCsmSwitch
+    from candaemon.estimation.trilateration import trilaterate
+    from candaemon.estimation.variational import VariationalNoise
     from candaemon.pipeline import Pipeline
     from candaemon.replayer import Replayed, ReplayRequest, replay
     from candaemon.summary import summarise
@@ -34,9 +44,19 @@ _EXPORTS = {
     "candaemon.binding": ("Binding", "bind"),
     "candaemon.bus.frame": ("Frame", "Tick"),
     "candaemon.config": ("json_schema", "load_config"),
-    "candaemon.estimation.imm": ("Imm",),
-    "candaemon.estimation.models": ("CoordinatedTurn", "CurrentStatistical", "LinearModel"),
     "candaemon.cycle": ("Cycle",),
+    "candaemon.estimation.adaptive": ("AdaptiveFilter", "InnovationNoise"),
+    "candaemon.estimation.axis_filter": ("AxisFilter", "WhiteAxis"),
+    "candaemon.estimation.federated": ("Federated",),
+    "candaemon.estimation.imm": ("Imm",),
+    "candaemon.estimation.information": ("InformationFilter",),
+    "candaemon.estimation.manoeuvre": ("SwitchRule",),
+    "candaemon.estimation.models": ("CoordinatedTurn", "CurrentStatistical", "LinearModel", "Singer"),
+    "candaemon.estimation.radial": ("ModifiedLinearKalman",),
+    "candaemon.estimation.smoothing": ("FixedLag",),
+    "candaemon.estimation.switching": ("CvCsmSwitch",),
+    "candaemon.estimation.trilateration": ("trilaterate",),
+    "candaemon.estimation.variational": ("VariationalNoise",),
     "candaemon.pipeline": ("Pipeline",),
     "candaemon.replayer": ("ReplayRequest", "Replayed", "replay"),
     "candaemon.summary": ("summarise",),
@@ -46,25 +66,38 @@ _EXPORTS = {
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
+    "AdaptiveFilter",
+    "AxisFilter",
     "Binding",
     "CoordinatedTurn",
     "CurrentStatistical",
+    "CvCsmSwitch",
     "Cycle",
+    "Federated",
+    "FixedLag",
     "Frame",
     "Imm",
+    "InformationFilter",
+    "InnovationNoise",
     "LinearModel",
+    "ModifiedLinearKalman",
     "Obstacles",
     "Pipeline",
     "ReplayRequest",
     "Replayed",
+    "Singer",
+    "SwitchRule",
     "Tick",
     "Tracker",
+    "VariationalNoise",
+    "WhiteAxis",
     "__version__",
     "bind",
     "json_schema",
     "load_config",
     "replay",
     "summarise",
+    "trilaterate",
 ]
 
 

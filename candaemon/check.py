@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 from candaemon.binding.bound import Binding, BoundOutput, BoundSensor
 from candaemon.binding.ego import BoundEgo
@@ -12,6 +12,15 @@ from candaemon.bus.frame import EXTENDED
 from candaemon.bus.spec import MessageSpec
 from candaemon.config.base import Condition
 from candaemon.config.ego import InsSettings
+from candaemon.config.estimators import (
+    CsEstimatorSettings,
+    EstimatorSettings,
+    FederatedEstimatorSettings,
+    ImmEstimatorSettings,
+    InformationEstimatorSettings,
+    ModelSettings,
+    SwitchingEstimatorSettings,
+)
 from candaemon.config.sensors import (
     CounterScan,
     HeaderScan,
@@ -21,7 +30,7 @@ from candaemon.config.sensors import (
     TimeoutScan,
     TriggerScan,
 )
-from candaemon.config.tracker import ImmEstimatorSettings, TrackerSettings
+from candaemon.config.tracker import TrackerSettings
 from candaemon.terminal import Sheet
 
 
@@ -139,16 +148,34 @@ def _output(binding: Binding, output: BoundOutput) -> Iterator[Sheet]:
     yield Sheet("output", tuple(rows))
 
 
+def _estimator(settings: EstimatorSettings) -> str:
+    """Describe a filter in a line."""
+    match settings:
+        case ImmEstimatorSettings():
+            how = f"IMM of {_named(settings.models)}"
+        case InformationEstimatorSettings():
+            how = f"IMM of information filters on {_named(settings.models)}"
+        case SwitchingEstimatorSettings():
+            how = "Kalman filter that switches between CV and CS"
+        case FederatedEstimatorSettings():
+            how = f"federated filter, {_named([settings.model])} for each sensor"
+        case CsEstimatorSettings():
+            how = f"adaptive Kalman filter on the current statistical model, α {settings.alpha:g} 1/s"
+        case _:
+            how = f"Kalman filter, {settings.kind.upper()}"
+    noise = settings.measurement_noise.kind
+    return how if noise == "fixed" else f"{how}; measurement noise from innovations ({noise})"
+
+
+def _named(models: Sequence[ModelSettings]) -> str:
+    return ", ".join(model.kind.upper() for model in models)
+
+
 def _tracker(title: str, settings: TrackerSettings) -> Sheet:
-    estimator, life = settings.estimator, settings.lifecycle
-    how = (
-        f"IMM of {', '.join(model.kind.upper() for model in estimator.models)}"
-        if isinstance(estimator, ImmEstimatorSettings)
-        else f"adaptive Kalman filter on the current statistical model, α {estimator.alpha:g} 1/s"
-    )
+    life = settings.lifecycle
     merge = settings.reflections
     rows = (
-        ("estimator", how),
+        ("estimator", _estimator(settings.estimator)),
         ("association", settings.association.method),
         ("reflections", f"joined within {merge.along:g} m × {merge.across:g} m" if merge.merge else "kept apart"),
         ("confirmed", f"by {life.confirm} of {life.window} scans"),

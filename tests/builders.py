@@ -167,7 +167,7 @@ def detections(at: EgoPose, seen: Sequence[Seen], *, sensor: int, noise: tuple[f
         sensor,
         np.array([each.key for each in seen], dtype=np.int64),
         np.array([each.new for each in seen], dtype=np.bool_),
-        Measurement(position, spread, origin, own, rate, np.full(len(seen), noise[2] ** 2)),
+        Measurement(position, spread, origin, own, rate, np.full(len(seen), noise[2] ** 2), sensor=sensor),
         place[:, 0],
         place[:, 1],
     )

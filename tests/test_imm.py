@@ -196,9 +196,11 @@ def test_combination_is_the_mixtures_mean_and_covariance() -> None:
         each[2, 4:6] = -w * vy, w * vx
         assert not each[0, 4:6].any()
         overall = imm.probability[k] @ each
+        slope = np.eye(6, 7)
+        slope[4], slope[5] = [0, 0, 0, -w, 0, 0, -vy], [0, 0, w, 0, 0, 0, vx]
+        own = [imm.covariance[k, 0, :6, :6], imm.covariance[k, 1, :6, :6], slope @ imm.covariance[k, 2] @ slope.T]
         spread = sum(
-            p * (imm.covariance[k, j, :6, :6] + np.outer(each[j] - overall, each[j] - overall))
-            for j, p in enumerate(imm.probability[k])
+            p * (own[j] + np.outer(each[j] - overall, each[j] - overall)) for j, p in enumerate(imm.probability[k])
         )
         np.testing.assert_allclose(mean[k], overall, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(covariance[k], spread, rtol=1e-12, atol=1e-12)

@@ -134,8 +134,50 @@ def test_range_rate_is_bounded_at_the_sensor_itself(distance: float) -> None:
 
 
 def test_symmetrise_keeps_the_symmetric_part() -> None:
-    matrices = np.random.default_rng(3).normal(size=(4, 2, 6, 6))
+    rng = np.random.default_rng(3)
+    matrices = random_covariance(rng, 6, 8).reshape(4, 2, 6, 6) + 0.1 * rng.normal(size=(4, 2, 6, 6))
     expected = (matrices + matrices.transpose(0, 1, 3, 2)) / 2
     symmetrise(matrices)
     np.testing.assert_array_equal(matrices, matrices.transpose(0, 1, 3, 2))
     np.testing.assert_allclose(matrices, expected, rtol=1e-15)
+
+
+def test_what_rounding_took_below_zero_counts_as_known() -> None:
+    covariance = random_covariance(np.random.default_rng(4), 3, 2)
+    expected = covariance.copy()
+    covariance[1, 2, 2] = -1e-18
+    expected[1, 2] = expected[1, :, 2] = 0.0
+    symmetrise(covariance)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-15)
+
+
+@pytest.mark.parametrize("known", [0.0, 1e-170, 1e-30])
+@pytest.mark.parametrize("noise", [0.0, 1e-170, 1e-30])
+def test_what_is_certain_hardly_moves_whatever_is_measured_exactly(known: float, noise: float) -> None:
+    mean, covariance = np.ones((1, 4)), np.tile(known * np.eye(4), (1, 1, 1))
+    fits = [update_position(mean, covariance, np.full((1, 2), 7.0), np.tile(noise * np.eye(2), (1, 1, 1)))]
+    fits.append(update_scalar(mean, covariance, np.ones((1, 4)), np.full(1, 1e160), np.full(1, noise)))
+    for fit in fits:
+        assert np.isfinite([fit.nis, fit.log_likelihood]).all()
+    assert np.isfinite(mean).all()
+    assert np.isfinite(covariance).all()
+    if known < noise:
+        np.testing.assert_allclose(covariance, known * np.eye(4)[None], rtol=1e-9, atol=1e-300)
+
+
+@settings(deadline=None, max_examples=100)
+@given(seed=SEEDS, rank=st.integers(0, 6), powers=st.tuples(st.floats(-8, 8), st.floats(-8, 8)), exact=st.booleans())
+def test_singular_covariances_stay_positive_semidefinite(
+    seed: int, rank: int, powers: tuple[float, float], exact: bool
+) -> None:
+    """Variances to some 1e-7 of what they were before the update, below which rounding decides."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(1, 6, rank))
+    covariance = 10 ** powers[0] * (root @ root.swapaxes(1, 2))
+    scale = np.sqrt(np.maximum(np.diagonal(covariance[0]), 1e-300))
+    noise = np.zeros((1, 2, 2)) if exact else 10 ** powers[1] * random_covariance(rng, 2)
+    mean = np.zeros((1, 6))
+    update_position(mean, covariance, rng.normal(size=(1, 2)), noise)
+    update_scalar(mean, covariance, rng.normal(size=(1, 4)), rng.normal(size=1), noise[:, 0, 0])
+    assert np.isfinite(mean).all()
+    assert np.linalg.eigvalsh(covariance[0] / scale[:, None] / scale).min() > -1e-7

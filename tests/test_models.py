@@ -11,14 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from candaemon.estimation.models import (
-    CoordinatedTurn,
-    CurrentStatistical,
-    LinearModel,
-    MotionModel,
-    decaying_axis,
-    white_axis,
-)
+from candaemon.estimation.axis import decaying_axis, white_axis
+from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
 
 Floats = NDArray[np.float64]
 
@@ -54,37 +48,6 @@ def matrices(model: MotionModel, dt: float, angle: float = 0.0, state: Floats = 
     return f[0], q[0]
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("decay", DECAYS)
-def test_a_decaying_axis_is_van_loans(decay: float, order: int) -> None:
-    f, q = van_loan_discretization(*continuous(decay, order), 1.0)  # T = 1: its entries are then of one size
-    size = order + 1
-    for dt in (0.05, 1.0):
-        axis = decaying_axis(decay / dt, dt, 2.5, order=order)
-        scale = dt ** np.arange(order, -1, -1.0)  # state in units of T: position T², velocity T, acceleration 1
-        np.testing.assert_allclose(axis.transition[:size, :size], f * np.outer(scale, 1 / scale), rtol=1e-9, atol=0)
-        np.testing.assert_allclose(axis.noise[:size, :size], 2.5 * dt * q * np.outer(scale, scale), rtol=1e-9, atol=0)
-        assert not axis.transition[size:].any()
-        assert not axis.noise[size:].any()
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("dt", [0.01, 0.05, 1.0])
-def test_a_white_axis_is_filterpys(dt: float, order: int) -> None:
-    axis = white_axis(dt, 0.7, order=order)
-    size = order + 1
-    np.testing.assert_allclose(axis.noise[:size, :size], Q_continuous_white_noise(size, dt, 0.7), rtol=1e-14)
-    f, _ = van_loan_discretization(*continuous(0.0, order), dt)
-    np.testing.assert_allclose(axis.transition[:size, :size], f, rtol=1e-12)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_a_long_memory_tends_to_white_noise(order: int) -> None:
-    slow, white = decaying_axis(1e-5, 0.05, 1.0, order=order), white_axis(0.05, 1.0, order=order)
-    np.testing.assert_allclose(slow.transition, white.transition, rtol=1e-6)
-    np.testing.assert_allclose(slow.noise, white.noise, rtol=1e-6)
-
-
 @pytest.mark.parametrize("decay", DECAYS)
 def test_current_statistical_noise_is_van_loans(decay: float) -> None:
     """Paper 000 (15), (18), (19), q33 put right: its printed form is negative."""
@@ -99,17 +62,36 @@ def test_current_statistical_noise_is_van_loans(decay: float) -> None:
     assert not q[0::2, 1::2].any()
 
 
-@pytest.mark.parametrize("decay", [decay for decay in DECAYS if decay >= 0.01])
-def test_a_decaying_axis_is_the_papers_closed_form_where_that_does_not_cancel(decay: float) -> None:
-    """q11 and q33 of (19); the closed forms lose digits as αT falls, so their tolerance grows."""
-    dt, alpha = 1.0, decay
-    lost = max(1e-9, 1e-14 / decay**5)
-    e = np.exp(-alpha * dt)
-    q11 = (1 - e * e + 2 * decay + 2 * decay**3 / 3 - 2 * decay**2 - 4 * decay * e) / (2 * alpha**5)
-    q33 = (1 - e * e) / (2 * alpha)
-    noise = decaying_axis(alpha, dt, 1.0, order=2).noise
-    assert noise[0, 0] == pytest.approx(q11, rel=lost)
-    assert noise[2, 2] == pytest.approx(q33, rel=max(1e-9, 1e-15 / decay))
+@pytest.mark.parametrize("alpha", [0.02, 0.5, 3.0])
+def test_singers_acceleration_keeps_its_variance(alpha: float) -> None:
+    """Coloured noise of the stated deviation: what decays and what is driven balance."""
+    model, covariance = Singer(alpha, 1.7), np.zeros((6, 6))
+    f, q = matrices(model, 0.05)
+    for _ in range(20_000):
+        covariance = f @ covariance @ f.T + q
+    assert covariance[4, 4] == pytest.approx(1.7**2, rel=1e-6)
+    assert covariance[5, 5] == pytest.approx(1.7**2, rel=1e-6)
+
+
+def test_a_constant_jerk_moves_by_its_taylor_series() -> None:
+    """Hou's four states of an axis, in the plane; a turn rate beside them stays out of it."""
+    state = np.array([[1.0, 2.0, 10.0, -4.0, 3.0, 0.5, 0.3, -2.0, 6.0]])
+    model, dt = LinearModel(3, (4.0, 4.0)), 0.5
+    predicted, f, q = model.transition(state, dt, unit(0.3))
+    for axis, (x, v, a, j) in enumerate(((1.0, 10.0, 3.0, -2.0), (2.0, -4.0, 0.5, 6.0))):
+        assert predicted[0, axis] == pytest.approx(x + v * dt + a * dt**2 / 2 + j * dt**3 / 6)
+        assert predicted[0, 2 + axis] == pytest.approx(v + a * dt + j * dt**2 / 2)
+        assert predicted[0, 4 + axis] == pytest.approx(a + j * dt)
+        assert predicted[0, 7 + axis] == j
+    assert not f[0, 6].any()
+    assert not q[0, 6].any()
+    assert model.components == (0, 1, 2, 3, 4, 5, 7, 8)
+    north = LinearModel(3, (4.0, 1.0)).transition(state, dt, unit(pi / 2))[2][0]  # along is y
+    across, along = np.array((0, 2, 4, 7)), np.array((1, 3, 5, 8))
+    np.testing.assert_allclose(north[along[:, None], along], q[0][along[:, None], along])
+    np.testing.assert_allclose(north[across[:, None], across], q[0][across[:, None], across] / 4)
+    with pytest.raises(ValueError, match="does not settle"):
+        LinearModel(3, (1.0, 1.0), (2.0, None))
 
 
 @pytest.mark.parametrize("decay", DECAYS)
@@ -117,9 +99,7 @@ def test_mean_acceleration_makes_it_constant_acceleration(decay: float) -> None:
     """F x + U ā with ā = the current acceleration is the constant-acceleration transition."""
     dt = 0.4
     alpha = decay / dt
-    axis = decaying_axis(alpha, dt, 1.0, order=2)
-    settled = axis.transition[1, 2]
-    u = np.array([dt * dt / 2 - axis.transition[0, 2], dt - settled, alpha * settled])  # (16)
+    u = decaying_axis(alpha, dt, 1.0, order=2).input
     model = CurrentStatistical(alpha=alpha, limit=10.0, floor=1.0)
     predicted, f, _ = model.transition(STATE[:, :6], dt, unit(0.0))
     constant = np.kron(white_axis(dt, 0.0, order=2).transition, np.eye(2)) @ STATE[0, :6]
@@ -256,6 +236,26 @@ def test_a_turn_is_a_circle(w: float, speed: float, course: float, dt: float) ->
         (x, y), chord * np.array([cos(course + w * dt / 2), sin(course + w * dt / 2)]), atol=1e-6
     )
     assert predicted[0, 6] == w
+
+
+@pytest.mark.parametrize("w", [0.8, -0.8, 40.0, -40.0])
+def test_a_turn_beyond_the_limit_is_drawn_back_to_it_and_stays_correctable(w: float) -> None:
+    """The estimate turns at the limit; the Jacobian is the limit's, whose last column a clip would make zero."""
+    model, free = CoordinatedTurn(0.01, 0.1, limit=0.5), CoordinatedTurn(0.01, 0.1)
+    beyond, at = STATE.copy(), STATE.copy()
+    beyond[0, 6], at[0, 6] = w, np.sign(w) * 0.5
+    predicted, f, q = model.transition(beyond, 0.5, unit(0.0))
+    expected, expected_f, expected_q = free.transition(at, 0.5, unit(0.0))
+    np.testing.assert_array_equal(predicted, expected)
+    np.testing.assert_array_equal(f, expected_f)
+    np.testing.assert_array_equal(q, expected_q)
+    assert predicted[0, 6] == np.sign(w) * 0.5
+    assert f[0, 6, 6] == 1.0
+    assert np.abs(f[0, :4, 6]).min() > 0.1
+    within = STATE[:, :7]
+    np.testing.assert_array_equal(
+        model.transition(within, 0.5, unit(0.0))[0], free.transition(within, 0.5, unit(0.0))[0]
+    )
 
 
 def test_a_turn_is_continuous_through_zero() -> None:

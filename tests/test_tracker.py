@@ -243,6 +243,6 @@ def test_expected_positions_are_those_of_the_detections_used() -> None:
     assert update is not None
     exact = np.array([[40.0 + 20 * (t + 0.5), 0.0], [60.0 + 15 * (t + 0.5), 3.5]])
     np.testing.assert_allclose(places, exact[update.detection], atol=0.1)
-    assert update.freedom == 3
+    assert (update.freedom == 3).all()
     fed.coast(2.0)
     assert fed.tracker.expected_positions(0.5).shape == (0, 2)

@@ -1,107 +1,14 @@
-"""Tracker: which filter, how detections find their tracks, how tracks live."""
+"""Tracker: how detections find their tracks, how tracks live."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from candaemon.config.base import Settings
-
-
-class AlongAcross(Settings):
-    """A number for each direction: along and across the direction of travel."""
-
-    along: float = Field(ge=0)
-    across: float = Field(ge=0)
-
-
-def _both_from_number(value: Any) -> Any:
-    """Let one number stand for both directions."""
-    return {"along": value, "across": value} if isinstance(value, int | float) else value
-
-
-Pair = Annotated[AlongAcross, BeforeValidator(_both_from_number, json_schema_input_type=float | AlongAcross)]
-
-
-class LinearModelSettings(Settings):
-    """Nearly constant velocity (cv) or acceleration (ca)."""
-
-    kind: Literal["cv", "ca"]
-    noise: Pair = Field(
-        description="power of the white noise: (m/s²)²/Hz for cv, (m/s³)²/Hz for ca; or {along, across}"
-    )
-    settling: AlongAcross | None = Field(
-        None,
-        description="s, time constants: along with which the highest derivative decays, across with which the velocity "
-        "does; 0: it keeps",
-    )
-    wander: Pair = Field(
-        default_factory=lambda: AlongAcross(along=0, across=0),
-        description="m²/s, random walk of the reflection over the vehicle",
-    )
-
-
-class TurnModelSettings(Settings):
-    """Nearly constant speed turn (ct)."""
-
-    kind: Literal["ct"]
-    noise: float = Field(0.01, gt=0, le=100, description="(m/s²)²/Hz on velocity")
-    turn_noise: float = Field(0.1, gt=0, le=10, description="(rad/s²)²/Hz on the turn rate")
-    wander: float = Field(0.0, ge=0, le=10, description="m²/s, random walk of the reflection over the vehicle")
-
-
-class StatisticalModelSettings(Settings):
-    """The current statistical model (cs) of the adaptive Kalman filter."""
-
-    kind: Literal["cs"]
-    alpha: float = Field(0.5, gt=1e-4, le=60, description="1/s, manoeuvre frequency")
-    limit: float = Field(10.0, gt=0, le=100, description="m/s², largest acceleration")
-    floor: float = Field(1.0, ge=0, le=100, description="(m/s²)², smallest variance of the acceleration")
-
-
-ModelSettings = Annotated[
-    LinearModelSettings | TurnModelSettings | StatisticalModelSettings, Field(discriminator="kind")
-]
-
-
-def _default_models() -> tuple[ModelSettings, ...]:
-    return (
-        LinearModelSettings(kind="cv", noise=AlongAcross(along=1e-3, across=1e-3)),
-        LinearModelSettings(kind="ca", noise=AlongAcross(along=5.0, across=5.0)),
-        TurnModelSettings(kind="ct"),
-    )
-
-
-class EstimatorCommon(Settings):
-    """What every estimator has."""
-
-    first_acceleration: float = Field(
-        3.0, gt=0, le=20, description="m/s², standard deviation of a track's first acceleration"
-    )
-
-
-class CsEstimatorSettings(EstimatorCommon):
-    """The adaptive Kalman filter on the current statistical model."""
-
-    kind: Literal["cs"]
-    alpha: float = Field(0.5, gt=1e-4, le=60, description="1/s, manoeuvre frequency")
-    limit: float = Field(10.0, gt=0, le=100, description="m/s², largest acceleration; 1.25 × what is physical")
-    floor: float = Field(1.0, ge=0, le=100, description="(m/s²)², smallest variance of the acceleration")
-
-
-class ImmEstimatorSettings(EstimatorCommon):
-    """An interacting multiple model filter; with one model a plain Kalman filter."""
-
-    kind: Literal["imm"] = "imm"
-    models: tuple[ModelSettings, ...] = Field(default_factory=_default_models, min_length=1, max_length=8)
-    switch_rate: float = Field(0.03, gt=0, le=20, description="1/s, rate at which a target leaves a model")
-    first_turn_rate: float = Field(
-        0.3, gt=0, le=3, description="rad/s, standard deviation of a track's first turn rate"
-    )
-
-
-EstimatorSettings = Annotated[CsEstimatorSettings | ImmEstimatorSettings, Field(discriminator="kind")]
+from candaemon.config.directions import AlongAcross, Pair
+from candaemon.config.estimators import EstimatorSettings, ImmEstimatorSettings
 
 
 class TravelSettings(Settings):

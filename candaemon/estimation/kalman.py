@@ -1,8 +1,14 @@
-"""Measurement updates of the Kalman filter, batched: m states at once, no matrix inverse.
+"""The Kalman filter and the extended one, batched over any leading shape; all in place.
 
-A radar object is a position (two dimensions, correlated) and up to two speeds, each a scalar. The position is
-updated jointly with the 2 × 2 inverse written out, the speeds one after another, linearised at the state so far.
-Arrays are (…, D) for means and (…, D, D) for covariances with any leading shape; updates are in place.
+`predict` and `update` take any linear system, or a nonlinear one linearised: then they are the extended Kalman filter.
+
+`update_position` and `update_scalar` are the fast path for a radar object, which is a position (two dimensions,
+correlated) and up to two speeds, each a scalar, and need no matrix inverse. The position is updated jointly with the
+root of the 2 × 2 inverse written out, the speeds one after another, linearised at the state so far. They take P down by
+what the measurement explains, which is fast but rounds: a variance that falls by more than some 13 digits in one update
+is kept at that, so that singular covariances and exact measurements leave all finite.
+
+Arrays are (…, D) for means and (…, D, D) for covariances.
 """
 
 from __future__ import annotations
@@ -12,9 +18,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon.estimation.factor import factorise
+
 Floats = NDArray[np.float64]
 
 LOG_2PI = float(np.log(2 * np.pi))
+
+LEAST_VARIANCE = 1e-100
+"""Of an innovation, SI units squared: an exact measurement of what is known exactly divides by it, changing nothing."""
+_LOST = 1e-13
+"""Of the variances that add up to an innovation's: what rounding may lose; so much is added, and none falls below 0."""
+_FARTHEST = 1e15
+"""Innovation, SI units; one that is larger counts as that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +45,54 @@ class Fit:
     log_likelihood: Floats
 
 
+def predict(
+    mean: Floats, covariance: Floats, transition: Floats, noise: Floats, predicted: Floats | None = None
+) -> None:
+    """Predict over a step: x⁻ = F x, P⁻ = F P Fᵀ + Q.
+
+    Args:
+        mean: states (…, D), changed in place.
+        covariance: (…, D, D), changed in place; symmetric to the last bit afterwards.
+        transition: F, or the Jacobian of f at the mean, (…, D, D).
+        noise: Q (…, D, D).
+        predicted: f(x) (…, D) of a nonlinear system; None: F x.
+    """
+    mean[...] = times(transition, mean) if predicted is None else predicted
+    covariance[...] = transition @ covariance @ np.swapaxes(transition, -1, -2) + noise
+    symmetrise(covariance)
+
+
+def update(mean: Floats, covariance: Floats, innovation: Floats, observation: Floats, noise: Floats) -> Fit:
+    """Update with a measurement of any size.
+
+    K = P Hᵀ S⁻¹ with S = H P Hᵀ + R, and P by Joseph's form, which stays positive semidefinite whatever K is rounded
+    to. S may be singular (R = 0 and a state that is known): then S⁻¹ is a pseudo-inverse, and what was certain stays.
+    Variances from 1e-100 to 1e100 keep all finite, an innovation beyond 1e15 counts as that.
+
+    Args:
+        mean: states (…, D), changed in place.
+        covariance: P (…, D, D), changed in place; symmetric to the last bit afterwards.
+        innovation: measured minus predicted (…, m).
+        observation: H, or the Jacobian of h at the mean, (…, m, D).
+        noise: R (…, m, m), positive semidefinite.
+
+    Returns:
+        The fit before the update; as many degrees of freedom as S has rank, m as a rule.
+    """
+    cross = covariance @ np.swapaxes(observation, -1, -2)
+    doubt = factorise(observation @ cross + noise)
+    root = doubt.inverse
+    half = cross @ np.swapaxes(root, -1, -2)
+    surprise = times(root, bounded(innovation))
+    gain = half @ root
+    mean += times(half, surprise)
+    rest = np.eye(mean.shape[-1]) - gain @ observation
+    covariance[...] = rest @ covariance @ np.swapaxes(rest, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
+    symmetrise(covariance)
+    nis = np.square(surprise).sum(axis=-1)
+    return Fit(nis, -0.5 * (nis + doubt.log_determinant + doubt.rank * LOG_2PI))
+
+
 def update_position(mean: Floats, covariance: Floats, position: Floats, noise: Floats) -> Fit:
     """Update with a measured position.
 
@@ -42,22 +105,18 @@ def update_position(mean: Floats, covariance: Floats, position: Floats, noise: F
     Returns:
         The fit before the update, two degrees of freedom.
     """
-    x, y = position[..., 0] - mean[..., 0], position[..., 1] - mean[..., 1]
-    a = covariance[..., 0, 0] + noise[..., 0, 0]
-    b = covariance[..., 0, 1] + noise[..., 0, 1]
-    d = covariance[..., 1, 1] + noise[..., 1, 1]
-    determinant = a * d - b * b
-    inverse = np.empty((*a.shape, 2, 2))
-    np.divide(d, determinant, out=inverse[..., 0, 0])
-    np.divide(a, determinant, out=inverse[..., 1, 1])
-    inverse[..., 0, 1] = inverse[..., 1, 0] = b / -determinant
-    nis = (d * x * x - 2.0 * b * x * y + a * y * y) / determinant
-    cross = covariance[..., :, :2].copy()
-    gain = np.matmul(cross, inverse)
-    mean += gain[..., 0] * x[..., None]
-    mean += gain[..., 1] * y[..., None]
-    covariance -= np.matmul(gain, np.swapaxes(cross, -1, -2))
-    return Fit(nis, -0.5 * (nis + np.log(determinant)) - LOG_2PI)
+    root = inverse_root(
+        covariance[..., 0, 0] + noise[..., 0, 0],
+        covariance[..., 0, 1] + noise[..., 0, 1],
+        covariance[..., 1, 1] + noise[..., 1, 1],
+    )
+    surprise = np.einsum("...ij,...j->...i", root, bounded(position - mean[..., :2]))
+    # G P of the symmetric P: whole rows, which numpy multiplies several times faster than columns.
+    half = np.matmul(root, covariance[..., :2, :])
+    mean += np.einsum("...i,...ij->...j", surprise, half)
+    covariance -= np.matmul(np.swapaxes(half, -1, -2).copy(), half)
+    nis = np.vecdot(surprise, surprise)
+    return Fit(nis, np.log(root[..., 0, 0] * root[..., 1, 1]) - 0.5 * nis - LOG_2PI)
 
 
 def update_scalar(mean: Floats, covariance: Floats, row: Floats, innovation: Floats, variance: Floats) -> Fit:
@@ -73,13 +132,34 @@ def update_scalar(mean: Floats, covariance: Floats, row: Floats, innovation: Flo
     Returns:
         The fit before the update, one degree of freedom.
     """
-    cross = np.matmul(row[..., None, :], covariance[..., : row.shape[-1], :])[..., 0, :]
-    s = (row * cross[..., : row.shape[-1]]).sum(axis=-1) + variance
-    gain = cross / s[..., None]
-    mean += gain * innovation[..., None]
-    covariance -= gain[..., :, None] * cross[..., None, :]
-    nis = innovation**2 / s
-    return Fit(nis, -0.5 * (nis + np.log(s) + LOG_2PI))
+    width = row.shape[-1]
+    cross = np.matmul(row[..., None, :], covariance[..., :width, :])[..., 0, :]
+    s = np.maximum(np.vecdot(row, cross[..., :width]), 0.0) + variance
+    s += _LOST * np.abs(np.einsum("...i,...i,...ii->...", row, row, covariance[..., :width, :width]))
+    root = np.sqrt(np.maximum(s, LEAST_VARIANCE))
+    surprise = bounded(innovation) / root
+    half = cross / root[..., None]
+    mean += half * surprise[..., None]
+    covariance -= half[..., :, None] * half[..., None, :]
+    nis = surprise * surprise
+    return Fit(nis, -0.5 * (nis + LOG_2PI) - np.log(root))
+
+
+def inverse_root(a: Floats, b: Floats, d: Floats) -> Floats:
+    """Return G (…, 2, 2), lower triangular, with S⁻¹ = Gᵀ G of covariances S = ((a, b), (b, d)); finite if singular."""
+    first = np.sqrt(np.maximum((1.0 + _LOST) * a, LEAST_VARIANCE))
+    slope = b / first
+    second = np.sqrt(np.maximum(np.maximum((1.0 + _LOST) * d - slope * slope, _LOST * d), LEAST_VARIANCE))
+    root = np.zeros((*first.shape, 2, 2))
+    np.divide(1.0, first, out=root[..., 0, 0])
+    np.divide(1.0, second, out=root[..., 1, 1])
+    np.divide(slope, -first * second, out=root[..., 1, 0])
+    return root
+
+
+def bounded(innovation: Floats) -> Floats:
+    """Return innovations no larger than what a double can still square after it was divided by a tiny deviation."""
+    return np.asarray(innovation.clip(-_FARTHEST, _FARTHEST))
 
 
 def line_of_sight(mean: Floats, origin: Floats, velocity: Floats) -> tuple[Floats, Floats]:
@@ -119,6 +199,17 @@ def propagated(covariance: Floats, transition: Floats) -> Floats:
 
 
 def symmetrise(covariance: Floats) -> None:
-    """Make the covariances symmetric in place; without it the short update form diverges in some 1,000 cycles."""
-    np.add(covariance, np.swapaxes(covariance, -1, -2), out=covariance)  # numpy sees the overlap and reads a copy
-    covariance *= 0.5
+    """Undo in place what rounding does to covariances; without it the short update form diverges in some 1,000 cycles.
+
+    They become symmetric, and a component whose variance has fallen below zero counts as known.
+    """
+    np.multiply(covariance + np.swapaxes(covariance, -1, -2), 0.5, out=covariance)
+    variance = np.einsum("...ii->...i", covariance)
+    if variance.min(initial=0.0) < 0.0:
+        known = variance < 0.0
+        covariance[known[..., :, None] | known[..., None, :]] = 0.0
+
+
+def times(matrix: Floats, vector: Floats) -> Floats:
+    """Return the product of matrices (…, p, q) and vectors (…, q)."""
+    return np.asarray(np.matmul(matrix, vector[..., None])[..., 0])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from candaemon.estimation.kalman import line_of_sight
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +39,7 @@ class Measurement:
         range_rate: speed along the line of sight, positive away (m,), m/s; NaN where there is none; or None.
         range_rate_variance: (m,), (m/s)².
         projections: further velocity components.
+        sensor: index of the sensor.
     """
 
     position: Floats
@@ -46,6 +49,56 @@ class Measurement:
     range_rate: Floats | None = None
     range_rate_variance: Floats | None = None
     projections: tuple[Projection, ...] = ()
+    sensor: int = 0
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of a detection of which everything was measured."""
+        return 2 + (self.range_rate is not None) + len(self.projections)
+
+    @property
+    def measured(self) -> NDArray[np.int64]:
+        """Degrees of freedom of each detection (m,), those speeds left out that were not measured."""
+        speeds = [part.value for part in self.projections]
+        if self.range_rate is not None:
+            speeds.append(self.range_rate)
+        count = np.full(len(self.position), 2, dtype=np.int64)
+        for speed in speeds:
+            count += np.isfinite(speed)
+        return count
+
+    def linearised(self, mean: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return all parts as one linear measurement at the predicted states.
+
+        What was not measured has neither innovation nor Jacobian, and variance 1/(2π): so it changes no state, and adds
+        nothing to the normalised innovation squared nor to the log likelihood.
+
+        Args:
+            mean: states (m, D), [x, y, vx, vy, …].
+
+        Returns:
+            Innovation (m, f), Jacobian H (m, f, D) and noise R (m, f, f), f the degrees of freedom.
+        """
+        m, f = len(mean), self.freedom
+        innovation, observation, noise = np.zeros((m, f)), np.zeros((m, f, mean.shape[1])), np.zeros((m, f, f))
+        innovation[:, :2] = self.position - mean[:, :2]
+        observation[:, 0, 0] = observation[:, 1, 1] = 1.0
+        noise[:, :2, :2] = self.noise
+        at = 2
+        if self.range_rate is not None and self.range_rate_variance is not None:
+            rate, observation[:, at, :4] = line_of_sight(mean, self.origin, self.velocity)
+            innovation[:, at], noise[:, at, at] = self.range_rate - rate, self.range_rate_variance
+            at += 1
+        for part in self.projections:
+            observation[:, at, 2:4] = part.direction
+            innovation[:, at] = part.value - (part.direction * mean[:, 2:4]).sum(axis=1)
+            noise[:, at, at] = part.variance
+            at += 1
+        unknown = ~np.isfinite(innovation)
+        innovation[unknown], observation[unknown] = 0.0, 0.0
+        row, part_of = np.nonzero(unknown)
+        noise[row, part_of, part_of] = 0.5 / np.pi
+        return innovation, observation, noise
 
     def take(self, rows: NDArray[np.intp]) -> Measurement:
         """Return the detections of the given rows."""
@@ -57,4 +110,9 @@ class Measurement:
             None if self.range_rate is None else self.range_rate[rows],
             None if self.range_rate_variance is None else self.range_rate_variance[rows],
             tuple(Projection(p.direction[rows], p.value[rows], p.variance[rows]) for p in self.projections),
+            self.sensor,
         )
+
+    def scaled(self, factor: Floats) -> Measurement:
+        """Return the detections with the variances of their positions multiplied by a factor each (m,)."""
+        return replace(self, noise=self.noise * factor[:, None, None])

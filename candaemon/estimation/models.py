@@ -1,29 +1,28 @@
 """Motion models over ground, batched over tracks.
 
-Every model speaks of the state [x, y, vx, vy, ax, ay, ω] in the level frame (m, m/s, m/s², rad/s, ω positive to the
-left) and uses the `components` it has; the others stay zero. Where a model treats the two axes differently, the axes
-are along and across the direction of travel, a unit vector a track.
+Every model speaks of the state [x, y, vx, vy, ax, ay, ω, jx, jy] in the level frame (m, m/s, m/s², rad/s, m/s³; ω
+positive to the left) and uses the `components` it has; the others stay zero. Where a model treats the two axes
+differently, the axes are along and across the direction of travel, a unit vector a track.
 
-Linear models are built axis by axis: an axis has a 3 × 3 transition and noise over (position, velocity,
-acceleration), and the plane's matrices are F = Fₗ ⊗ A + Fₜ ⊗ (I − A) with A = d dᵀ of the direction d.
-Paper 000 writes the same matrices with the state ordered [x, ẋ, ẍ, y, ẏ, ÿ].
+Linear models are built axis by axis: an axis has a transition and a noise over (position, velocity, acceleration,
+jerk), spread over the plane by `plane`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import expm1
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon.estimation.axis import Axis, decaying_axis, white_axis
+from candaemon.estimation.plane import X, Y, directed, isotropic
+
 Floats = NDArray[np.float64]
 
 POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6
-_X, _Y = slice(0, 6, 2), slice(1, 6, 2)
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(10)
-_NODES, _WEIGHTS = (_NODES + 1) / 2, _WEIGHTS / 2
+JERK = slice(7, 9)
 
 
 class MotionModel(Protocol):
@@ -46,99 +45,19 @@ class MotionModel(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
-    """One axis over one time step: transition and noise over (position, velocity, acceleration), 3 × 3 each."""
-
-    transition: Floats
-    noise: Floats
-
-
-def _integrated(gains: Floats, dt: float) -> Floats:
-    """Integrate gains gainsᵀ over the step by Gauss-Legendre quadrature.
-
-    The textbook closed forms cancel for small αT; a weighted sum of outer products neither cancels nor
-    leaves the positive semidefinite cone.
-    """
-    return (gains * (_WEIGHTS * dt)) @ gains.T
-
-
-def decaying_axis(rate: float, dt: float, intensity: float, *, order: int) -> Axis:
-    """Return an axis whose highest derivative decays exponentially.
-
-    Args:
-        rate: α, 1/s, the inverse time constant.
-        dt: T, s.
-        intensity: power of the white noise that drives the highest derivative.
-        order: 2, the acceleration decays: Singer and paper 000 (15), (19); 1, the velocity does: a drift that settles.
-
-    Returns:
-        Transition (15) and noise (19) of paper 000 for order 2.
-    """
-    settled = -expm1(-rate * dt) / rate
-    decay = 1.0 - rate * settled
-    moments = np.zeros((3, len(_NODES)))
-    elapsed = _NODES * dt
-    ramp = np.expm1(-rate * elapsed) / -rate
-    if order == 1:
-        f = np.array(((1.0, settled, 0.0), (0.0, decay, 0.0), (0.0, 0.0, 0.0)))
-        moments[0], moments[1] = ramp, 1.0 - rate * ramp
-    else:
-        f = np.array(((1.0, dt, (dt - settled) / rate), (0.0, 1.0, settled), (0.0, 0.0, decay)))
-        moments[0], moments[1], moments[2] = (elapsed - ramp) / rate, ramp, 1.0 - rate * ramp
-    return Axis(f, intensity * _integrated(moments, dt))
-
-
-def white_axis(dt: float, intensity: float, *, order: int) -> Axis:
-    """Return an axis driven by white noise: order 1 nearly constant velocity, order 2 nearly constant acceleration.
-
-    Friedland's and Hampton's models with continuous white noise on the highest derivative.
-    """
-    f, q = np.zeros((3, 3)), np.zeros((3, 3))
-    f[0, 0], f[0, 1], f[1, 1] = 1.0, dt, 1.0
-    if order == 1:
-        q[:2, :2] = ((dt**3 / 3, dt**2 / 2), (dt**2 / 2, dt))
-    else:
-        f[0, 2], f[1, 2], f[2, 2] = dt**2 / 2, dt, 1.0
-        q[:] = (
-            (dt**5 / 20, dt**4 / 8, dt**3 / 6),
-            (dt**4 / 8, dt**3 / 3, dt**2 / 2),
-            (dt**3 / 6, dt**2 / 2, dt),
-        )
-    return Axis(f, intensity * q)
-
-
-def _plane(along: Floats, across: Floats, direction: Floats, width: int) -> Floats:
-    """Spread two 3 × 3 axis matrices over the plane, (n, width, width)."""
-    if along is across or not (along != across).any():
-        return _isotropic(along, width)[None]
-    difference = along - across
-    cosine, sine = direction[:, 0, None, None], direction[:, 1, None, None]
-    mixed = difference * (cosine * sine)
-    out = np.zeros((len(direction), width, width))
-    out[:, _X, _X] = across + difference * (cosine * cosine)
-    out[:, _Y, _Y] = across + difference * (sine * sine)
-    out[:, _X, _Y] = mixed
-    out[:, _Y, _X] = mixed
-    return out
-
-
-def _isotropic(axis: Floats, width: int) -> Floats:
-    """Give x and y the same 3 × 3 matrix, (width, width)."""
-    full = np.zeros((width, width))
-    full[_X, _X] = axis
-    full[_Y, _Y] = axis
-    return full
-
-
-@dataclass(frozen=True, slots=True)
 class LinearModel:
-    """Nearly constant velocity or acceleration, its noise and memory chosen along and across the travel.
+    """Nearly constant velocity, acceleration or jerk, its noise and memory chosen along and across the travel.
+
+    Of order 1 it is (1) to (3) of paper 003 and (5), (6) of paper 002; but for the noise, which is white in continuous
+    time, where those papers have an acceleration that is constant over a step, through G.
 
     Attributes:
-        order: 1 constant velocity (CV, Friedland), 2 constant acceleration (CA, Hampton).
-        noise: power of the white noise along and across, (m/s²)²/Hz for order 1, (m/s³)²/Hz for order 2.
-        settling: time constants along and across with which the highest derivative decays, s; None: it keeps.
-            Across, it is the *velocity* that decays, whatever the order: vehicles keep to their lane.
+        order: 1 constant velocity (CV, Friedland), 2 constant acceleration (CA, Hampton), 3 constant jerk (Hou's four
+            states of an axis).
+        noise: power of the white noise along and across, (m/s²)²/Hz for order 1, (m/s³)²/Hz for order 2, (m/s⁴)²/Hz
+            for order 3.
+        settling: time constants along and across with which the highest derivative decays, s; None: it keeps, as the
+            jerk always does. Across, it is the *velocity* that decays, whatever the order: vehicles keep to their lane.
         wander: power of a random walk of position along and across, m²/s: the reflection moves over the vehicle.
     """
 
@@ -147,10 +66,14 @@ class LinearModel:
     settling: tuple[float | None, float | None] = (None, None)
     wander: tuple[float, float] = (0.0, 0.0)
 
+    def __post_init__(self) -> None:
+        if self.order == 3 and self.settling != (None, None):
+            raise ValueError("a constant jerk does not settle")
+
     @property
     def components(self) -> tuple[int, ...]:
         """Indices of the state's components that the model has."""
-        return tuple(range(4 if self.order == 1 else 6))
+        return (tuple(range(4)), tuple(range(6)), (*range(6), 7, 8))[self.order - 1]
 
     @property
     def isotropic(self) -> bool:
@@ -176,15 +99,42 @@ class LinearModel:
     def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
         """Predict the mean with its own F; see `MotionModel.transition`."""
         along, across = self.axes(dt)
-        f = _plane(along.transition, across.transition, direction, mean.shape[1])
-        q = _plane(along.noise, across.noise, direction, mean.shape[1])
+        f = directed(along.transition, across.transition, direction, mean.shape[1])
+        q = directed(along.noise, across.noise, direction, mean.shape[1])
         predicted = mean @ f[0].T if len(f) == 1 else np.matmul(f, mean[:, :, None])[:, :, 0]
         return predicted, f, q
 
 
 @dataclass(frozen=True, slots=True)
+class Singer:
+    """Singer's model: acceleration is coloured noise of zero mean, paper 000 (9) with ā = 0.
+
+    Attributes:
+        alpha: manoeuvre frequency α, 1/s.
+        deviation: standard deviation of the acceleration, m/s².
+    """
+
+    alpha: float
+    deviation: float
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Indices of the state's components that the model has."""
+        return tuple(range(6))
+
+    def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
+        """Predict with F by (15) and Q by (18), (19) of paper 000; see `MotionModel.transition`."""
+        del direction  # the model is the same in every direction
+        axis = decaying_axis(self.alpha, dt, 2 * self.alpha * self.deviation**2, order=2)
+        f = isotropic(axis.transition, mean.shape[1])
+        return mean @ f.T, f[None], isotropic(axis.noise, mean.shape[1])[None]
+
+
+@dataclass(frozen=True, slots=True)
 class CurrentStatistical:
-    """The current statistical model of paper 000: acceleration decays to its current mean, its variance adapts.
+    """The current statistical model: acceleration decays to its current mean, its variance adapts.
+
+    It is (14) to (20) of paper 000, from the continuous (9) to (13), and (4) to (6) of paper 003.
 
     The variance is that of a modified Rayleigh density between the current acceleration and the limit, (8) and (20).
     At and beyond the limit (8) falls to zero, and past it grows again: a target that brakes at the limit would be lost.
@@ -194,31 +144,47 @@ class CurrentStatistical:
         alpha: manoeuvre frequency α, 1/s.
         limit: a_max, m/s², the same forwards and backwards.
         floor: smallest variance of the acceleration, (m/s²)².
+        innovation_memory: time constant, s, of the mean NIS that the variance follows too, `driven_variance`; None: it
+            does not.
     """
 
     alpha: float
     limit: float
     floor: float
+    innovation_memory: float | None = None
 
     @property
     def components(self) -> tuple[int, ...]:
         """Indices of the state's components that the model has."""
         return tuple(range(6))
 
-    def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
-        """Predict the mean with (14), F by (15), Q by (18) to (20) of paper 000; see `MotionModel.transition`.
+    def transition(
+        self, mean: Floats, dt: float, direction: Floats, fit: Floats | None = None
+    ) -> tuple[Floats, Floats, Floats]:
+        """Predict the mean with (14), F by (15), U by (16), Q by (18) to (20) of paper 000.
 
-        With ā the current acceleration (17), F x + U ā is the constant-acceleration transition exactly.
+        The mean acceleration ā is the current one (17), so that F x + U ā is the transition of constant acceleration,
+        and F the Jacobian with ā held. See `MotionModel.transition`.
+
+        Args:
+            mean: state, (n, D).
+            dt: time step, s.
+            direction: of travel, (n, 2).
+            fit: mean NIS of late over its degrees of freedom (n,), where the variance follows the innovations.
         """
         del direction  # the model is the same in every direction
         width = mean.shape[1]
         axis = decaying_axis(self.alpha, dt, 2 * self.alpha, order=2)
-        constant = np.array(((1.0, dt, dt * dt / 2), (0.0, 1.0, dt), (0.0, 0.0, 1.0)))
-        predicted = mean @ _isotropic(constant, width).T
+        f = isotropic(axis.transition, width)
+        predicted = mean @ f.T
+        predicted[:, :6] += (axis.input[:, None] * mean[:, None, ACCELERATION]).reshape(-1, 6)
         per_axis = np.zeros((2, width, width))
-        per_axis[0, _X, _X] = per_axis[1, _Y, _Y] = axis.noise
-        q = self.variance(mean[:, ACCELERATION]) @ per_axis.reshape(2, -1)
-        return predicted, _isotropic(axis.transition, width)[None], q.reshape(-1, width, width)
+        per_axis[0, X, X] = per_axis[1, Y, Y] = axis.noise
+        variance = self.variance(mean[:, ACCELERATION])
+        if fit is not None:
+            variance = driven_variance(variance, self.floor, fit[:, None])
+        q = variance @ per_axis.reshape(2, -1)
+        return predicted, f[None], q.reshape(-1, width, width)
 
     def variance(self, acceleration: Floats) -> Floats:
         """Return σₐ² of (8) and (20), with the clamp and the floor."""
@@ -226,19 +192,39 @@ class CurrentStatistical:
         return np.maximum((4 - np.pi) / np.pi * room**2, self.floor)
 
 
+def driven_variance(variance: Floats, floor: float, fit: Floats) -> Floats:
+    """Return the acceleration's variance between its floor and (8), as the innovations ask for it.
+
+    As long as the innovations are as small as a target that keeps its acceleration makes them, the floor is enough;
+    where they are twice as large as predicted, it is (8) in full.
+
+    Args:
+        variance: by (8) and (20), (m/s²)².
+        floor: smallest variance, (m/s²)².
+        fit: mean NIS of late over its degrees of freedom.
+    """
+    return np.asarray(floor + np.clip(fit - 1.0, 0.0, 1.0) * (variance - floor))
+
+
 @dataclass(frozen=True, slots=True)
 class CoordinatedTurn:
-    """Nearly constant speed turn, paper 002 (9) with the signs put right; valid on velocity over ground only.
+    """Nearly constant speed turn, (10), (11) and (15) of paper 002; valid on velocity over ground only.
+
+    The first row of (9) and (11) lacks a sign, −(1 − cos ωT) / ω. The noise is white in continuous time, where (11) has
+    accelerations that are constant over a step, through G.
 
     Attributes:
         noise: power of the white noise on velocity, (m/s²)²/Hz.
         turn_noise: power of the white noise on ω, (rad/s²)²/Hz.
         wander: power of a random walk of position, m²/s.
+        limit: largest turn rate, rad/s; beyond it, as far as no vehicle goes, the estimate is drawn back to it. A slow
+            target tells little of its turn rate, and past π/T any turn looks like another.
     """
 
     noise: float
     turn_noise: float
     wander: float = 0.0
+    limit: float = np.inf
 
     @property
     def components(self) -> tuple[int, ...]:
@@ -246,9 +232,13 @@ class CoordinatedTurn:
         return (0, 1, 2, 3, TURN)
 
     def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
-        """Turn the velocity by ωT; F is the Jacobian; see `MotionModel.transition`."""
+        """Turn the velocity by ωT, (11) of paper 002; F is the Jacobian after (17) there, f_ω its last column.
+
+        Beyond the limit F is that at the limit, its last column included: were the clip's own derivative taken, which
+        is none, the turn rate would count as known but for its noise. See `MotionModel.transition`.
+        """
         del direction  # the model is the same in every direction
-        vx, vy, w = mean[:, 2], mean[:, 3], mean[:, TURN]
+        vx, vy, w = mean[:, 2], mean[:, 3], np.clip(mean[:, TURN], -self.limit, self.limit)
         angle = w * dt
         small = np.abs(angle) < 1e-4
         divisor = np.where(small, 1.0, w)
@@ -262,6 +252,7 @@ class CoordinatedTurn:
         predicted[:, 1] += c * vx + s * vy
         predicted[:, 2] = cosine * vx - sine * vy
         predicted[:, 3] = sine * vx + cosine * vy
+        predicted[:, TURN] = w
         f = np.zeros((len(mean), mean.shape[1], mean.shape[1]))
         f[:, 0, 0] = f[:, 1, 1] = f[:, TURN, TURN] = 1.0
         f[:, 0, 2] = f[:, 1, 3] = s
@@ -274,6 +265,6 @@ class CoordinatedTurn:
         f[:, 3, TURN] = dt * predicted[:, 2]
         axis = white_axis(dt, self.noise, order=1).noise
         axis[0, 0] += self.wander * dt
-        q = _isotropic(axis, mean.shape[1])
+        q = isotropic(axis, mean.shape[1])
         q[TURN, TURN] = self.turn_noise * dt
         return predicted, f, q[None]

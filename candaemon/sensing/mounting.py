@@ -92,6 +92,7 @@ class Mounting:
             values[self._range_rate] if known else None,
             np.full(n, self._range_rate_variance + pose.speed_variance) if known else None,
             self._projections(scan, pose, offset, velocity, yaw),
+            scan.sensor,
         )
         place = pose.to_vehicle(position)
         return Detections(scan.time_ns, scan.sensor, scan.object_id, scan.new, measurement, place[:, 0], place[:, 1])

@@ -46,26 +46,7 @@ def pair_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Floa
 
 def _joint_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Floats:
     """Return the same where the sensor gives velocity components: all measured numbers in one system of equations."""
-    pairs = len(mean)
-    rows, residuals, variances = [], [], []
-    if measurement.range_rate is not None and measurement.range_rate_variance is not None:
-        rate, row = line_of_sight(mean, measurement.origin, measurement.velocity)
-        rows.append(row)
-        residuals.append(measurement.range_rate - rate)
-        variances.append(measurement.range_rate_variance)
-    for part in measurement.projections:
-        rows.append(np.concatenate([np.zeros((pairs, 2)), part.direction], axis=1))
-        residuals.append(part.value - (part.direction * mean[:, 2:4]).sum(axis=1))
-        variances.append(part.variance)
-    size = 2 + len(rows)
-    jacobian, noise = np.zeros((pairs, size, 4)), np.zeros((pairs, size, size))
-    innovation = np.concatenate([measurement.position - mean[:, :2], np.stack(residuals, axis=1)], axis=1)
-    jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
-    jacobian[:, 2:] = np.stack(rows, axis=1)
-    noise[:, :2, :2] = measurement.noise
-    noise[:, range(2, size), range(2, size)] = np.stack(variances, axis=1)
-    known = np.isfinite(innovation)
-    jacobian[~known], innovation[~known] = 0.0, 0.0
+    innovation, jacobian, noise = measurement.linearised(mean[:, :4])
     s = jacobian @ covariance[:, :4, :4] @ np.swapaxes(jacobian, 1, 2) + noise
     return np.asarray((innovation * np.linalg.solve(s, innovation[:, :, None])[:, :, 0]).sum(axis=1))
 

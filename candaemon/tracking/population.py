@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from candaemon.config.tracker import TrackerSettings
 from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.smoothing import Link
 from candaemon.sensing.detections import Detections
 from candaemon.tracking.estimators import make_estimator
 from candaemon.tracking.reflections import Motion, change_leader, from_travel_axes, rigid_motion
@@ -19,6 +20,7 @@ from candaemon.tracking.tables import ObstacleTable, Reflections
 
 Booleans = NDArray[np.bool_]
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
 
@@ -33,7 +35,9 @@ class Population:
         reflections: one row a detected point.
         obstacles: one row a vehicle.
         estimator: one row a reflection.
-        row_of: row of the reflection that a sensor's object id stands for.
+        row_of: row of the reflection that a sensor's object id stands for. Where the noise is found out, a reflection
+            keeps an id of each sensor, for it is all that tells what a sensor gone bad still sees; else that of the
+            sensor that reported it last.
     """
 
     def __init__(self, settings: TrackerSettings, ids: Iterator[int]) -> None:
@@ -74,6 +78,21 @@ class Population:
         self.estimator.retreat(dt)
         self._states = None
 
+    def linked(self, moved: bool) -> tuple[Integers, Link]:
+        """Return the obstacles' identities and what a smoother needs of their prediction; to be asked right after it.
+
+        Where time has not moved on, as in a scan that comes after a younger one, the gain is the identity: what is
+        learnt of an obstacle is learnt of it before, and its chain does not break.
+
+        Args:
+            moved: whether `predict` led here.
+        """
+        motion, link = self.motion(), self.estimator.link
+        gain = np.broadcast_to(np.eye(6), motion.covariance.shape)
+        if moved and link is not None:
+            gain = link.gain[self.obstacles.leader]
+        return self.obstacles.id, Link(motion.state, motion.covariance, gain)
+
     def update(self, tracks: Rows, measurement: Measurement) -> Floats:
         """Update reflections with a measurement each; return the normalised innovations squared."""
         nis = self.estimator.update(tracks, measurement)
@@ -97,14 +116,21 @@ class Population:
     def name(self, track: int, sensor: int, key: int) -> None:
         """Let a sensor's id stand for this reflection and no longer for another."""
         reflections = self.reflections
-        old = (int(reflections.sensor[track]), int(reflections.object_id[track]))
-        if self.row_of.get(old) == track:
-            del self.row_of[old]
         former = self.row_of.get((sensor, key))
-        if former is not None:
+        if former != track:
+            for name in self._outdated(track, sensor):
+                del self.row_of[name]
+        if former is not None and reflections.sensor[former] == sensor:
             reflections.object_id[former] = -1
         self.row_of[sensor, key] = track
         reflections.sensor[track], reflections.object_id[track] = sensor, key
+
+    def _outdated(self, track: int, sensor: int) -> list[tuple[int, int]]:
+        """Return the ids that no longer stand for a reflection once a sensor gives it another."""
+        if self.estimator.adapting:
+            return [name for name, row in self.row_of.items() if row == track and name[0] == sensor]
+        latest = int(self.reflections.sensor[track]), int(self.reflections.object_id[track])
+        return [latest] if self.row_of.get(latest) == track else []
 
     def add_obstacle(self, time_ns: int, direction: Floats) -> int:
         """Add an obstacle that the next reflection will lead; return its row.

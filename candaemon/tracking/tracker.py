@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from candaemon.config.tracker import TrackerSettings
+from candaemon.estimation.measurement import Measurement
 from candaemon.sensing.detections import Detections
 from candaemon.sensing.mounting import View
 from candaemon.sensing.pose import EgoPose
@@ -16,6 +17,7 @@ from candaemon.tracking.birth import Births
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.population import Population
 from candaemon.tracking.reflections import beside_an_older, parted, pass_the_lead, turn_to_course
+from candaemon.tracking.smoothing import Trail
 from candaemon.tracking.telling import tell
 from candaemon.tracking.update import TrackerCounts, Update, Used
 
@@ -39,6 +41,11 @@ class Tracker:
             scan of the one sensor, the longest cycle where others come between.
         views: what the sensors can see; an obstacle that has left all of them and is not detected ends early. Without
             any, obstacles end by time alone.
+
+    Attributes:
+        counts: what it did.
+        update: what the latest step's detections updated; None where it had none.
+        trail: what a smoother needs of the latest step; None unless `leave_trail` was called before.
     """
 
     def __init__(
@@ -61,9 +68,14 @@ class Tracker:
         self._dt = 0.0
         self.counts = TrackerCounts()
         self.update: Update | None = None
+        self.trail: Trail | None = None
 
     def __len__(self) -> int:
         return len(self._tracks.obstacles)
+
+    def leave_trail(self) -> None:
+        """Leave a `trail` after each step from here on; nothing that is told changes by it."""
+        self._tracks.estimator.linking = True
 
     def step(self, detections: Detections | None, pose: EgoPose) -> Obstacles:
         """Advance to the pose's time, with the detections of one scan, or with none to let the tracks coast.
@@ -74,6 +86,7 @@ class Tracker:
         """
         self.update = None
         self._predict(pose.time_ns)
+        linked = self._tracks.linked(self._dt > 0.0) if self._tracks.estimator.linking else None
         if detections is not None:
             tracks, rows = self._associate(detections)
             nis = self._correct(tracks, rows, detections)
@@ -85,6 +98,8 @@ class Tracker:
         motion = self._tracks.motion()
         if self._uses_direction:
             turn_to_course(self._tracks.obstacles, motion.velocity, self._dt, self._settings.travel)
+        if linked is not None:
+            self.trail = Trail(self._tracks.obstacles.id, motion.state, motion.covariance, *linked)
         return tell(self._tracks, motion, pose, self._used(detections), self._slack_ns)
 
     def expected_positions(self, horizon: float) -> Floats:
@@ -115,15 +130,12 @@ class Tracker:
 
         The sensor's id is the first guess, behind a gate; what is left over on both sides goes to the nearest.
         """
-        association = self._settings.association
         tracks, rows = self._guess(detections)
-        if association.method == "id":
+        if self._settings.association.method == "id":
             return tracks, rows
         mean, covariance = self._tracks.states()
-        measurement = detections.measurement
-        nis = pair_nis(mean[tracks], covariance[tracks], measurement.take(rows))
-        sure = self._tracks.obstacles.confirmed[self._tracks.reflections.obstacle[tracks]]
-        fits = nis <= np.where(sure, association.id_gate, association.gate)
+        measurement, gate = detections.measurement, self._settings.association.gate
+        fits = self._fits(tracks, measurement.take(rows))
         if not fits.all():
             self.counts.slot_jumps += int(len(fits) - fits.sum())
             tracks, rows = tracks[fits], rows[fits]
@@ -133,9 +145,27 @@ class Tracker:
         busy[tracks] = True
         taken[rows] = True
         more_tracks, more_rows = nearest_neighbours(
-            mean, covariance, np.flatnonzero(~busy), measurement, np.flatnonzero(~taken), association.gate
+            mean, covariance, np.flatnonzero(~busy), measurement, np.flatnonzero(~taken), gate
         )
         return np.concatenate([tracks, more_tracks]), np.concatenate([rows, more_rows])
+
+    def _fits(self, tracks: Rows, measurement: Measurement) -> NDArray[np.bool_]:
+        """Tell which detections (m,) can be of the tracks (m,) that their ids stand for.
+
+        What does not fit the stated noise is how a sensor gone bad is found out: where it is, the id of a confirmed
+        obstacle is believed as far as the sensor may have become worse.
+        """
+        association, estimator = self._settings.association, self._tracks.estimator
+        mean, covariance = self._tracks.states()
+        sure = self._tracks.obstacles.confirmed[self._tracks.reflections.obstacle[tracks]]
+        nis = pair_nis(mean[tracks], covariance[tracks], measurement)
+        fits = nis <= np.where(sure, association.id_gate, association.gate)
+        doubted = np.flatnonzero(sure & ~fits)
+        if estimator.adapting and len(doubted):
+            far = tracks[doubted]
+            believed = estimator.believed(far, measurement.take(doubted))
+            fits[doubted] = pair_nis(mean[far], covariance[far], believed) <= association.id_gate
+        return fits
 
     def _guess(self, detections: Detections) -> tuple[Rows, Rows]:
         """Return the tracks that the sensor's ids stand for; an id that comes twice in a scan stands for nothing."""
@@ -181,13 +211,11 @@ class Tracker:
     def _note_update(
         self, tracks: Rows, rows: Rows, nis: Floats, born: Rows, free: Rows, detections: Detections
     ) -> None:
-        measurement = detections.measurement
-        freedom = 2 + (measurement.range_rate is not None) + len(measurement.projections)
         self.counts.used += len(rows) + len(free)
         if len(free):
             tracks, rows = np.concatenate([tracks, born]), np.concatenate([rows, free])
             nis = np.concatenate([nis, np.full(len(free), np.nan)])
-        self.update = Update(rows, tracks, nis, freedom)
+        self.update = Update(rows, tracks, nis, detections.measurement.measured[rows])
 
     def _end_lives(self, pose: EgoPose) -> None:
         """Confirm what was seen often enough; let go of what is unseen for too long, lost from view, or anywhere."""
@@ -267,5 +295,5 @@ class Tracker:
                 self.update.detection[kept],
                 new_row[self.update.reflection[kept]],
                 self.update.nis[kept],
-                self.update.freedom,
+                self.update.freedom[kept],
             )

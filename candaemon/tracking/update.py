@@ -44,13 +44,13 @@ class Update:
         detection: rows in the scan (m,).
         reflection: rows of the reflections they updated (m,).
         nis: normalised innovation squared (m,); NaN where a track began.
-        freedom: degrees of freedom of one detection.
+        freedom: degrees of freedom of each (m,).
     """
 
     detection: Rows
     reflection: Rows
     nis: Floats
-    freedom: int
+    freedom: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from candaemon.binding import Binding
-from candaemon.config.tracker import CsEstimatorSettings, ImmEstimatorSettings
+from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings
 
 from . import naive, parts
 from .chains import count, cycles, full_binding, naive_cycles, reduced_binding, simulated_log
@@ -77,6 +77,21 @@ def _estimator(
     )
 
 
+def _axes(least: float, folder: Path) -> Comparison:
+    """64 tracks predicted and updated with a position each, x and y apart."""
+    del folder
+    axes = parts.Axes()
+    return Comparison(
+        "CS-KF, per axis, 64 tracks",
+        "cycle",
+        axes.estimate,
+        axes.estimate_with_filterpy,
+        goal=50,
+        least=least,
+        against="filterpy",
+    )
+
+
 CHAINS: dict[str, Maker] = {
     "cs": partial(_chain, "chain, CS-KF", reduced_binding, naive.CurrentStatistical, 20.0, 7.0),
     "imm": partial(_chain, "chain, all defaults, IMM", full_binding, naive.InteractingModels, 5.0, 15.0),
@@ -89,7 +104,8 @@ PARTS: dict[str, Maker] = {
     "read": partial(_reader, "read a log by frame", parts.read_frames, 4, 4),
     "read-bulk": partial(_reader, "read a log in bulk", parts.read_blocks, 20, 8),
     "cs": partial(_estimator, "CS-KF, 64 tracks", CS, naive.CurrentStatistical, 12),
-    "imm": partial(_estimator, "IMM of three models, 64 tracks", IMM, naive.InteractingModels, 40),
+    "cs-axes": partial(_axes, 50),
+    "imm": partial(_estimator, "IMM of three models, 64 tracks", IMM, naive.InteractingModels, 50),
 }
 GROWTH: dict[str, tuple[CsEstimatorSettings | ImmEstimatorSettings, int, float]] = {
     # settings, tracks: the most that they may cost, times 64 tracks; linear would be 4 and 16

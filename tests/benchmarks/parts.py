@@ -15,8 +15,10 @@ from candaemon.bus.codec import BatchDecoder, BatchEncoder, compile_decoder, com
 from candaemon.bus.database import load_database
 from candaemon.bus.logs import read_log
 from candaemon.bus.logstream import ChannelMap, LogCounts
-from candaemon.config.tracker import CsEstimatorSettings, ImmEstimatorSettings
+from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings
+from candaemon.estimation.axis_filter import AxisFilter
 from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.models import CurrentStatistical
 from candaemon.tracking.estimators import make_estimator
 
 from . import naive
@@ -113,6 +115,43 @@ def estimate_with_filterpy(kind: Callable[..., naive.Filter], tracks: int, steps
             each.predict(matrices)
             each.update(z, r)
     return steps
+
+
+class Axes:
+    """64 tracks by CS-KF, x and y measured apart, by candaemon and by filterpy; each method returns its steps."""
+
+    _VARIANCE = (0.06, 0.3)
+
+    def __init__(self) -> None:
+        self._position, _ = _scene(BATCH)
+        self._filter = AxisFilter(CurrentStatistical(naive.ALPHA, naive.LIMIT, naive.FLOOR))
+        mean, covariance = np.zeros((2 * BATCH, 3)), np.zeros((2 * BATCH, 3, 3))
+        mean[:, 0] = self._position.ravel()
+        covariance[:, 0, 0] = np.tile(self._VARIANCE, BATCH)
+        covariance[:, 1, 1], covariance[:, 2, 2] = naive.FIRST_SPEED**2, naive.FIRST_ACCELERATION**2
+        self._filter.spawn(mean, covariance)
+        self._naive = [naive.CurrentStatistical(each[:, None], np.diag(self._VARIANCE)) for each in self._position]
+
+    @property
+    def states(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The states of both, (n, 6) of [x, ẋ, ẍ, y, ẏ, ÿ]."""
+        return self._filter.mean.reshape(-1, 6), np.array([each.state for each in self._naive])
+
+    def estimate(self, steps: int = 200) -> int:
+        positions, variance = self._position.ravel(), np.tile(self._VARIANCE, BATCH)
+        for step in range(steps):
+            self._filter.predict(_DT)
+            self._filter.update(positions + 0.01 * step, variance)
+        return steps
+
+    def estimate_with_filterpy(self, steps: int = 15) -> int:
+        columns, noise = self._position[:, :, None], np.diag(self._VARIANCE)
+        for step in range(steps):
+            matrices = naive.CurrentStatistical.matrices(_DT)
+            for each, z in zip(self._naive, columns + 0.01 * step, strict=True):
+                each.predict(matrices)
+                each.update(z, noise)
+        return steps
 
 
 def _scene(tracks: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 import pytest
 
 from .comparisons import GROWTH, PARTS
 from .conftest import Note
-from .parts import BATCH, estimate
+from .parts import BATCH, Axes, estimate
 from .timing import held, microseconds
 
 
@@ -18,6 +19,12 @@ def test_a_part_is_fast(name: str, tmp_path: Path, note: Note) -> None:
     result = held(PARTS[name](tmp_path))
     note(result)
     assert result.ratio >= result.comparison.least, str(result)
+
+
+def test_axes_apart_have_filterpys_states() -> None:
+    axes = Axes()
+    assert axes.estimate(40) == axes.estimate_with_filterpy(40)
+    np.testing.assert_allclose(*axes.states, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", GROWTH)

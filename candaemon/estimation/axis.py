@@ -1,0 +1,133 @@
+"""One axis of motion over one time step: transition, noise and input of the linear models.
+
+States are [position, velocity, acceleration] and, for the constant jerk, a fourth: its jerk. Paper 000 writes the plane
+as two such axes one after the other, [x, ẋ, ẍ, y, ẏ, ÿ].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, factorial
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_LONG = 1.0
+"""αT from which on the closed forms lose no digits; below, they cancel and a series in αT is exact to rounding."""
+_TERMS = 24
+_ORDERS = (2, 1, 0)
+"""Of position, velocity and acceleration: so often the acceleration is integrated."""
+
+
+def _series() -> tuple[Floats, Floats]:
+    """Return F, Q and U / α of paper 000 as series in −αT: coefficients (terms, 21), and powers of T before them (21,).
+
+    An acceleration of 1 has become Σ (−α)ⁿ tⁿ⁺ᵖ / (n+p)! after a time t, integrated p times; Q integrates the products
+    of two of these over the step, U / α one.
+    """
+    coefficients, powers = np.zeros((_TERMS, 21)), np.zeros(21)
+    f, q = (coefficients[:, k : k + 9].reshape(_TERMS, 3, 3) for k in (0, 9))
+    f[0] = (1.0, 1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0)
+    powers[:9] = np.maximum(np.subtract.outer(_ORDERS, _ORDERS), 0).ravel()
+    powers[9:18] = np.add.outer(_ORDERS, _ORDERS).ravel() + 1
+    powers[18:] = np.array(_ORDERS) + 1
+    for n in range(_TERMS):
+        for i, p in enumerate(_ORDERS):
+            f[n, i, 2] = 1 / factorial(n + p)
+            coefficients[n, 18 + i] = 1 / factorial(n + p + 1)
+            for j, r in enumerate(_ORDERS[: i + 1]):
+                products = (1 / (factorial(k + p) * factorial(n - k + r)) for k in range(n + 1))
+                q[n, i, j] = q[n, j, i] = sum(products) / (n + p + r + 1)
+    return coefficients, powers
+
+
+_COEFFICIENTS, _POWERS = _series()
+_EXPONENTS = np.arange(float(_TERMS))
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis over one time step, with S states: 3, or 4 with the jerk.
+
+    Attributes:
+        transition: F, (S, S).
+        noise: Q, (S, S).
+        input: U, (S,): what a mean of the highest derivative, to which that decays, adds; 0 where it keeps.
+    """
+
+    transition: Floats
+    noise: Floats
+    input: Floats
+
+
+def white_axis(dt: float, intensity: float, *, order: int) -> Axis:
+    """Return an axis whose highest derivative is driven by white noise in continuous time.
+
+    Args:
+        dt: T, s.
+        intensity: power of the white noise that drives the highest derivative.
+        order: of that derivative: 1 nearly constant velocity (Friedland), 2 nearly constant acceleration (Hampton),
+            3 nearly constant jerk, the four states of Hou.
+
+    Returns:
+        F with T^(j−i)/(j−i)!, for order 1 that of paper 002 (5) and paper 003 (2); Q with T^(2·order+1−i−j) /
+        ((order−i)! (order−j)! (2·order+1−i−j)), the noise white in continuous time, where those papers have an
+        acceleration that is constant over a step, through G = [T²/2, T]. States beyond the order are zero.
+    """
+    size = max(order + 1, 3)
+    f, q = np.zeros((size, size)), np.zeros((size, size))
+    for i in range(order + 1):
+        for j in range(i, order + 1):
+            f[i, j] = dt ** (j - i) / factorial(j - i)
+            power = 2 * order + 1 - i - j
+            q[i, j] = q[j, i] = dt**power / (factorial(order - i) * factorial(order - j) * power)
+    return Axis(f, intensity * q, np.zeros(size))
+
+
+def decaying_axis(rate: float, dt: float, intensity: float, *, order: int) -> Axis:
+    """Return an axis whose highest derivative decays exponentially.
+
+    Args:
+        rate: α, 1/s, the inverse time constant.
+        dt: T, s.
+        intensity: power of the white noise that drives the highest derivative.
+        order: 2, the acceleration decays: Singer and paper 000 (15), (19); 1, the velocity does: a drift that settles.
+
+    Returns:
+        Transition (15), noise (19) and input (16) of paper 000 for order 2; q33 is (1 − e^(−2αT)) / 2α, where (19)
+        misprints. For order 1 the same, of the velocity in the place of the acceleration.
+    """
+    f, q, u = _closed(rate, dt) if rate * dt > _LONG else _summed(rate, dt)
+    if order == 1:
+        f, q, u = _lowered(f), _lowered(q), np.array((u[1], u[2], 0.0))
+    return Axis(f, intensity * q, u)
+
+
+def _summed(rate: float, dt: float) -> tuple[Floats, Floats, Floats]:
+    """Return F, Q and U by their series."""
+    values = dt**_POWERS * ((-rate * dt) ** _EXPONENTS @ _COEFFICIENTS)
+    return values[:9].reshape(3, 3), values[9:18].reshape(3, 3), rate * values[18:]
+
+
+def _closed(rate: float, dt: float) -> tuple[Floats, Floats, Floats]:
+    """Return F, Q and U as (15), (16) and (19) of paper 000 have them."""
+    x, e = rate * dt, exp(-rate * dt)
+    position, velocity = (x - 1 + e) / rate**2, (1 - e) / rate
+    f = np.array(((1.0, dt, position), (0.0, 1.0, velocity), (0.0, 0.0, e)))
+    q11 = (1 - e * e + 2 * x + 2 * x**3 / 3 - 2 * x * x - 4 * x * e) / (2 * rate**5)
+    q12 = (e * e + 1 - 2 * e + 2 * x * e - 2 * x + x * x) / (2 * rate**4)
+    q13 = (1 - e * e - 2 * x * e) / (2 * rate**3)
+    q22 = (4 * e - 3 - e * e + 2 * x) / (2 * rate**3)
+    q23 = (e * e + 1 - 2 * e) / (2 * rate**2)
+    q33 = (1 - e * e) / (2 * rate)
+    q = np.array(((q11, q12, q13), (q12, q22, q23), (q13, q23, q33)))
+    return f, q, np.array((dt * dt / 2 - position, dt - velocity, 1 - e))
+
+
+def _lowered(matrix: Floats) -> Floats:
+    """Return the matrix of velocity and acceleration as that of position and velocity, (3, 3)."""
+    lower = np.zeros((3, 3))
+    lower[:2, :2] = matrix[1:, 1:]
+    return lower

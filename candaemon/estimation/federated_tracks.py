@@ -1,0 +1,111 @@
+"""Tracks of several sensors under a federated filter: paper 004, section 3.3, with the radar's measurements."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.estimation.bank import Bank
+from candaemon.estimation.federated import fused, information_shares
+from candaemon.estimation.kalman import update
+from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.models import MotionModel
+from candaemon.estimation.sensor_noise import SensorNoise
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+class FederatedTracks(Bank):
+    """A local filter for each sensor and a global one over them; rows are tracks.
+
+    The global filter fuses after every scan and hands the result back, so that between scans the local filters are the
+    global one with its covariance divided by β, and the global one is all that has to be kept. Each scan updates the
+    local filter of its sensor, which starts from its share β of what is known; the others hold the rest. All parts of a
+    detection are linearised once, at the global prediction. So β divides the work and changes no result: what weighs a
+    sensor is its noise, as stated or as each track finds it out, and β follows that.
+
+    Args:
+        model: of every filter.
+        acceleration: standard deviation of a track's first acceleration, m/s².
+        turn_rate: standard deviation of a track's first turn rate, rad/s.
+        jerk: standard deviation of a track's first jerk, m/s³.
+        outage: times the noise of the best sensor from which on a sensor is left the least share.
+        least: that share; never more than an even one.
+        noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
+    """
+
+    def __init__(
+        self,
+        model: MotionModel,
+        *,
+        acceleration: float,
+        turn_rate: float,
+        jerk: float,
+        outage: float,
+        least: float,
+        noise: SensorNoise | None = None,
+    ) -> None:
+        super().__init__([model], acceleration=acceleration, turn_rate=turn_rate, jerk=jerk, noise=noise)
+        self._outage, self._least = outage, least
+        self._sensors: list[int] = []
+        self._stated: Floats = np.zeros(0)
+        self._trace: Floats = np.zeros((0, 0))
+
+    @property
+    def share(self) -> Floats:
+        """Information factors β of the sensors in the order of their first scans, (n, S)."""
+        return information_shares(self._trace, self._outage, self._least)
+
+    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+        """Keep the given rows and forget the others; a row given twice becomes two."""
+        super().keep(rows)
+        self._trace = self._trace[rows]
+
+    def _adapted(self, rows: Rows, measurement: Measurement) -> Measurement:
+        """Return the measurement as noisy as the tracks have found it to be, and note that for the shares."""
+        adapted = super()._adapted(rows, measurement)
+        if len(rows):
+            sensor = self._place(measurement)
+            self._trace[rows, sensor] = _traces(adapted)
+        return adapted
+
+    def _taken(self, rows: Rows, mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
+        """Update the sensor's local filters and fuse them with the others' share, (10) to (12), (19) and (20)."""
+        if not len(rows):
+            return np.zeros((0, 1)), np.zeros((0, 1))
+        innovation, observation, noise = measurement.linearised(mean[:, 0])
+        whole, spread = mean[:, 0].copy(), covariance[:, 0].copy()
+        fit = update(whole, spread, innovation, observation, noise)
+        if len(self._sensors) > 1:
+            mine = self.share[rows, self._sensors.index(measurement.sensor), None, None]
+            locals_ = np.stack([mean[:, 0], mean[:, 0]], axis=1)
+            spreads = np.stack([covariance[:, 0] / mine, covariance[:, 0] / (1.0 - mine)], axis=1)
+            update(locals_[:, 0], spreads[:, 0], innovation, observation, noise)
+            whole, spread = fused(locals_, spreads)
+        mean[:, 0], covariance[:, 0] = whole, spread
+        return fit.nis[:, None], fit.log_likelihood[:, None]
+
+    def _place(self, measurement: Measurement) -> int:
+        """Return the sensor's column; a sensor that has not been seen gets one, as noisy as it says."""
+        if measurement.sensor not in self._sensors:
+            self._sensors.append(measurement.sensor)
+            stated = _traces(measurement).mean()
+            self._stated = np.append(self._stated, stated)
+            self._trace = np.concatenate([self._trace, np.full((len(self), 1), stated)], axis=1)
+        return self._sensors.index(measurement.sensor)
+
+    def _append(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
+        super()._append(mean, covariance, probability)
+        self._trace = np.concatenate([self._trace, np.tile(self._stated, (len(mean), 1))])
+
+    def _interact(self, dt: float) -> None:
+        """Do nothing: the filters meet after each scan."""
+
+    def _weigh(self, rows: Rows, log_likelihood: Floats) -> None:
+        """Do nothing: there is one model."""
+
+
+def _traces(measurement: Measurement) -> Floats:
+    """Return tr(R) of the position of each detection, (m,), m²."""
+    return np.asarray(np.trace(measurement.noise, axis1=1, axis2=2))

@@ -1,0 +1,107 @@
+"""When a track manoeuvres: the decision of paper 003, batched over tracks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+_LONGEST = 2.0
+"""Intervals, as which one comparison counts at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class SwitchRule:
+    """When a track changes its model, (7), (8) and the section "Calculation" of paper 003.
+
+    Samples need not be even: two speeds are compared at the samples nearest to an interval apart, for what the change
+    comes to over an interval, and T1 and T2 end at the comparisons nearest to them.
+
+    Attributes:
+        threshold: Th1, change of speed over one interval as a share of the speed, from which on it is a manoeuvre.
+        least_change: m/s, a smaller change is none: of a vehicle at rest, Th1 of the paper is zero.
+        manoeuvre_time: T1, s of change without a break until it is a manoeuvre.
+        steady_time: T2, s without change until it is over.
+        interval: s between two speeds that are compared, the paper's sampling period. At a higher rate the speeds in
+            between are not looked at: the threshold is one of acceleration, and filtered noise has more of it the
+            shorter the time.
+    """
+
+    threshold: float = 0.05
+    least_change: float = 0.1
+    manoeuvre_time: float = 10.0
+    steady_time: float = 20.0
+    interval: float = 1.0
+
+
+class ManoeuvreWatch:
+    """Watches the speeds of n tracks; rows are tracks.
+
+    Args:
+        axes: of a track: 1, or 2 in the plane.
+        rule: when to decide otherwise.
+
+    Attributes:
+        manoeuvring: (n,); a track begins with a manoeuvre, as the paper's step (1) does.
+    """
+
+    def __init__(self, axes: int, rule: SwitchRule) -> None:
+        self._rule = rule
+        self._step = 0.0
+        self._compared: Floats = np.zeros((0, axes))
+        self._since: Floats = np.zeros(0)
+        self._against: Floats = np.zeros(0)
+        self.manoeuvring: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
+
+    def spawn(self, velocity: Floats) -> None:
+        """Append tracks with their velocities (k, A), m/s."""
+        k = len(velocity)
+        self._compared = np.concatenate([self._compared, velocity])
+        self._since = np.concatenate([self._since, np.zeros(k)])
+        self._against = np.concatenate([self._against, np.zeros(k)])
+        self.manoeuvring = np.concatenate([self.manoeuvring, np.ones(k, dtype=np.bool_)])
+
+    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+        """Keep the given rows and forget the others; a row given twice becomes two."""
+        self._compared, self._since = self._compared[rows], self._since[rows]
+        self._against, self.manoeuvring = self._against[rows], self.manoeuvring[rows]
+
+    def advance(self, dt: float) -> None:
+        """Let dt pass, s."""
+        self._step = dt
+        self._since += dt
+
+    def watch(self, rows: Rows, velocity: Floats) -> None:
+        """Take the filtered velocities of the rows just measured; where an interval is over, compare and decide.
+
+        What speaks against the decision in force must do so without a break. A gap without measurements is one
+        comparison, and counts as two intervals at most.
+
+        Args:
+            rows: (m,), each once.
+            velocity: (m, A), m/s.
+        """
+        since = self._since[rows]
+        due = since + np.minimum(since, self._step) / 2 >= self._rule.interval  # the next sample is farther from it
+        if due.any():
+            self._compare(rows[due], velocity[due])
+
+    def _compare(self, rows: Rows, velocity: Floats) -> None:
+        """Compare velocities with those an interval ago, (7) and (8); decide otherwise where the time has come."""
+        rule = self._rule
+        elapsed = self._since[rows]
+        change = np.linalg.norm(velocity - self._compared[rows], axis=1) * rule.interval
+        threshold = np.maximum(rule.threshold * np.linalg.norm(velocity, axis=1), rule.least_change) * elapsed
+        manoeuvring = self.manoeuvring[rows]
+        contrary = (change > threshold) != manoeuvring
+        counted = np.minimum(elapsed, _LONGEST * rule.interval)
+        against = np.where(contrary, self._against[rows] + counted, 0.0)
+        patience = np.where(manoeuvring, rule.steady_time, rule.manoeuvre_time)
+        over = contrary & (against + counted / 2 >= patience)
+        self.manoeuvring[rows] = manoeuvring ^ over
+        self._against[rows] = np.where(over, 0.0, against)
+        self._compared[rows], self._since[rows] = velocity, 0.0

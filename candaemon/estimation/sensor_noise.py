@@ -1,0 +1,100 @@
+"""How noisy each track finds the detections of each sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.estimation.measurement import Measurement
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+class NoiseFactor(Protocol):
+    """Learns a factor on the stated measurement noise of each of n rows; `candaemon.estimation.variational` has two.
+
+    Attributes:
+        scale: the factors (n,).
+    """
+
+    scale: Floats
+
+    def spawn(self, count: int) -> None:
+        """Append rows whose factor is one."""
+        ...
+
+    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+        """Keep the given rows and forget the others; a row given twice becomes two."""
+        ...
+
+    def observe(self, rows: Rows, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
+        """Learn from an innovation of each of the rows before the filter's own update; return their factors (m,).
+
+        Args:
+            rows: (m,), each once.
+            innovation: (m, d).
+            predicted: H P⁻ Hᵀ, (m, d, d).
+            noise: as stated, (m, d, d).
+        """
+        ...
+
+
+class SensorNoise:
+    """A factor on the position noise for each track and sensor.
+
+    A sensor that has gone bad on a target loses its weight there, and gets it back when it recovers. Speeds keep their
+    stated noise.
+
+    Args:
+        make: makes a way to learn a factor, without rows; one is made for each sensor as it first reports.
+        headroom: times the noise found so far that a sensor may have become worse since; from 1.
+        most: factor on the stated noise beyond which headroom does not go.
+    """
+
+    def __init__(self, make: Callable[[], NoiseFactor], *, headroom: float = 50.0, most: float = 400.0) -> None:
+        self._make = make
+        self._headroom, self._most = headroom, most
+        self._factors: dict[int, NoiseFactor] = {}
+        self._count = 0
+
+    def spawn(self, count: int) -> None:
+        """Append tracks for which all sensors are as noisy as they say."""
+        self._count += count
+        for factor in self._factors.values():
+            factor.spawn(count)
+
+    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+        """Keep the given rows and forget the others; a row given twice becomes two."""
+        self._count = int(np.count_nonzero(rows)) if rows.dtype == np.bool_ else len(rows)
+        for factor in self._factors.values():
+            factor.keep(rows)
+
+    def believed(self, rows: Rows, measurement: Measurement) -> Measurement:
+        """Return the measurement with the most noise that is believed; nothing is learnt.
+
+        Args:
+            rows: the tracks, (m,).
+            measurement: a detection each, known to be of the track.
+        """
+        factor = self._factors.get(measurement.sensor)
+        found = np.ones(len(rows)) if factor is None else factor.scale[rows]
+        return measurement.scaled(np.clip(self._headroom * found, 1.0, self._most))
+
+    def adapted(self, rows: Rows, measurement: Measurement, position: Floats, covariance: Floats) -> Measurement:
+        """Learn from the innovations and return the measurement as noisy as it is found to be.
+
+        Args:
+            rows: the tracks, (m,), each once.
+            measurement: a detection each.
+            position: predicted, (m, 2), m.
+            covariance: of the predicted positions, (m, 2, 2).
+        """
+        factor = self._factors.get(measurement.sensor)
+        if factor is None:
+            factor = self._factors[measurement.sensor] = self._make()
+            factor.spawn(self._count)
+        return measurement.scaled(factor.observe(rows, measurement.position - position, covariance, measurement.noise))

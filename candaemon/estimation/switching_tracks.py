@@ -1,0 +1,68 @@
+"""Tracks that switch between constant velocity and the current statistical model: paper 003 for a radar's targets."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.estimation.bank import Bank
+from candaemon.estimation.manoeuvre import ManoeuvreWatch, SwitchRule
+from candaemon.estimation.models import VELOCITY, CurrentStatistical, MotionModel
+from candaemon.estimation.sensor_noise import SensorNoise
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+_STEADY, _MANOEUVRE = 0, 1
+
+
+class SwitchingTracks(Bank):
+    """Both models run, and the one that the change of speed of late asks for is told, whole; rows are tracks.
+
+    Args:
+        steady: constant velocity.
+        statistical: the current statistical model.
+        rule: when to switch.
+        acceleration: standard deviation of a track's first acceleration, m/s².
+        noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
+    """
+
+    def __init__(
+        self,
+        steady: MotionModel,
+        statistical: CurrentStatistical,
+        rule: SwitchRule,
+        *,
+        acceleration: float,
+        noise: SensorNoise | None = None,
+    ) -> None:
+        super().__init__([steady, statistical], acceleration=acceleration, turn_rate=1.0, jerk=1.0, noise=noise)
+        self._watch = ManoeuvreWatch(2, rule)
+
+    @property
+    def manoeuvring(self) -> NDArray[np.bool_]:
+        """Whether the current statistical model is told, (n,)."""
+        return self._watch.manoeuvring.copy()
+
+    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+        """Keep the given rows and forget the others; a row given twice becomes two."""
+        super().keep(rows)
+        self._watch.keep(rows)
+
+    def _append(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
+        told = np.zeros_like(probability)
+        told[:, _MANOEUVRE] = 1.0
+        super()._append(mean, covariance, told)
+        self._watch.spawn(mean[:, _STEADY, VELOCITY])
+
+    def _interact(self, dt: float) -> None:
+        """Let the time pass; the two filters run apart."""
+        self._watch.advance(dt)
+
+    def _weigh(self, rows: Rows, log_likelihood: Floats) -> None:
+        """Tell the one or the other, by the steady filter's speed."""
+        del log_likelihood  # it is the speed that decides
+        self._watch.watch(rows, self.mean[rows, _STEADY, VELOCITY])
+        manoeuvring = self._watch.manoeuvring[rows]
+        self.probability[rows, _STEADY] = ~manoeuvring
+        self.probability[rows, _MANOEUVRE] = manoeuvring
