@@ -21,6 +21,7 @@ from candaemon.config.estimators import (
     ModelSettings,
     SwitchingEstimatorSettings,
 )
+from candaemon.config.gnss import DriftFilterSettings, GnssSettings, ImmFilterSettings, SwitchingFilterSettings
 from candaemon.config.sensors import (
     CounterScan,
     HeaderScan,
@@ -82,8 +83,22 @@ def _ego(binding: Binding) -> Iterator[Sheet]:
     ]
     if isinstance(settings, InsSettings):
         rows.append(("lever arm", f"x {settings.lever_arm.x:g} m, y {settings.lever_arm.y:g} m"))
+        rows += [("place on earth", "not told")] if settings.gnss is None else _placement(settings.gnss)
     yield Sheet("own motion", tuple(rows))
     yield _signals("own motion's signals", _ego_signals(ego))
+
+
+def _placement(gnss: GnssSettings) -> Iterator[tuple[str, str]]:
+    """Yield rows on how the level frame is placed on earth."""
+    match gnss.filter:
+        case DriftFilterSettings():
+            yield "place on earth", f"by fixes, the level frame drifting {gnss.filter.walk:g} m per √s"
+        case SwitchingFilterSettings():
+            yield "place on earth", "by fixes, smoothed by CV or CS, switched"
+        case ImmFilterSettings():
+            yield "place on earth", "by fixes, smoothed by an IMM of CV, CA"
+    doubt = f"refused beyond a NIS of {gnss.gate:g}, believed again after {gnss.reacquire:g} s"
+    yield "fixes", f"{gnss.noise:g} m; {doubt}; good for {gnss.hold:g} s"
 
 
 def _ego_signals(ego: BoundEgo) -> Iterator[tuple[MessageSpec, SignalBinding]]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from candaemon.bus.frame import Frame
 from candaemon.sensing.detections import Detections
+from candaemon.sensing.placement import Placement
 from candaemon.sensing.pose import EgoPose
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.tracker import Tracker
@@ -65,6 +66,7 @@ class Cycle:
         pose: own pose at the obstacles' time.
         detections: the scan's, None in a cycle without one.
         tracker: the group's tracker that took them, to be asked before the next cycle.
+        placement: of the level frame on earth at the obstacles' time; None where it is not known or not asked for.
     """
 
     time_ns: int
@@ -73,3 +75,4 @@ class Cycle:
     pose: EgoPose
     detections: Detections | None
     tracker: Tracker | None
+    placement: Placement | None = None

@@ -6,7 +6,7 @@ happened on the road happens again from its recording.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import count
 
 from candaemon.binding.bound import Binding
@@ -19,9 +19,10 @@ from candaemon.sensing.closing import make_assembler
 from candaemon.sensing.detections import Detections
 from candaemon.sensing.ego import EgoMotion
 from candaemon.sensing.mounting import Mounting, View
+from candaemon.sensing.placement import Placer
 from candaemon.sensing.pose import EgoPose, EgoStatus
 from candaemon.sensing.scan import Scan
-from candaemon.sensing.sources import make_ego
+from candaemon.sensing.sources import make_ego, make_placer
 from candaemon.tracking.obstacles import Obstacles, joined, none
 from candaemon.tracking.stationary import StationaryWatch
 from candaemon.tracking.tracker import Tracker
@@ -44,6 +45,7 @@ class Pipeline:
         self.binding = binding
         self.counts = PipelineCounts(buses=[BusCounts() for _ in binding.buses])
         self.ego: EgoMotion = make_ego(binding.ego)
+        self.placer = make_placer(binding.ego, self.ego)
         self._watch = StationaryWatch(self.ego.teaching) if self.ego.teaching is not None else None
         self.assemblers = [make_assembler(sensor) for sensor in binding.sensors]
         self._mountings = [Mounting(sensor.settings, sensor.reader.quantities) for sensor in binding.sensors]
@@ -168,12 +170,14 @@ class Pipeline:
         """Encode a cycle's obstacles and count it."""
         self.counts.cycles += 1
         frames: list[Frame] = []
+        placement = self.placer.at(obstacles.time_ns) if self.placer is not None else None
         output = self.binding.output
         if self._encoder is not None and output is not None:
             status = OutputStatus(ego=int(pose.status), health=self._health(pose, now_ns), drops=self.drops)
-            frames = frames_at(now_ns, output.bus, self._encoder.encode(obstacles, status, pose), output.fd_ids)
+            payloads = self._encoder.encode(obstacles, status, pose, placement)
+            frames = frames_at(now_ns, output.bus, payloads, output.fd_ids)
         self.counts.sent += len(frames)
-        return Cycle(now_ns, obstacles, frames, pose, detections, tracker)
+        return Cycle(now_ns, obstacles, frames, pose, detections, tracker, placement)
 
     def _health(self, pose: EgoPose, now_ns: int) -> int:
         """Return 0 ok, 1 degraded (own motion is not valid, or frames were lost of late), 2 a sensor is lost."""
@@ -194,8 +198,11 @@ class Pipeline:
                     routes[bus.index][can_id] = (_spare(message.length, self.counts.buses[bus.index]), 0, 0)
         ego = self.binding.ego
         if ego is not None:
+            takers: list[EgoMotion | Placer] = [self.ego]
+            if self.placer is not None:
+                takers.append(self.placer)
             for can_id, own in ego.messages.items():
-                routes[ego.bus][can_id] = (_own_motion(own, self.ego, self.counts, ego.bus), 0, 0)
+                routes[ego.bus][can_id] = (_own_motion(own, takers, self.counts, ego.bus), 0, 0)
         for sensor, assembler in zip(self.binding.sensors, self.assemblers, strict=True):
             routes[sensor.bus].update(assembler.routes)
         return routes
@@ -222,17 +229,18 @@ def _spare(length: int, counts: BusCounts) -> Receiver:
     return receive
 
 
-def _own_motion(own: EgoMessage, ego: EgoMotion, counts: PipelineCounts, bus: int) -> Receiver:
-    """Give a message's quantities to own motion."""
-    decode, names, update = own.decode, own.quantities, ego.update
-    wanted, length = not ego.wanted.isdisjoint(names), own.message.length
+def _own_motion(own: EgoMessage, takers: Sequence[EgoMotion | Placer], counts: PipelineCounts, bus: int) -> Receiver:
+    """Give a message's quantities to own motion, and to what places it on earth."""
+    decode, names, length = own.decode, own.quantities, own.message.length
+    updates = [taker.update for taker in takers if not taker.wanted.isdisjoint(names)]
 
     def receive(_part: int, _slot: int, data: bytes, time_ns: int) -> None:
-        values = decode(data) if wanted else ()
+        values = decode(data) if updates else ()
         if values is None or len(data) < length:
             counts.own_motion_short += 1
             counts.buses[bus].short += 1
-        elif wanted:
+            return
+        for update in updates:
             update(time_ns, names, values)
 
     return receive

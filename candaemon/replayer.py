@@ -18,8 +18,10 @@ from candaemon.bus.logstream import LogCounts
 from candaemon.bus.logwriters import open_log_writer
 from candaemon.bus.sequence import Sequencer
 from candaemon.cycle import Cycle
+from candaemon.evaluation.tables import EARTH_COLUMNS
 from candaemon.evaluation.writers import PredictionWriter, TrackWriter
 from candaemon.pipeline import Pipeline
+from candaemon.sensing.placement import Placement
 from candaemon.summary import DriveScore
 from candaemon.tracking.obstacles import MOTION, Obstacles
 
@@ -142,7 +144,8 @@ class _Outputs:
         self._score = score
         channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
         self._log = files.enter_context(open_log_writer(request.output, channels)) if request.output else None
-        self._tracks = files.enter_context(TrackWriter(request.tracks)) if request.tracks else None
+        placed = pipeline.placer is not None
+        self._tracks = files.enter_context(TrackWriter(request.tracks, earth=placed)) if request.tracks else None
         writer = files.enter_context(PredictionWriter(request.predictions)) if request.predictions else None
         self._predictions = Predictions(pipeline, request.horizons, writer, score)
 
@@ -151,7 +154,8 @@ class _Outputs:
         if self._log is not None:
             self._log.write(cycle.frames)
         if self._tracks is not None:
-            self._tracks.write_cycle(cycle.obstacles.time_ns, track_columns(cycle.obstacles, self._names))
+            columns = track_columns(cycle.obstacles, self._names, cycle.placement)
+            self._tracks.write_cycle(cycle.obstacles.time_ns, columns)
         self._score.add(cycle)
         self._predictions.add(cycle)
 
@@ -160,18 +164,25 @@ class _Outputs:
         self._predictions.finish()
 
 
-def track_columns(obstacles: Obstacles, sensors: Sequence[str]) -> dict[str, Sequence[object] | np.ndarray]:
-    """Return obstacles as columns of the table of tracks."""
+def track_columns(
+    obstacles: Obstacles, sensors: Sequence[str], placement: Placement | None = None
+) -> dict[str, Sequence[object] | np.ndarray]:
+    """Return obstacles as columns of the table of tracks; with latitude and longitude where a placement gives them."""
     used: list[list[tuple[str, int]]] = [[] for _ in range(len(obstacles))]
     columns = (obstacles.used_row, obstacles.used_sensor, obstacles.used_object)
     for row, sensor, key in zip(*(column.tolist() for column in columns), strict=True):
         used[row].append((sensors[sensor], key))
+    earth: dict[str, np.ndarray] = {}
+    if placement is not None:
+        places = np.degrees(placement.to_earth(obstacles.east, obstacles.north))
+        earth = dict(zip(EARTH_COLUMNS, places, strict=True))
     return {
         "id": obstacles.id,
         "state": obstacles.state,
         **{name: getattr(obstacles, name) for name in MOTION},
         "age": obstacles.age,
         "objects": used,
+        **earth,
     }
 
 

@@ -13,6 +13,7 @@ from candaemon.cycle import Cycle
 from candaemon.evaluation.duplicates import DuplicateScore
 from candaemon.evaluation.prediction import NisScore, PredictionScore, StationarySpeed
 from candaemon.evaluation.runs import ObjectRuns
+from candaemon.sensing.placement import Placer
 from candaemon.tracking.obstacles import TENTATIVE
 
 if TYPE_CHECKING:
@@ -112,6 +113,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     `stationary`        RMS over ground of what stands: vx, plane speed, m/s
     `duplicates`        share of confirmed samples with another one within 3 m, 1 m and 1 m/s
     `output`            frames sent, values that had to be saturated
+    `gnss`              only with `ego.gnss`: fixes told and by fate, RMS distance of the used ones from where they were
+                        expected, one standard deviation of the last placement, m
     `seconds`           of the log
     ==================  ==============================================================================
     """
@@ -166,7 +169,22 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
         },
         "duplicates": {"share": _rounded(score.duplicates.share), "samples": score.duplicates.samples},
         "output": {"frames": counts.sent, "saturated": pipeline.saturated},
+        **({} if pipeline.placer is None else {"gnss": _placing(pipeline.placer)}),
         "seconds": _rounded((replayed.last_ns - replayed.first_ns) * 1e-9),
+    }
+
+
+def _placing(placer: Placer) -> dict[str, Any]:
+    """Return what became of the fixes."""
+    counts = placer.counts
+    return {
+        "fixes": counts.fixes,
+        "invalid": counts.invalid,
+        "unplaced": counts.unplaced,
+        "rejected": counts.rejected,
+        "restarts": counts.restarts,
+        "innovation_rms": _rounded(counts.innovation_rms),
+        "deviation": _rounded(placer.deviation),
     }
 
 

@@ -23,8 +23,8 @@ from candaemon.config.sensors import ObjectFormat
 
 WRAPPING = frozenset({"id", "counter", "sensors"})
 """Quantities that go onto the wire modulo the signal's number of values; the others saturate."""
-OPEN_ENDED = frozenset({"age", "sx", "sy", "svx", "svy"})
-"""Quantities whose signal's end means "or more": written as the end, which counts as no loss."""
+OPEN_ENDED = frozenset({"age", "sx", "sy", "svx", "svy", "latitude", "longitude"})
+"""Quantities whose signal's end means "or more" or "not known": written as the end, which counts as no loss."""
 
 
 @dataclass(slots=True)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from candaemon.config.base import Settings, Signal, Signals
+from candaemon.config.gnss import GnssSettings
 
 
 class LeverArm(Settings):
@@ -70,6 +71,9 @@ class InsSettings(EgoCommon):
     lever_arm: LeverArm = Field(default_factory=LeverArm, description="where the INS measures, in vehicle axes")
     noise: InsNoise = Field(default_factory=InsNoise)
     smoothing: float = Field(0.1, ge=0, le=2, description="s, time constant of yaw rate and acceleration derived here")
+    gnss: GnssSettings | None = Field(
+        None, description="how latitude and longitude place the level frame on earth; default: they do not"
+    )
 
 
 class OdometrySignals(Settings):

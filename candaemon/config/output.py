@@ -11,7 +11,7 @@ from candaemon.config.sensors import Mount, ObjectFormat, ProtectionSettings
 
 Quantity = Literal[
     "id", "state", "x", "y", "vx", "vy", "ax", "ay", "range", "azimuth", "range_rate", "rel_vx", "rel_vy",
-    "rel_ax", "sx", "sy", "svx", "svy", "existence", "age", "sensors", "counter",
+    "rel_ax", "sx", "sy", "svx", "svy", "existence", "age", "sensors", "counter", "latitude", "longitude",
 ]  # fmt: skip
 StatusQuantity = Literal["cycle", "occupied", "unreported", "ego", "health", "drops", "count", "counter"]
 

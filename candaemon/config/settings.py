@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from candaemon.config.base import Settings
 from candaemon.config.buses import BusSettings
-from candaemon.config.ego import EgoSettings, StaticSettings
+from candaemon.config.ego import EgoSettings, InsSettings, StaticSettings
 from candaemon.config.output import OutputSettings
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.tracker import GroupSettings, TrackerSettings
@@ -87,7 +87,19 @@ class Config(Settings):
                 owner = logged.setdefault(name, bus)
                 if owner != bus and first == bus:
                     yield ("buses", bus), f"'{name}' is bus '{owner}' in a log already; give a log_channel of its own"
+        yield from self._earth_problems()
         yield from self._group_problems()
+
+    def _earth_problems(self) -> Iterator[tuple[Location, str]]:
+        """Yield what asks for places on earth that nothing gives."""
+        ins = self.ego if isinstance(self.ego, InsSettings) else None
+        placed = ins is not None and ins.gnss is not None
+        if placed and ins is not None and ins.signals.latitude is None:
+            yield ("ego", "gnss"), "needs the fixes; give signals.latitude and signals.longitude"
+        if self.output is not None and not placed:
+            for quantity in self.output.signals:
+                if quantity in {"latitude", "longitude"}:
+                    yield ("output", "signals", quantity), "no place on earth is known; give ego.gnss, of an INS"
 
     def _group_problems(self) -> Iterator[tuple[Location, str]]:
         """Yield each sensor of a group that there is not, or that is in another group already."""

@@ -17,7 +17,9 @@ One row an obstacle (or a true object) a cycle; a path that ends in `.gz` is com
 `objects`          detections used in the cycle, `sensor:object` with `;` between; may be empty in truth.
 =================  ====================================================================================
 
-An empty number is NaN in memory. Further columns are ignored; none of the above may be missing.
+An empty number is NaN in memory. Further columns are ignored; none of the above may be missing. Where `ego.gnss` places
+the level frame on earth, tracks have two more at the end, `latitude` and `longitude` (deg, WGS 84), empty while the
+place is not known.
 """
 
 from __future__ import annotations
@@ -50,6 +52,8 @@ STATES = (*STATE_NAMES, "actor", "hidden", "stationary")
 
 NUMBERS = ("x", "y", "vx", "vy", "ax", "ay", "east", "north", "ve", "vn", "sx", "sy", "svx", "svy", "age")
 COLUMNS = ("time", "id", "state", *NUMBERS, "objects")
+EARTH_COLUMNS = ("latitude", "longitude")
+"""Columns of tracks that are placed on earth."""
 
 _TRACK_STATES = frozenset(range(ACTOR))
 _TRUTH_STATES = frozenset({ACTOR, HIDDEN, STATIONARY})

@@ -14,13 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from candaemon.errors import InputError
-from candaemon.evaluation.tables import COLUMNS, NUMBERS, STATES, Floats, format_time
+from candaemon.evaluation.tables import COLUMNS, EARTH_COLUMNS, NUMBERS, STATES, Floats, format_time
 
 _DECIMALS = 4
-_ROW = "%s,%d,%s," + ",".join([f"%.{_DECIMALS}f"] * len(NUMBERS)) + ",%s\n"
+_DEGREE_DECIMALS = 9  # a tenth of a millimetre
+_ROW = "%s,%d,%s," + ",".join([f"%.{_DECIMALS}f"] * len(NUMBERS)) + ",%s"
+_EARTH = f",%.{_DEGREE_DECIMALS}f" * len(EARTH_COLUMNS)
 _PREDICTION = f"%s,%s,%d,%s,%.{_DECIMALS}f,%.{_DECIMALS}f\n"
 _STATE_NAMES: Mapping[int | str, str] = {**dict(enumerate(STATES)), **{name: name for name in STATES}}
-_KNOWN = frozenset(COLUMNS) - {"time"}
+_KNOWN = frozenset((*COLUMNS, *EARTH_COLUMNS)) - {"time"}
 _PREDICTION_COLUMNS = ("time", "horizon", "id", "object", "x", "y")
 
 
@@ -57,13 +59,16 @@ class TrackWriter(_TableWriter):
 
     Args:
         path: the file to write; it is replaced.
+        earth: whether it has columns for latitude and longitude.
 
     Raises:
         InputError: the file cannot be opened for writing.
     """
 
-    def __init__(self, path: Path | str) -> None:
-        super().__init__(path, COLUMNS)
+    def __init__(self, path: Path | str, *, earth: bool = False) -> None:
+        super().__init__(path, (*COLUMNS, *EARTH_COLUMNS) if earth else COLUMNS)
+        self._known = _KNOWN if earth else _KNOWN - set(EARTH_COLUMNS)
+        self._earth = earth
 
     def write_cycle(self, time_ns: int, columns: Mapping[str, Sequence[Any] | NDArray[Any]]) -> None:
         """Write the rows of one cycle.
@@ -72,21 +77,17 @@ class TrackWriter(_TableWriter):
             time_ns: the instant they hold for.
             columns: by column name, each of length n. `id` and `state` (codes or names) must be there; a number's
                 column may be absent, and a value that is not finite becomes an empty cell. `objects` holds text
-                or, for each row, its (sensor, object) pairs.
+                or, for each row, its (sensor, object) pairs. `latitude` and `longitude`, deg, where the table has them.
 
         Raises:
             ValueError: a column that the table does not have, or columns of different length.
         """
-        if not columns.keys() <= _KNOWN:
-            raise ValueError(f"no such columns: {sorted(columns.keys() - _KNOWN)}")
+        if not columns.keys() <= self._known:
+            raise ValueError(f"no such columns: {sorted(columns.keys() - self._known)}")
         rows = len(columns["id"])
         if not rows:
             return
-        numbers = np.full((rows, len(NUMBERS)), np.nan)
-        for k, name in enumerate(NUMBERS):
-            if name in columns:
-                numbers[:, k] = columns[name]
-        numbers = _rounded(numbers)
+        numbers = _rounded(_table(columns, NUMBERS))
         time = format_time(time_ns)
         states = [_STATE_NAMES[state] for state in _listed(columns["state"])]
         objects = [_objects_text(one) for one in columns.get("objects", ("",) * rows)]
@@ -96,7 +97,11 @@ class TrackWriter(_TableWriter):
                 _listed(columns["id"]), states, numbers.tolist(), objects, strict=True
             )
         ]
-        self._text.write(_without_nan("".join(lines), numbers))
+        if self._earth:
+            places = _rounded(_table(columns, EARTH_COLUMNS), _DEGREE_DECIMALS)
+            lines = [line + _EARTH % tuple(place) for line, place in zip(lines, places.tolist(), strict=True)]
+            numbers = np.hstack((numbers, places))
+        self._text.write(_without_nan("\n".join((*lines, "")), numbers))
 
 
 class PredictionWriter(_TableWriter):
@@ -150,9 +155,18 @@ def _listed(values: Sequence[Any] | NDArray[Any]) -> Sequence[Any]:
     return values.tolist() if isinstance(values, np.ndarray) else values
 
 
-def _rounded(values: Floats) -> Floats:
+def _table(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[str]) -> Floats:
+    """Return the columns of some names side by side, NaN where there is none."""
+    table = np.full((len(columns["id"]), len(names)), np.nan)
+    for k, name in enumerate(names):
+        if name in columns:
+            table[:, k] = columns[name]
+    return table
+
+
+def _rounded(values: Floats, decimals: int = _DECIMALS) -> Floats:
     """Round to what is written, with −0 as 0 and what is not finite as NaN."""
-    rounded: Floats = values.round(_DECIMALS)
+    rounded: Floats = values.round(decimals)
     rounded += 0.0
     rounded[~np.isfinite(rounded)] = np.nan
     return rounded

@@ -14,6 +14,7 @@ from candaemon.binding.bound import BoundOutput
 from candaemon.output.quantities import OwnAcceleration, View
 from candaemon.output.seats import Seating, Seats
 from candaemon.output.slots import OFF_PATH
+from candaemon.sensing.placement import Placement
 from candaemon.sensing.pose import EgoPose
 from candaemon.tracking.obstacles import TENTATIVE, Obstacles
 
@@ -26,9 +27,9 @@ Value = TypeVar("Value", bound=np.generic)
 
 FARTHEST: Final = 1e5
 """m and m/s; an obstacle with more, or with no number at all, is not told."""
-UNKNOWN_DEVIATION: Final = 1e9
-"""Stands for a standard deviation that is not a number: its signal shows the greatest value it can."""
-DEVIATIONS: Final = frozenset({"sx", "sy", "svx", "svy"})
+UNKNOWN: Final = 1e9
+"""Stands for a standard deviation or a place on earth that is no number: its signal shows the greatest value it can."""
+MAY_BE_UNKNOWN: Final = frozenset({"sx", "sy", "svx", "svy", "latitude", "longitude"})
 OF_FRAME: Final = frozenset({"id", "counter"})
 """Quantities that do not pass through the table of numbers: identities stay integers, the counter is the frame's."""
 
@@ -72,7 +73,7 @@ class OutputEncoder:
         self._listed = settings.objects.multiplexed
         self._all = settings.send == "all" and not self._listed
         self._names = tuple(name for name in settings.signals if name not in OF_FRAME)
-        self._deviations = [row for row, name in enumerate(self._names) if name in DEVIATIONS]
+        self._may_be_unknown = [row for row, name in enumerate(self._names) if name in MAY_BE_UNKNOWN]
         self._polar = "range" in settings.signals
         self._counts_cycles = "counter" in settings.signals
         self._own_acceleration = OwnAcceleration() if "rel_ax" in settings.signals else None
@@ -87,13 +88,16 @@ class OutputEncoder:
         """Values so far that did not fit their signal and were brought to its limits."""
         return self._writer.saturated
 
-    def encode(self, obstacles: Obstacles, status: OutputStatus, pose: EgoPose) -> list[tuple[int, bytes]]:
+    def encode(
+        self, obstacles: Obstacles, status: OutputStatus, pose: EgoPose, placement: Placement | None = None
+    ) -> list[tuple[int, bytes]]:
         """Encode one cycle.
 
         Args:
             obstacles: of the cycle.
             status: what the status message says.
             pose: own pose at the obstacles' time.
+            placement: of the level frame on earth; None: not known.
 
         Returns:
             CAN id and payload: the status, then the first message of every slot in order, then the second, and so on.
@@ -103,7 +107,9 @@ class OutputEncoder:
         held = len(seats.order)
         self.unreported = self._worth(obstacles) - held
         frames = [] if self._status is None else [self._write_status(status, held, seats)]
-        columns = self._columns(obstacles, told, pose, seats)
+        own = 0j if self._own_acceleration is None else self._own_acceleration.update(pose)
+        view = View(obstacles, told, self._mount, pose, own, placement)
+        columns = self._columns(view, obstacles.id[told], seats)
         frames += self._writer.write(seats.sent, columns, seats.occupied, counter=self._count(seats), new=seats.new)
         self._cycle += 1
         return frames
@@ -134,20 +140,18 @@ class OutputEncoder:
         in_path = (x > 0) & (np.abs(y) <= self._half_width)
         return np.hypot(x, y) + np.where(in_path, 0.0, OFF_PATH)
 
-    def _columns(self, obstacles: Obstacles, told: Rows | slice, pose: EgoPose, seats: Seats) -> Columns:
+    def _columns(self, view: View, ids: Integers, seats: Seats) -> Columns:
         """Return each quantity of the slots sent: of their holders where occupied, 0 elsewhere; all are finite."""
-        own = 0j if self._own_acceleration is None else self._own_acceleration.update(pose)
-        view = View(obstacles, told, self._mount, pose, own)
         with np.errstate(invalid="ignore", over="ignore"):  # what is no number is dealt with below
             table = np.array([view.quantity(name, polar=self._polar) for name in self._names], np.float64)
         table = table.take(seats.order, axis=-1)
         if not isfinite(np.vdot(table, table)):
             filler = np.zeros((len(self._names), 1))
-            filler[self._deviations] = UNKNOWN_DEVIATION
+            filler[self._may_be_unknown] = UNKNOWN
             table = np.where(np.isfinite(table), table, filler)
         columns: Columns = dict(zip(self._names, _spread(table, seats.occupied), strict=True))
         if self._tells_id:
-            columns["id"] = _spread(obstacles.id[told][seats.order], seats.occupied)
+            columns["id"] = _spread(ids[seats.order], seats.occupied)
         return columns
 
     def _write_status(self, status: OutputStatus, held: int, seats: Seats) -> tuple[int, bytes]:

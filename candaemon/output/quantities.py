@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from candaemon.config.sensors import Mount
+from candaemon.sensing.placement import Placement
 from candaemon.sensing.pose import EgoPose
 from candaemon.tracking.obstacles import Obstacles
 
@@ -71,15 +72,22 @@ class View:
         mount: of the output's axes in vehicle axes.
         pose: own pose at the obstacles' time.
         acceleration: of the vehicle over ground, in vehicle axes, m/s².
+        placement: of the level frame on earth; None: not known.
     """
 
     def __init__(
-        self, obstacles: Obstacles, rows: Rows | slice, mount: Mount, pose: EgoPose, acceleration: complex = 0j
+        self,
+        obstacles: Obstacles,
+        rows: Rows | slice,
+        mount: Mount,
+        pose: EgoPose,
+        acceleration: complex = 0j,
+        placement: Placement | None = None,
     ) -> None:
         self._obstacles, self._rows = obstacles, rows
         self._mount = complex(mount.x, mount.y)
         self._turn = exp(-1j * radians(mount.yaw_deg))
-        self._pose, self._acceleration = pose, acceleration
+        self._pose, self._acceleration, self._placement = pose, acceleration, placement
 
     def quantity(self, name: str, *, polar: bool) -> Floats:
         """Return a quantity of each obstacle (n,), SI, as `candaemon.config.output.Quantity` names it.
@@ -120,6 +128,10 @@ class View:
                 return self._along(relative) if polar else relative.real
             case "sx" | "sy" | "svx" | "svy":
                 return self._deviation(name)
+            case "latitude":
+                return self.earth[0]
+            case "longitude":
+                return self.earth[1]
             case "state":
                 return self._take("state") + 1  # 0 on the wire is an empty slot
             case _:
@@ -157,6 +169,14 @@ class View:
     def rate(self) -> Plane:
         """Rates of the positions in the mount's axes, which turn with the vehicle, m/s."""
         return self.relative_velocity - 1j * self._pose.yaw_rate * self.position
+
+    @_Once
+    def earth(self) -> tuple[Floats, Floats]:
+        """Latitudes and longitudes, rad; NaN while the level frame's place is not known."""
+        east, north = self._take("east"), self._take("north")
+        if self._placement is None:
+            return np.full_like(east, np.nan), np.full_like(north, np.nan)
+        return self._placement.to_earth(east, north)
 
     def _take(self, name: str) -> Floats:
         column: Floats = getattr(self._obstacles, name)[self._rows]

@@ -11,13 +11,14 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, hypot, sin
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from candaemon.config.ego import BiasSettings
 from candaemon.sensing.pose import EgoPose, EgoStatus
 
 _KEPT = 1024
-_DEAD_RECKONING_ACCELERATION = 1.0  # m/s², what a vehicle may do unseen: the growth of the speed's uncertainty
+DEAD_RECKONING_ACCELERATION: Final = 1.0
+"""m/s², what a vehicle may do unseen: the growth of the speed's uncertainty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +89,9 @@ class MotionHistory:
         dead_reckoning: s after the last sample from which it counts as lost.
         speed_variance: of a fresh sample, (m/s)².
         smoothing: s, time constant of the acceleration.
+
+    Attributes:
+        unseen: s, all gaps between samples together over which positions were reckoned on.
     """
 
     def __init__(self, *, age_limit: float, dead_reckoning: float, speed_variance: float, smoothing: float) -> None:
@@ -95,6 +99,7 @@ class MotionHistory:
         self._dead_reckoning = dead_reckoning
         self._speed_variance = speed_variance
         self._smoothing = smoothing
+        self.unseen = 0.0
         self._times: list[int] = []
         self._samples: list[Sample] = []
 
@@ -126,6 +131,7 @@ class MotionHistory:
         if dt <= 0.0:
             return
         if dt > self._age_limit:
+            self.unseen += dt
             reckoned = self._extrapolated(last, time_ns)
             east, north, ae, an = reckoned.east, reckoned.north, 0.0, 0.0
         else:
@@ -195,7 +201,7 @@ class MotionHistory:
             ve,
             vn,
             last.yaw_rate if unseen == 0.0 else 0.0,
-            self._speed_variance + (_DEAD_RECKONING_ACCELERATION * unseen) ** 2,
+            self._speed_variance + (DEAD_RECKONING_ACCELERATION * unseen) ** 2,
             status,
         )
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import cos, hypot, pi, remainder, sin, tau
 
 from candaemon.config.ego import BiasSettings, InsSettings
+from candaemon.sensing.burst import Burst
 from candaemon.sensing.ego import MotionHistory, StationaryReturns
 from candaemon.sensing.pose import EgoPose
 
-_SHORTEST_PERIOD_NS = 1_000_000
-
 
 class InsMotion:
-    """Own motion from velocity and heading over ground; GNSS positions are not integrated, only kept.
+    """Own motion from velocity and heading over ground; GNSS positions are left to the placer.
 
     A sample is made when every quantity it needs has arrived afresh, at the time of the velocity.
 
@@ -29,16 +28,11 @@ class InsMotion:
         self._turn = (
             "yaw_rate" if signals.yaw_rate is not None else "curvature" if signals.curvature is not None else None
         )
-        self._clock = "velocity_north" if self._components else "speed"
-        needed = {"heading", self._clock} | ({self._turn} if self._turn is not None else set())
-        self._needed = frozenset(needed | ({"velocity_east"} if self._components else set()))
+        clock = "velocity_north" if self._components else "speed"
+        needed = {"heading", clock} | ({self._turn} if self._turn is not None else set())
+        self._burst = Burst(needed | ({"velocity_east"} if self._components else set()), clock, settings.age_limit)
         self._latency_ns = round(settings.latency * 1e9)
-        self.wanted = self._needed | {"valid"}
-        self._missing: set[str] = set(self._needed)
-        self._value: dict[str, float] = {}
-        self._arrived_ns: dict[str, int] = {}
-        self._period_ns = round(settings.age_limit * 1e9)
-        self._sample_ns = 0
+        self.wanted = self._burst.needed | {"valid"}
         self._yaw_rate = 0.0
         self._heading: float | None = None
         self._heading_ns = 0
@@ -51,34 +45,12 @@ class InsMotion:
 
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Take the quantities of one frame."""
-        if self._clock in names:
-            self._beat(time_ns)
-        for name, value in zip(names, values):  # noqa: B905 - binding pairs them once for all frames
-            if value == value:  # not NaN: the DBC's multiplexer may leave it out
-                self._value[name] = value
-                self._arrived_ns[name] = time_ns
-                self._missing.discard(name)
-        if not self._missing:
-            # what has waited since the burst before, because a frame was lost, does not belong to this one
-            self._missing.update(
-                name for name in self._needed if time_ns - self._arrived_ns[name] > self._period_ns / 2
-            )
-        if not self._missing:
-            self._missing.update(self._needed)
-            if self._value.get("valid", 1.0) != 0.0:
-                self._add_sample()
+        if self._burst.take(time_ns, names, values) and self._burst.value.get("valid", 1.0) != 0.0:
+            self._add_sample(self._burst.time_ns - self._latency_ns, self._burst.value)
 
-    def _beat(self, time_ns: int) -> None:
-        """Note when the velocity came; the shortest time between two is the length of a burst's period."""
-        interval_ns = time_ns - self._latency_ns - self._sample_ns
-        if interval_ns > _SHORTEST_PERIOD_NS:
-            self._period_ns = min(self._period_ns, interval_ns)
-        self._sample_ns = time_ns - self._latency_ns
-
-    def _add_sample(self) -> None:
-        value = self._value
+    def _add_sample(self, time_ns: int, value: Mapping[str, float]) -> None:
         heading = self._continuous(pi / 2 - value["heading"])
-        yaw_rate = self._turned(heading)
+        yaw_rate = self._turned(heading, time_ns)
         if self._components:
             ve, vn = value["velocity_east"], value["velocity_north"]
         else:
@@ -91,8 +63,8 @@ class InsMotion:
         c, s = cos(heading), sin(heading)
         ve += yaw_rate * (s * arm.x + c * arm.y)
         vn -= yaw_rate * (c * arm.x - s * arm.y)
-        self._heading, self._heading_ns = heading, self._sample_ns
-        self.history.add(self._sample_ns, heading, ve, vn, yaw_rate)
+        self._heading, self._heading_ns = heading, time_ns
+        self.history.add(time_ns, heading, ve, vn, yaw_rate)
 
     def _continuous(self, heading: float) -> float:
         """Unwrap the heading."""
@@ -100,9 +72,9 @@ class InsMotion:
             return heading
         return self._heading + remainder(heading - self._heading, tau)
 
-    def _turned(self, heading: float) -> float:
+    def _turned(self, heading: float, time_ns: int) -> float:
         """Return the smoothed derivative of the heading, for an INS that gives no turn."""
-        dt = (self._sample_ns - self._heading_ns) * 1e-9
+        dt = (time_ns - self._heading_ns) * 1e-9
         if self._heading is None or dt <= 0.0:
             return self._yaw_rate
         share = dt / (dt + self._settings.smoothing)

@@ -1,4 +1,4 @@
-"""The source of own motion that the configuration names."""
+"""The source of own motion that the configuration names, and what places it on earth."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from candaemon.config.ego import InsSettings
 from candaemon.sensing.ego import EgoMotion
 from candaemon.sensing.ins import InsMotion
 from candaemon.sensing.odometry import OdometryMotion, StandingStill
+from candaemon.sensing.placement import Placer
 
 
 def make_ego(bound: BoundEgo | None) -> EgoMotion:
@@ -16,3 +17,11 @@ def make_ego(bound: BoundEgo | None) -> EgoMotion:
     if isinstance(bound.settings, InsSettings):
         return InsMotion(bound.settings)
     return OdometryMotion(bound.settings)
+
+
+def make_placer(bound: BoundEgo | None, ego: EgoMotion) -> Placer | None:
+    """Return what places the level frame of an INS on earth; None where the configuration does not ask for it."""
+    if bound is None or not isinstance(bound.settings, InsSettings) or not isinstance(ego, InsMotion):
+        return None
+    gnss = bound.settings.gnss
+    return None if gnss is None else Placer(bound.settings, gnss, ego.history)
