@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +22,7 @@ from candaemon.evaluation.tables import EARTH_COLUMNS
 from candaemon.evaluation.writers import PredictionWriter, TrackWriter
 from candaemon.pipeline import Pipeline
 from candaemon.sensing.placement import Placement
+from candaemon.smoother import CycleSmoother
 from candaemon.summary import DriveScore
 from candaemon.tracking.obstacles import MOTION, Obstacles
 
@@ -42,6 +43,7 @@ class ReplayRequest:
         horizons: of the predictions, s.
         speed: times real time; None: as fast as it goes.
         channels: further names of channels in the log: channel → bus.
+        smooth: s of what comes that the table of obstacles learns from; None: it holds what was known at the time.
     """
 
     log: Path
@@ -51,6 +53,7 @@ class ReplayRequest:
     horizons: tuple[float, ...] = HORIZONS
     speed: float | None = None
     channels: dict[str, str] = field(default_factory=dict)
+    smooth: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +149,8 @@ class _Outputs:
         self._log = files.enter_context(open_log_writer(request.output, channels)) if request.output else None
         placed = pipeline.placer is not None
         self._tracks = files.enter_context(TrackWriter(request.tracks, earth=placed)) if request.tracks else None
+        smooth = request.smooth if request.tracks else None
+        self._smoother = CycleSmoother(pipeline.trackers, smooth) if smooth is not None else None
         writer = files.enter_context(PredictionWriter(request.predictions)) if request.predictions else None
         self._predictions = Predictions(pipeline, request.horizons, writer, score)
 
@@ -153,15 +158,22 @@ class _Outputs:
         """Take one cycle."""
         if self._log is not None:
             self._log.write(cycle.frames)
-        if self._tracks is not None:
-            columns = track_columns(cycle.obstacles, self._names, cycle.placement)
-            self._tracks.write_cycle(cycle.obstacles.time_ns, columns)
+        self._tabulate([cycle] if self._smoother is None else self._smoother.take(cycle))
         self._score.add(cycle)
         self._predictions.add(cycle)
 
     def finish(self) -> None:
         """Tell what is still waiting."""
         self._predictions.finish()
+        if self._smoother is not None:
+            self._tabulate(self._smoother.finish())
+
+    def _tabulate(self, cycles: Iterable[Cycle]) -> None:
+        """Write cycles into the table of obstacles."""
+        for cycle in cycles:
+            if self._tracks is not None:
+                columns = track_columns(cycle.obstacles, self._names, cycle.placement)
+                self._tracks.write_cycle(cycle.obstacles.time_ns, columns)
 
 
 def track_columns(

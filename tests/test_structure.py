@@ -27,7 +27,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("tracking",),
     ("output", "simulation", "evaluation"),
     ("cycle", "receiver"),
-    ("pipeline",),
+    ("pipeline", "smoother"),
     ("summary", "recorder"),
     ("replayer", "service"),
     ("arguments", "terminal", "show"),
