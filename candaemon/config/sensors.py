@@ -170,6 +170,37 @@ class FieldOfView(Settings):
     azimuth_deg: float = Field(45.0, gt=0, le=180, description="deg, half the opening angle")
 
 
+class LfmFskSettings(Settings):
+    """A radar front end with two intertwined chirps (LFM-FSK), as paper 001 names it; used by the simulation only.
+
+    The defaults resolve 1 m and 0.39 m/s and are unambiguous up to 261 m.
+    """
+
+    kind: Literal["lfm_fsk"]
+    carrier: float = Field(77e9, ge=1e9, le=1e12, description="Hz")
+    bandwidth: float = Field(150e6, ge=1e6, le=1e10, description="Hz, swept by a chirp; resolves c / (2 bandwidth)")
+    chirp_time: float = Field(
+        5e-3, ge=1e-5, le=0.1, description="s, length of the measurement; resolves wavelength / (2 chirp_time)"
+    )
+    steps: int = Field(
+        1024, ge=16, le=65_536, description="of a chirp; beat frequencies are unambiguous over so many cells"
+    )
+    step_frequency: float = Field(
+        500e3,
+        ge=1e3,
+        le=1e8,
+        description="Hz by which the second chirp lies below the first; the larger, the better the range is measured, "
+        "and the smaller the unambiguous range",
+    )
+    oversampling: int = Field(
+        16, ge=1, le=1024, description="lines of the Fourier transform in a cell; beat frequencies are read to one line"
+    )
+    snr_db: float = Field(
+        60.0, ge=0, le=120, description="dB, of a target at 50 m after the Fourier transform; less by 12 dB at 100 m"
+    )
+    threshold_db: float = Field(12.0, ge=0, le=60, description="dB, signal-to-noise ratio below which nothing is seen")
+
+
 class ProtectionSettings(Settings):
     """Counter and checksum of a frame, in signals of its own."""
 
@@ -200,6 +231,15 @@ class SensorSettings(Settings):
     )
     field_of_view: FieldOfView = Field(default_factory=FieldOfView)
     protection: ProtectionSettings = Field(default_factory=ProtectionSettings)
+    front_end: LfmFskSettings | None = Field(
+        None, description="how the simulation makes range and range rate; default: truth with the noise above"
+    )
+
+    @model_validator(mode="after")
+    def _front_end_is_a_radars(self) -> SensorSettings:
+        if self.front_end is not None and self.kind != "radar":
+            raise ValueError(f"front_end is a radar's but kind is {self.kind}; leave one of them out")
+        return self
 
     @model_validator(mode="after")
     def _noise_is_complete(self) -> SensorSettings:

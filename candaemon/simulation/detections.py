@@ -6,8 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from candaemon.config.sensors import SensorSettings
+from candaemon.simulation.lfm_fsk import Receiver
 from candaemon.simulation.motion import Floats, Plane
 from candaemon.simulation.outline import Indices, Mask, Reflections, hidden, in_view, seen_from
 from candaemon.simulation.scenario import Measurement
@@ -125,6 +127,7 @@ class Observer:
         self._draw = stream(seed, source, "noise")
         self._drifting = stream(seed, source, "drift")
         self._false = stream(seed, source, "clutter")
+        self._receiver = None if settings.front_end is None else Receiver(settings.front_end)
         moving, still = len(self._reflections.actor), len(scene.stationary)
         self._owner = np.concatenate([self._reflections.actor, np.full(still, -1, dtype=np.int64)])
         posts = len(scene.actors) + np.arange(still, dtype=np.int64)
@@ -148,8 +151,11 @@ class Observer:
         seen = np.flatnonzero(there & (chance < self._measurement.detection_probability))
         seen_motion = Relative(motion.position[seen], motion.velocity[seen], motion.acceleration[seen])
         values = self._values(seen_motion, self._width[seen], self._length[seen], score=0.95) + noise[:, seen]
+        if self._receiver is not None:
+            strongest, values = self._received(self._receiver, seen, seen_motion, values)
+            seen = seen[strongest]
         self._renew_clutter()
-        distance = np.abs(seen_motion.position)
+        distance = np.abs(motion.position[seen])
         return Detections(
             np.concatenate([seen, self._clutter_key]),
             np.concatenate([values, self._clutter], axis=1),
@@ -203,6 +209,32 @@ class Observer:
                 case _:
                     row[:] = motion.quantity(name)
         return rows
+
+    def _received(
+        self, receiver: Receiver, seen: Indices, motion: Relative, values: Floats
+    ) -> tuple[NDArray[np.intp], Floats]:
+        """Return which detections a radar front end tells apart, and their quantities with its ranges and rates.
+
+        Args:
+            receiver: the front end.
+            seen: whose detections they are (n,).
+            motion: their exact motion (n,).
+            values: quantities with noise (quantities, n), of which azimuth and what lies across the line of sight stay.
+        """
+        rows = dict(zip(self.quantities, values, strict=True))
+        azimuth = rows["azimuth"] if "azimuth" in rows else np.arctan2(rows["y"], rows["x"])
+        noise = self._draw.standard_normal((2, len(self._owner)))[:, seen]
+        peaks = receiver.receive(np.abs(motion.position), motion.quantity("range_rate"), azimuth, noise)
+        velocity = rows.get("vx", motion.velocity.real) + 1j * rows.get("vy", motion.velocity.imag)
+        line = np.exp(1j * peaks.azimuth)
+        along = np.real(np.conj(line) * velocity[peaks.strongest])
+        place, velocity = peaks.distance * line, velocity[peaks.strongest] + (peaks.rate - along) * line
+        told = {"range": peaks.distance, "azimuth": peaks.azimuth, "range_rate": peaks.rate}
+        told |= {"x": place.real, "y": place.imag, "vx": velocity.real, "vy": velocity.imag}
+        values = values[:, peaks.strongest]
+        for row, name in zip(values, self.quantities, strict=True):
+            row[:] = told.get(name, row)
+        return peaks.strongest, values
 
     def _renew_clutter(self) -> None:
         """Let most false objects go and draw others, uniform over the area of the field of view."""

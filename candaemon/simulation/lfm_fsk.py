@@ -1,0 +1,159 @@
+"""The radar front end of paper 001: LFM-FSK, range and speed from a beat frequency and a phase difference.
+
+Two chirps A and B sweep the same bandwidth in steps taken in turn, B a little below A. A target is a peak at the same
+beat frequency in both spectra; neither that nor the phase between the two tells range and speed, but both together do,
+in one short measurement and for each peak apart (Rohling and Meinecke, "Waveform design principles for automotive radar
+systems", 2001). Targets of one beat frequency are one peak.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.config.sensors import LfmFskSettings
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+SPEED_OF_LIGHT = 299_792_458.0
+"""m/s."""
+_REFERENCE_RANGE = 50.0
+"""m, to which the signal-to-noise ratio of the settings refers."""
+_BELOW_ZERO = 0.05
+"""Share of the unambiguous interval that lies below range 0, lest noise throws a near target to its far end."""
+
+
+class LfmFsk:
+    """The waveform: what a target is in the two spectra, and what a peak tells of its target.
+
+    Args:
+        settings: of the front end.
+
+    Attributes:
+        range_cell: ΔR = c / 2B, m.
+        speed_cell: Δv = λ / 2T, m/s.
+    """
+
+    def __init__(self, settings: LfmFskSettings) -> None:
+        self._steps = settings.steps
+        self.range_cell = SPEED_OF_LIGHT / (2 * settings.bandwidth)
+        self.speed_cell = SPEED_OF_LIGHT / settings.carrier / (2 * settings.chirp_time)
+        self._phase_per_range = 2 * math.pi * settings.step_frequency / settings.bandwidth
+        self._phase_per_speed = math.pi / (settings.steps - 1)
+
+    @property
+    def unambiguous_range(self) -> float:
+        """Range at which the phase difference comes round, m, at one beat frequency."""
+        return 2 * math.pi / (self._phase_per_range + self._phase_per_speed) * self.range_cell
+
+    def beat(self, distance: Floats, rate: Floats) -> tuple[Floats, Floats]:
+        """Return where targets are in the spectra.
+
+        Args:
+            distance: m, (n,).
+            rate: of range, m/s, positive away, (n,).
+
+        Returns:
+            Beat frequency in cells of 1 / T, in [−N/2, N/2), and phase of B less that of A, rad, in [−π, π); both
+            come round.
+        """
+        ranges, speeds = distance / self.range_cell, -rate / self.speed_cell
+        phase = self._phase_per_speed * speeds + self._phase_per_range * ranges
+        return _wrapped(speeds - ranges, self._steps), _wrapped(phase, 2 * math.pi)
+
+    def target(self, beat: Floats, phase: Floats) -> tuple[Floats, Floats]:
+        """Return range (m) and range rate (m/s, positive away) of peaks, the inverse of `beat`.
+
+        A target beyond the unambiguous range, or of a beat frequency that came round, comes out at a wrong place, as it
+        does at a real radar.
+        """
+        ranges = (phase - self._phase_per_speed * beat) / (self._phase_per_speed + self._phase_per_range)
+        interval = self.unambiguous_range / self.range_cell
+        first = -_BELOW_ZERO * interval
+        ranges = np.mod(ranges - first, interval) + first
+        return np.maximum(ranges, 0.0) * self.range_cell, -(beat + ranges) * self.speed_cell
+
+
+def _wrapped(value: Floats, interval: float) -> Floats:
+    """Return values within half an interval round 0."""
+    return np.asarray(np.mod(value + interval / 2, interval) - interval / 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Peaks:
+    """What a receiver tells apart in one measurement.
+
+    Attributes:
+        strongest: index of each peak's strongest echo (p,).
+        distance: m, (p,).
+        rate: m/s, positive away, (p,).
+        azimuth: rad, left positive, (p,).
+    """
+
+    strongest: Indices
+    distance: Floats
+    rate: Floats
+    azimuth: Floats
+
+
+class Receiver:
+    """Finds the peaks of a scan's echoes.
+
+    Args:
+        settings: of the front end.
+    """
+
+    def __init__(self, settings: LfmFskSettings) -> None:
+        self._waveform = LfmFsk(settings)
+        self._oversampling = settings.oversampling
+        self._snr = 10 ** (settings.snr_db / 10)
+        self._threshold = 10 ** (settings.threshold_db / 10)
+
+    def receive(self, distance: Floats, rate: Floats, azimuth: Floats, noise: Floats) -> Peaks:
+        """Return the peaks, those of the strongest echoes first.
+
+        Echoes less than a cell of beat frequency from a stronger one are its peak; in it each counts with its power,
+        which falls with the fourth power of its range. Beat frequency and phase of a peak err as the Cramér-Rao bound
+        has it.
+
+        Args:
+            distance: of the echoes, m, (n,).
+            rate: of range, m/s, positive away, (n,).
+            azimuth: as measured, rad, left positive, (n,).
+            noise: standard normal numbers (2, n).
+        """
+        power = self._snr * (_REFERENCE_RANGE / np.maximum(distance, 1e-3)) ** 4
+        beat, phase = self._waveform.beat(distance, rate)
+        peak, strongest = _unresolved(beat, power)
+        snr = np.bincount(peak, power)
+        deviation = np.sqrt(1.0 / snr)
+        beat = np.bincount(peak, power * beat) / snr + noise[0, strongest] * deviation * math.sqrt(3) / (2 * math.pi)
+        beat = np.rint(beat * self._oversampling) / self._oversampling
+        phase = _mean_angle(peak, power, phase) + noise[1, strongest] * deviation
+        ranges, rates = self._waveform.target(beat, phase)
+        seen = snr >= self._threshold
+        return Peaks(strongest[seen], ranges[seen], rates[seen], _mean_angle(peak, power, azimuth)[seen])
+
+
+def _unresolved(beat: Floats, power: Floats) -> tuple[Indices, Indices]:
+    """Return the peak that each echo is part of (n,), and the echo that each peak stands out by, the strongest first.
+
+    The strongest echo takes those less than a cell away, then the strongest of the rest, and so on: no peak is wider
+    than two cells, however close the echoes follow each other.
+    """
+    strongest: list[int] = []
+    peak: Indices = np.full(len(beat), -1, dtype=np.intp)
+    for echo in np.argsort(-power, kind="stable").tolist():
+        if peak[echo] < 0:
+            peak[(peak < 0) & (np.abs(beat - beat[echo]) < 1.0)] = len(strongest)
+            strongest.append(echo)
+    return peak, np.array(strongest, dtype=np.intp)
+
+
+def _mean_angle(peak: Indices, power: Floats, angle: Floats) -> Floats:
+    """Return the phase of each peak's echoes added up."""
+    return np.arctan2(np.bincount(peak, power * np.sin(angle)), np.bincount(peak, power * np.cos(angle)))
