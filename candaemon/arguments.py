@@ -14,6 +14,8 @@ Command: TypeAlias = Callable[[argparse.Namespace], None]
 
 _CONFIG = "configuration (YAML), or the name of one that comes with candaemon"
 _SCENARIO = "scenario (YAML), or the name of one that comes with candaemon"
+LONGEST_LAG = 10.0
+"""Longest lag of smoothing, s: what comes later tells nothing of a manoeuvre, and the work grows with it."""
 _LOG_FORMATS = ".log (candump), .asc, .blf, .csv, .trc, by its suffix; .gz after it too"
 
 
@@ -70,6 +72,12 @@ def _replay(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--summary", type=Path, metavar="JSON", help="figures of the drive, for programs")
     parser.add_argument("--speed", type=positive, metavar="X", help="times real time; default: as fast as it goes")
     parser.add_argument(
+        "--smooth",
+        type=lag,
+        metavar="S",
+        help="smooth the table of --tracks with so many s of what comes, such as 1; what is sent stays as it is",
+    )
+    parser.add_argument(
         "--map",
         type=channel_of_bus,
         action="append",
@@ -97,6 +105,20 @@ def _evaluate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", type=Path, metavar="JSON", help="the figures, for programs")
 
 
+def _papers(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help="paper (000 to 004) or experiment (000-table-1; --list tells them); default: all",
+    )
+    parser.add_argument("--runs", type=count, default=100, metavar="N", help="Monte Carlo runs of each; default: 100")
+    parser.add_argument("--seed", type=whole, default=1, metavar="N", help="of all random numbers; default: 1")
+    parser.add_argument("--json", type=Path, metavar="JSON", help="the figures, for programs")
+    parser.add_argument("--plots", type=Path, metavar="DIR", help="folder for the drawings, as PNG and SVG")
+    parser.add_argument("--list", action="store_true", help="tell which experiments there are, and run none")
+
+
 def _schema(_parser: argparse.ArgumentParser) -> None:
     """Add nothing: it takes no arguments."""
 
@@ -108,6 +130,7 @@ _ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "check": _check,
     "simulate": _simulate,
     "evaluate": _evaluate,
+    "papers": _papers,
     "schema": _schema,
 }
 
@@ -128,6 +151,29 @@ def not_negative(text: str) -> float:
         value = math.nan
     if not (math.isfinite(value) and value >= 0.0):
         raise argparse.ArgumentTypeError(f"found '{text}', expected a number, 0 or more")
+    return value
+
+
+def count(text: str) -> int:
+    """Read a whole number over 0."""
+    value = whole(text)
+    if value == 0:
+        raise argparse.ArgumentTypeError(f"found {text}, expected a whole number over 0")
+    return value
+
+
+def whole(text: str) -> int:
+    """Read a whole number, 0 or more."""
+    if not (text.isascii() and text.isdigit()):
+        raise argparse.ArgumentTypeError(f"found '{text}', expected a whole number, 0 or more")
+    return int(text)
+
+
+def lag(text: str) -> float:
+    """Read s over 0 and at most `LONGEST_LAG`."""
+    value = positive(text)
+    if value > LONGEST_LAG:
+        raise argparse.ArgumentTypeError(f"found {text}, expected {LONGEST_LAG:g} s at most")
     return value
 
 

@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING
 from candaemon import terminal
 from candaemon.arguments import parse
 from candaemon.errors import CandaemonError, ConfigError, InputError
+from candaemon.files import check_writable, make_folder, write_whole
 from candaemon.share import find_config, find_scenario
 
 if TYPE_CHECKING:
     from candaemon.binding import Binding
+    from candaemon.papers.experiment import Experiment, Result
     from candaemon.replayer import ReplayRequest
 
 INTERRUPTED = 130
@@ -101,6 +103,7 @@ def replay(arguments: argparse.Namespace) -> None:
         arguments.horizons,
         arguments.speed,
         dict(arguments.map),
+        arguments.smooth,
     )
     _check_request(request, arguments.summary, binding)
     with terminal.log_progress(arguments.log.name) as progress:
@@ -108,7 +111,7 @@ def replay(arguments: argparse.Namespace) -> None:
     figures = summarise(replayed)
     terminal.print_figures(arguments.log.name, figures)
     if arguments.summary is not None:
-        _write(arguments.summary, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+        write_whole(arguments.summary, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     terminal.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
     silent = [name for name, counts in figures["sensors"].items() if not counts["used"]]
     if len(silent) == len(figures["sensors"]):
@@ -148,8 +151,36 @@ def evaluate(arguments: argparse.Namespace) -> None:
 
     evaluation = compared(arguments.tracks, arguments.truth)
     if arguments.json is not None:
-        _write(arguments.json, evaluation.to_json())
+        write_whole(arguments.json, evaluation.to_json())
     print_evaluation(terminal.console(), evaluation)
+
+
+def papers(arguments: argparse.Namespace) -> None:
+    """Run the five papers' experiments again, beside their printed tables."""
+    from candaemon.papers.registry import choose
+    from candaemon.papers.report import print_result
+    from candaemon.papers.results import to_json
+
+    experiments = choose(arguments.names)
+    if arguments.list:
+        listed = tuple((experiment.name, experiment.title) for experiment in experiments)
+        terminal.print_sheets([terminal.Sheet("experiments", listed, ("name", "what is compared"))])
+        return
+    if arguments.json is not None:
+        check_writable(arguments.json)
+    if arguments.plots is not None:
+        make_folder(arguments.plots)
+    done: list[tuple[Experiment, Result]] = []
+    for number, experiment in enumerate(experiments, start=1):
+        with terminal.share_progress(f"{experiment.name} ({number} of {len(experiments)})") as advance:
+            result = experiment.run(arguments.runs, arguments.seed, advance)
+        # told and written at once: what is done outlasts an interruption
+        print_result(terminal.console(), experiment, result, arguments.runs, arguments.seed)
+        done.append((experiment, result))
+        if arguments.json is not None:
+            write_whole(arguments.json, to_json(done, arguments.runs, arguments.seed))
+        if arguments.plots is not None:
+            _plot(result, arguments.plots)
 
 
 def schema(_arguments: argparse.Namespace) -> None:
@@ -166,6 +197,7 @@ _COMMANDS = {
     "check": check,
     "simulate": simulate,
     "evaluate": evaluate,
+    "papers": papers,
     "schema": schema,
 }
 
@@ -176,6 +208,15 @@ def _bound(config: Path) -> Binding:
     from candaemon.config import load_config
 
     return bind(load_config(find_config(config)))
+
+
+def _plot(result: Result, folder: Path) -> None:
+    """Write the drawings of an experiment."""
+    from candaemon.papers.plots import draw
+
+    for figure in result.figures:
+        for name, content in draw(figure).items():
+            write_whole(folder / name, content)
 
 
 def _check_request(request: ReplayRequest, summary: Path | None, binding: Binding) -> None:
@@ -189,15 +230,9 @@ def _check_request(request: ReplayRequest, summary: Path | None, binding: Bindin
             f"-o {request.output}: the configuration has no 'output', so there are no frames to write; add one",
             file=binding.loaded.path,
         )
+    if request.smooth is not None and request.tracks is None:
+        raise ConfigError("--smooth is for the table of obstacles; name it with --tracks")
     written = [path for path in (request.output, request.tracks, request.predictions, summary) if path is not None]
     paths = [path.resolve() for path in (request.log, *written)]
     if len(set(paths)) < len(paths):
         raise ConfigError("the same file is named twice; give the log and everything written a name of its own")
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a text file."""
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}; choose another path", file=path) from error

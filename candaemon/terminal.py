@@ -193,3 +193,25 @@ def log_progress(name: str) -> Iterator[Callable[[LogCounts], None] | None]:
             bar.update(task, total=counts.bytes_total, completed=counts.bytes_read, frames=counts.frames)
 
         yield show
+
+
+@contextmanager
+def share_progress(name: str) -> Iterator[Callable[[float], None]]:
+    """Show what share of a piece of work is done, on standard error where that is a terminal.
+
+    Args:
+        name: of the work.
+
+    Yields:
+        What takes the share done since the last call; the shares sum to one.
+    """
+    if not sys.stderr.isatty():
+        yield lambda _share: None
+        return
+    from rich.console import Console  # noqa: PLC0415 - as above
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(name, total=1.0)
+        yield lambda share: bar.advance(task, share)

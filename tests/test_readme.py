@@ -13,9 +13,11 @@ from xml.etree import ElementTree as ET
 
 import pytest
 from conftest import ROOT
+from pydantic import TypeAdapter
 
 from candaemon.cli import main
 from candaemon.config import load_config
+from candaemon.config.estimators import EstimatorSettings
 
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
@@ -105,6 +107,20 @@ def test_the_recorded_drive_is_replayed_as_written(
         path.name for path in tmp_path.iterdir()
     }
     assert "sensors.front.used: 38400" in capsys.readouterr().out
+
+
+def test_papers_run_as_written(capsys: pytest.CaptureFixture[str]) -> None:
+    (words,) = commands("papers")
+    assert main([*words, "003", "--runs", "2"]) == 0  # all of them and 100 runs take minutes
+    assert "CSM" in capsys.readouterr().out
+
+
+def test_filters_that_are_named_exist() -> None:
+    """And all that exist are named."""
+    (table,) = [part for part in TEXT.split("\n\n") if part.startswith("| kind | filter |")]
+    named = {kind for row in table.splitlines()[2:] for kind in re.findall(r"`(\w+)`", row.split("|")[1])}
+    schema = TypeAdapter(EstimatorSettings).json_schema()
+    assert named == set(schema["discriminator"]["mapping"])
 
 
 def test_other_commands_are_known(capsys: pytest.CaptureFixture[str]) -> None:

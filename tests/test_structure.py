@@ -20,14 +20,14 @@ LONGEST_FILE = 300
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors",),
-    ("config", "share"),
+    ("config", "share", "files"),
     ("bus", "estimation"),
     ("binding",),
     ("sensing",),
     ("tracking",),
     ("output", "simulation", "evaluation"),
     ("cycle", "receiver"),
-    ("pipeline", "smoother"),
+    ("pipeline", "papers", "smoother"),
     ("summary", "recorder"),
     ("replayer", "service"),
     ("arguments", "terminal", "show"),
@@ -44,6 +44,7 @@ IGNORANT = {
     "estimation": {"bus", "config.ego", "config.sensors", "config.output", "config.buses"},
     "evaluation": {"bus", "binding", "sensing", "estimation", "config"},
     "output": {"estimation"},
+    "papers": {"bus", "binding", "sensing", "simulation"},
     "pipeline": {"bus.live", "bus.ports", "bus.logs"},
     "sensing": {"bus.live", "bus.logs"},
     "service": {"estimation", "evaluation", "simulation"},
@@ -195,6 +196,10 @@ def test_import_candaemon_costs_nothing() -> None:
 
 def test_the_command_line_starts_without_libraries() -> None:
     assert not loaded_after("import candaemon.cli") & (HEAVY | {"numpy", "can", "cantools", "pydantic", "yaml"})
+
+
+def test_the_tables_of_the_papers_need_no_matplotlib() -> None:
+    assert "matplotlib" not in loaded_after("import candaemon.papers.registry, candaemon.papers.report")
 
 
 def test_the_service_loads_neither_scipy_nor_rich() -> None:

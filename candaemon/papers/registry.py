@@ -1,0 +1,34 @@
+"""Which experiments there are, and which of them a user means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from candaemon.config.settings import unknown_name
+from candaemon.errors import ConfigError
+from candaemon.papers import paper000, paper001, paper002, paper003, paper004
+from candaemon.papers.experiment import Experiment
+
+EXPERIMENTS: tuple[Experiment, ...] = (
+    *paper000.EXPERIMENTS,
+    *paper001.EXPERIMENTS,
+    *paper002.EXPERIMENTS,
+    *paper003.EXPERIMENTS,
+    *paper004.EXPERIMENTS,
+)
+
+
+def choose(names: Sequence[str]) -> tuple[Experiment, ...]:
+    """Return the experiments that are meant, each once and in the order of the papers.
+
+    Args:
+        names: of experiments, '000-table-1', or of papers, '000', which stand for all of theirs; none: all there are.
+
+    Raises:
+        ConfigError: a name is neither; tells those there are and the nearest.
+    """
+    known = list(dict.fromkeys([each.paper for each in EXPERIMENTS] + [each.name for each in EXPERIMENTS]))
+    for name in names:
+        if name not in known:
+            raise ConfigError(unknown_name("experiment", name, known))
+    return tuple(each for each in EXPERIMENTS if not names or each.name in names or each.paper in names)

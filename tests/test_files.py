@@ -1,0 +1,64 @@
+"""Files are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from candaemon.errors import InputError
+from candaemon.files import check_writable, make_folder, write_whole
+
+
+def test_a_file_is_replaced_and_nothing_is_left_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    write_whole(path, "a long first one\n")
+    check_writable(path)
+    write_whole(path, "β\n")
+    assert path.read_text(encoding="utf-8") == "β\n"
+    assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_a_disk_that_fails_leaves_the_former_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.json"
+    write_whole(path, "first")
+
+    def fill(part: Path, data: bytes) -> int:
+        with part.open("wb") as file:
+            file.write(data[:2])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", fill)
+    with pytest.raises(InputError, match=r"a\.json: cannot be written: No space left"):
+        write_whole(path, "second")
+    assert path.read_text(encoding="utf-8") == "first"
+    assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_what_is_no_regular_file_stays_what_it_is(tmp_path: Path) -> None:
+    link, target = tmp_path / "link", tmp_path / "target"
+    link.symlink_to(target)
+    for path in (link, Path(os.devnull)):
+        check_writable(path)
+        write_whole(path, "text")
+    assert link.is_symlink()
+    assert target.read_text(encoding="utf-8") == "text"
+    assert Path(os.devnull).is_char_device()
+
+
+def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    for path in (tmp_path, tmp_path / "no" / "a.json"):
+        for refused in (lambda path: write_whole(path, ""), check_writable):
+            with pytest.raises(InputError, match=f"{path}: cannot be written"):
+                refused(path)
+    with pytest.raises(InputError, match="file/plots: cannot be written"):
+        make_folder(file / "plots")
+
+
+def test_a_folder_is_made_with_those_above_it(tmp_path: Path) -> None:
+    for _ in range(2):
+        make_folder(tmp_path / "a" / "b")
+    assert (tmp_path / "a" / "b").is_dir()
