@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import count
 
 import numpy as np
+import pytest
 from builders import CYCLE, HandFed, Seen, assert_sane, ns, pose, times
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -171,14 +172,15 @@ def test_groups_are_smoothed_as_each_alone() -> None:
                 np.testing.assert_allclose(getattr(both[after.time_ns], name)[rows], getattr(after, name), atol=1e-9)
 
 
-def test_a_chain_outlives_the_reflection_that_leads() -> None:
+@pytest.mark.parametrize("gap", [1.5, 3.0])
+def test_a_chain_outlives_the_reflection_that_leads(gap: float) -> None:
     """The nearer of a car's two reflections is lost half way: the reference point stays, and so does the gain."""
     fed, rng = hand_fed(), np.random.default_rng(6)
 
     def told() -> Iterator[Obstacles]:
         for t in times(1, 160):
             rear = car(rng, t)
-            front = replace(car(rng, t), key=1, x=rear.x + 1.5)
+            front = replace(car(rng, t), key=1, x=rear.x + gap)
             yield fed.scan(t, [rear, front] if t < 4.0 else [front])
 
     pairs = smoothed([fed.tracker], told())
@@ -189,3 +191,9 @@ def test_a_chain_outlives_the_reflection_that_leads() -> None:
     assert better[1] < 0.7 * filtered[1]
     steps = np.abs(np.diff([[each.x[0] for each in pair] for pair in pairs[20:]], axis=0) - SPEED * CYCLE)
     assert steps.max(axis=0)[1] < 0.6 * steps.max(axis=0)[0]
+    # the second before the loss learns from the second after it, in which the reference point goes over to the other
+    before = [pair for pair in pairs if 3.0 <= pair[0].time_ns * 1e-9 < 4.0]
+    place, speed = errors(before)[1]
+    assert place < errors(before)[0][0]
+    assert place < 2.0 * np.mean([after.sx[0] for _, after in before])
+    assert speed < errors(before)[0][1]

@@ -15,7 +15,7 @@ from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.smoothing import Link
 from candaemon.sensing.detections import Detections
 from candaemon.tracking.estimators import make_estimator
-from candaemon.tracking.reflections import Motion, change_leader, from_travel_axes, rigid_motion
+from candaemon.tracking.reflections import Motion, change_leader, draw_back, from_travel_axes, rigid_motion
 from candaemon.tracking.tables import ObstacleTable, Reflections
 
 Booleans = NDArray[np.bool_]
@@ -42,6 +42,7 @@ class Population:
 
     def __init__(self, settings: TrackerSettings, ids: Iterator[int]) -> None:
         self._ids = ids
+        self._settings = settings.reflections
         self.reflections = Reflections()
         self.obstacles = ObstacleTable()
         self.estimator = make_estimator(settings.estimator)
@@ -69,8 +70,12 @@ class Population:
         return self.states()[0][obstacles.leader, :2] + from_travel_axes(obstacles.offset, obstacles.direction)
 
     def predict(self, dt: float) -> None:
-        """Predict all tracks by dt, s."""
+        """Predict all tracks by dt, s.
+
+        The reference points' return to their leaders is a part of it: no smoother is to take it for something learnt.
+        """
         self.estimator.predict(dt, self.direction)
+        draw_back(self.obstacles, dt, self._settings)
         self._states = None
 
     def retreat(self, dt: float) -> None:

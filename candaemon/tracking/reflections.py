@@ -72,16 +72,15 @@ def rigid_motion(obstacles: ObstacleTable, reflections: Reflections, mean: Float
     return Motion(state, uncertain)
 
 
-def pass_the_lead(
-    obstacles: ObstacleTable,
-    reflections: Reflections,
-    mean: Floats,
-    time_ns: int,
-    dt: float,
-    settings: ReflectionSettings,
-) -> None:
-    """Draw each reference point back to its leader, and hand the lead on where the leader was not detected of late."""
+def draw_back(obstacles: ObstacleTable, dt: float, settings: ReflectionSettings) -> None:
+    """Draw each reference point back to its leader over dt, s."""
     obstacles.offset *= np.exp(-dt / settings.return_time)
+
+
+def pass_the_lead(
+    obstacles: ObstacleTable, reflections: Reflections, mean: Floats, time_ns: int, settings: ReflectionSettings
+) -> None:
+    """Hand the lead on where the leader was not detected of late."""
     silent = time_ns - reflections.last_ns[obstacles.leader] > int(settings.patience * 1e9)
     if not silent.any():
         return

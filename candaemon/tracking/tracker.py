@@ -259,7 +259,7 @@ class Tracker:
         tracks, settings = self._tracks, self._settings.reflections
         obstacles, reflections = tracks.obstacles, tracks.reflections
         mean, _ = tracks.states()
-        pass_the_lead(obstacles, reflections, mean, self._time_ns, self._dt, settings)
+        pass_the_lead(obstacles, reflections, mean, self._time_ns, settings)
         leaving = parted(obstacles, reflections, mean, tracks.motion(), settings)
         if leaving.any():
             detected = reflections.last_ns == self._time_ns
