@@ -7,11 +7,14 @@ from pathlib import Path
 
 from candaemon.errors import InputError
 
+_OTHERS = frozenset({Path("/dev"), Path("/proc")})
+
 
 def write_whole(path: Path, content: str | bytes) -> None:
     """Write a file so that whoever reads it finds the former content or this one, never a part of either.
 
-    What is no regular file, such as a pipe or `/dev/stdout`, is written in place.
+    A link goes on pointing to the file that it names. What is no regular file, such as a pipe, is written in place,
+    and so is what lies below `/dev` and `/proc`: `/dev/stdout` may be a file that others write to as well.
 
     Args:
         path: the file; one that is there is replaced.
@@ -25,10 +28,11 @@ def write_whole(path: Path, content: str | bytes) -> None:
         if _is_special(path):
             path.write_bytes(data)
             return
-        part = path.with_name(f".{path.name}.part")
+        target = path.resolve()
+        part = target.with_name(f".{target.name}.part")
         try:
             part.write_bytes(data)
-            part.replace(path)
+            part.replace(target)
         finally:
             part.unlink(missing_ok=True)
     except OSError as error:
@@ -45,7 +49,8 @@ def check_writable(path: Path) -> None:
         raise _unwritable(path, "it is a folder")
     if _is_special(path):
         return
-    if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+    folder = path.resolve().parent
+    if not (folder.is_dir() and os.access(folder, os.W_OK)):
         raise _unwritable(path, "there is no such folder, or no right to write to it")
 
 
@@ -53,17 +58,19 @@ def make_folder(path: Path) -> None:
     """Create a folder, and those above it, unless it is there.
 
     Raises:
-        InputError: it cannot be created, or a file is in its place; names the path.
+        InputError: it cannot be created or written to, or a file is in its place; names the path.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _unwritable(path, error.strerror) from error
+    if not os.access(path, os.W_OK):
+        raise _unwritable(path, "there is no right to write to it")
 
 
 def _is_special(path: Path) -> bool:
     """Tell whether something other than a regular file is there, which must not be replaced by one."""
-    return path.is_symlink() or (path.exists() and not path.is_file())
+    return not _OTHERS.isdisjoint(path.absolute().parents) or (path.exists() and not path.is_file())
 
 
 def _unwritable(path: Path, reason: str | None) -> InputError:

@@ -20,6 +20,20 @@ def test_a_file_is_replaced_and_nothing_is_left_beside_it(tmp_path: Path) -> Non
     assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
 
 
+def test_a_link_goes_on_pointing_to_its_file_which_is_replaced_whole(tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    link, target = tmp_path / "latest.json", tmp_path / "runs" / "7.json"
+    link.symlink_to(target)
+    write_whole(link, "first")
+    opened = target.open(encoding="utf-8")
+    write_whole(link, "second")
+    with opened:
+        assert opened.read() == "first"  # whoever reads it reads one of the two
+    assert link.is_symlink()
+    assert target.read_text(encoding="utf-8") == "second"
+    assert [each.name for each in target.parent.iterdir()] == ["7.json"]
+
+
 def test_a_disk_that_fails_leaves_the_former_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.json"
     write_whole(path, "first")
@@ -56,6 +70,14 @@ def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
                 refused(path)
     with pytest.raises(InputError, match="file/plots: cannot be written"):
         make_folder(file / "plots")
+
+
+def test_a_folder_without_the_right_to_write_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda _path, _mode: False)  # root has every right
+    with pytest.raises(InputError, match="no right to write"):
+        make_folder(tmp_path)
 
 
 def test_a_folder_is_made_with_those_above_it(tmp_path: Path) -> None:
