@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from candaemon.config import json_schema, load_config
     from candaemon.cycle import Cycle
     from candaemon.estimation.adaptive import AdaptiveFilter, InnovationNoise
+    from candaemon.estimation.alignment import lagrange, mounting_rotation
     from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
     from candaemon.estimation.federated import Federated
     from candaemon.estimation.imm import Imm
@@ -28,10 +29,10 @@ if TYPE_CHECKING:
     from candaemon.estimation.manoeuvre import SwitchRule
     from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel, Singer
     from candaemon.estimation.radial import ModifiedLinearKalman
-    from candaemon.estimation.smoothing import FixedLag
+    from candaemon.estimation.smoothing import FixedLag, Link, Step, smooth
     from candaemon.estimation.switching import CvCsmSwitch
-    from candaemon.estimation.trilateration import trilaterate
-    from candaemon.estimation.variational import VariationalNoise
+    from candaemon.estimation.trilateration import Status, Trilateration, trilaterate
+    from candaemon.estimation.variational import NoiseScale, VariationalNoise
     from candaemon.pipeline import Pipeline
     from candaemon.replayer import Replayed, ReplayRequest, replay
     from candaemon.summary import summarise
@@ -45,6 +46,7 @@ _EXPORTS = {
     "candaemon.bus.frame": ("Frame", "Tick"),
     "candaemon.config": ("json_schema", "load_config"),
     "candaemon.cycle": ("Cycle",),
+    "candaemon.estimation.alignment": ("lagrange", "mounting_rotation"),
     "candaemon.estimation.adaptive": ("AdaptiveFilter", "InnovationNoise"),
     "candaemon.estimation.axis_filter": ("AxisFilter", "WhiteAxis"),
     "candaemon.estimation.federated": ("Federated",),
@@ -53,10 +55,10 @@ _EXPORTS = {
     "candaemon.estimation.manoeuvre": ("SwitchRule",),
     "candaemon.estimation.models": ("CoordinatedTurn", "CurrentStatistical", "LinearModel", "Singer"),
     "candaemon.estimation.radial": ("ModifiedLinearKalman",),
-    "candaemon.estimation.smoothing": ("FixedLag",),
+    "candaemon.estimation.smoothing": ("FixedLag", "Link", "Step", "smooth"),
     "candaemon.estimation.switching": ("CvCsmSwitch",),
-    "candaemon.estimation.trilateration": ("trilaterate",),
-    "candaemon.estimation.variational": ("VariationalNoise",),
+    "candaemon.estimation.trilateration": ("Status", "Trilateration", "trilaterate"),
+    "candaemon.estimation.variational": ("NoiseScale", "VariationalNoise"),
     "candaemon.pipeline": ("Pipeline",),
     "candaemon.replayer": ("ReplayRequest", "Replayed", "replay"),
     "candaemon.summary": ("summarise",),
@@ -80,22 +82,30 @@ __all__ = [
     "InformationFilter",
     "InnovationNoise",
     "LinearModel",
+    "Link",
     "ModifiedLinearKalman",
+    "NoiseScale",
     "Obstacles",
     "Pipeline",
     "ReplayRequest",
     "Replayed",
     "Singer",
+    "Status",
+    "Step",
     "SwitchRule",
     "Tick",
     "Tracker",
+    "Trilateration",
     "VariationalNoise",
     "WhiteAxis",
     "__version__",
     "bind",
     "json_schema",
+    "lagrange",
     "load_config",
+    "mounting_rotation",
     "replay",
+    "smooth",
     "summarise",
     "trilaterate",
 ]
