@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,7 +14,7 @@ from candaemon.estimation.variational import VariationalNoise
 from candaemon.papers.experiment import Advance, Result
 from candaemon.papers.paper004 import EXPERIMENTS
 from candaemon.papers.paper004_drives import FIRST, SECOND, THIRD, Drive
-from candaemon.papers.paper004_filters import METHODS, NOMINAL, STEADY, conventional, joint, record
+from candaemon.papers.paper004_filters import METHODS, NOMINAL, STEADY, bound, conventional, joint, record
 from candaemon.papers.paper004_sweeps import ACCELERATIONS, VARIANCES, acceleration_sweep, noise_sweep
 
 Floats = NDArray[np.float64]
@@ -39,6 +40,11 @@ def noise() -> Result:
     return run(lambda runs, seed, advance: noise_sweep(runs, seed, advance, VARIANCES[::6]), 25)
 
 
+@cache
+def accelerations() -> Result:
+    return run(lambda runs, seed, advance: acceleration_sweep(runs, seed, advance, ACCELERATIONS[::30]), 40)
+
+
 def here(result: Result, method: str, case: str | None = None) -> Floats:
     """Return a method's errors of displacement, velocity and acceleration."""
     return np.array(
@@ -60,6 +66,7 @@ def test_figures_of_the_first_drive() -> None:
 
     fused, adaptation = joint(recording, [VariationalNoise(np.full(3, variance)) for variance in NOMINAL], STEADY)
     assert (error(fused) <= (0.023, 0.017, 0.009)).all()
+    assert (error(bound(recording)) <= (0.015, 0.005, 0.001)).all()
     printed = [row[0] for row in FIRST.printed[:2]]
     np.testing.assert_allclose(error(conventional(recording, 0))[:2], printed, rtol=0.1)
     burst, calm = slice(2200, 3000), slice(4300, 5000)
@@ -67,6 +74,14 @@ def test_figures_of_the_first_drive() -> None:
     np.testing.assert_allclose(adaptation.variance[calm, 0].mean(axis=0), 0.03, rtol=0.3)
     assert adaptation.share[burst, 0].mean() < 0.08
     assert adaptation.share[calm, 0].mean() == pytest.approx(10 / 13, abs=0.05)
+
+
+def test_nothing_beats_the_bound_of_a_constant_acceleration() -> None:
+    start_and_burst = replace(FIRST, truth=FIRST.truth[:1500])
+    for result in (run(start_and_burst.run, 4), noise(), accelerations()):
+        errors = [row for row in result.rows if row.error]
+        assert errors
+        assert [row for row in errors if row.bound is None or row.bound > row.here] == []
 
 
 @pytest.mark.parametrize("method", ["JAKF", "JAKF, variational R"])
@@ -79,7 +94,7 @@ def test_average_of_the_noise_sweep(method: str) -> None:
 
 
 def test_fusion_beats_either_sensor_at_any_acceleration() -> None:
-    result = run(lambda runs, seed, advance: acceleration_sweep(runs, seed, advance, ACCELERATIONS[::30]), 40)
+    result = accelerations()
     for case, printed in (("largest of the sweep", 0.0403), ("average of the sweep", 0.0261)):
         errors = {method: here(result, method, case) for method in METHODS[:6]}
         for joint_ in ("JAKF", "JAKF, variational R"):
@@ -121,6 +136,8 @@ def test_tables_are_whole() -> None:
     assert all(value is None for (_, method), value in printed.items() if method in METHODS[5:])
     for result in (third(), noise()):
         for row in result.rows:
+            assert row.error is not row.quantity.startswith("variance of")
+            assert (row.default is not None) is (row.bound is not None) is row.error
             assert all(np.isfinite(value) for value in (row.here, row.default, row.bound) if value is not None)
         lines = [line for figure in result.figures for panel in figure.panels for line in panel.lines]
         assert all(line.x.shape == line.y.shape and 0 < len(line.x) <= 2000 for line in lines)

@@ -135,6 +135,7 @@ def test_a_terminal_gets_a_table_with_the_better_figure_in_bold() -> None:
             Row("cruise", "velocity x", "m/s", "CA", 0.7, 0.7004),
             Row("cruise", "position x", "m", "CS", 0.3, 0.6),
             Row("brake", "velocity x", "m/s", "CS", None, 0.9),
+            Row("brake", "variance of velocity x", "(m/s)²", "CS", 0.2, 0.1, error=False),
         ),
         (),
     )
@@ -148,7 +149,7 @@ def test_a_terminal_gets_a_table_with_the_better_figure_in_bold() -> None:
     cells = [[cell.strip() for cell in line.split("│")[1:4]] for line in plain.splitlines() if line.startswith("│")]
     assert cells == [
         ["cruise", "position x (m)", "CA"], ["", "", "CS"], ["", "velocity x (m/s)", "CA"],
-        ["brake", "velocity x (m/s)", "CS"],
+        ["brake", "velocity x (m/s)", "CS"], ["", "variance of velocity x ((m/s)²)", "CS"],
     ]  # fmt: skip
     assert "(1 run, seed 3)" in plain
     assert "• P(0) is left open" in plain
@@ -168,7 +169,7 @@ def test_json_has_the_figures_and_null_for_what_is_not_finite(tmp_path: Path) ->
     }  # fmt: skip
     assert rows[1] == {
         "case": "constant velocity", "quantity": "position x", "unit": "m", "method": "CS",
-        "printed": 123456.0, "here": None, "default": None, "bound": None,
+        "printed": 123456.0, "here": None, "default": None, "bound": None, "error": True,
     }  # fmt: skip
 
 

@@ -34,13 +34,33 @@ def test_the_bound_is_the_best_of_kalman_filters() -> None:
     """Whatever their noise, those that are not told when the acceleration changes do worse, on each axis."""
     truth = motion(0.1, ((8.0, 0.0), (8.0, 2.0), (8.0, -1.0)), ((24.0, 0.0),), (10.0, 0.0))
     measured = truth.measured(1.0, 30, np.random.default_rng(2))
-    best = rmse(bound(truth, measured, 1.0, np.array([10.0, 0.0]), 1.0), truth.state)
+    best = rmse(bound(truth, measured, 1.0, 1.0), truth.state)
     for noise in (0.0, 1e-3, 0.1, 1.0, 10.0):
         axis = white_axis(0.1, noise, order=2)
         first = np.array([0.0, 10.0, 0.0])
         estimates = linear(axis.transition, axis.noise, np.eye(1, 3), np.eye(1), first, np.eye(3), measured[..., :1])
         assert (best[::2] < rmse(estimates, truth.state[:, ::2])).all()
     assert best[5] < 1e-9  # told that y never accelerates
+
+
+def test_the_bound_of_one_acceleration_is_filterpys_filter_without_noise() -> None:
+    truth = motion(0.1, ((5.0, 3.0),), ((5.0, 0.3),), (4.0, -1.0))
+    measured = truth.measured(0.5, 3, np.random.default_rng(4))
+    estimates, transition = bound(truth, measured, 0.5, 2.0), white_axis(0.1, 0.0, order=2).transition
+    for axis, velocity, acceleration in ((0, 4.0, 3.0), (1, -1.0, 0.3)):
+        first, known = np.array([0.0, velocity, 0.0]), np.diag([4.0, 4.0, acceleration**2])
+        along = measured[..., axis : axis + 1]
+        expected = linear(transition, np.zeros((3, 3)), np.eye(1, 3), 0.25 * np.eye(1), first, known, along)
+        np.testing.assert_allclose(estimates[..., axis::2], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_bound_forgets_the_acceleration_where_it_changes_and_nothing_else() -> None:
+    """Of a sensor without noise it has the new acceleration a step later, of one that is blind it keeps none."""
+    truth = motion(0.1, ((2.0, 2.0), (2.0, -1.0)), ((4.0, 0.0),))
+    sharp = bound(truth, truth.measured(1e-6, 2, np.random.default_rng(5)), 1e-6, 1.0)
+    np.testing.assert_allclose(sharp[2:, 0, 4], truth.state[2:, 4], atol=0.01)
+    blind = bound(truth, truth.measured(1.0, 2, np.random.default_rng(6)), 1e9, 1.0)
+    np.testing.assert_allclose(blind[..., 4], 0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("own_start", [False, True])

@@ -252,7 +252,10 @@ class AdaptiveFilter:
         self._estimator.keep(rows)
 
     def predict(self, transition: Floats, noise: Floats) -> None:
-        """Predict all tracks with F and Q, each (D, D) or (n, D, D): (8) and (9) of paper 004."""
+        """Predict all tracks with F and Q, each (D, D) or (n, D, D): (8) and (9) of paper 004.
+
+        With `process`, what is learnt is added once a prediction whatever its time step: it suits steps of one length.
+        """
         predict(self.mean, self.covariance, transition, noise + self._learnt)
 
     def update(self, rows: Rows, measured: Floats, observation: Floats) -> Adapted:

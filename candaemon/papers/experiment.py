@@ -28,6 +28,7 @@ class Row:
         here: measured here.
         default: the default estimator on the same measurements; None where it does not apply.
         bound: what a filter reaches that is told when the target manoeuvres; None where it does not apply.
+        error: whether the figures are errors, so that the smaller is the better.
     """
 
     case: str
@@ -38,6 +39,7 @@ class Row:
     here: float
     default: float | None = None
     bound: float | None = None
+    error: bool = True
 
 
 @dataclass(frozen=True, slots=True)

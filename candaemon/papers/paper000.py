@@ -113,7 +113,7 @@ def _compared(case: _Case, runs: int, rng: np.random.Generator) -> tuple[list[Ro
         "IMM": follow(three_models(), *start),
     }
     default = rmse(follow(default_estimator(), *start), truth.state)
-    best = rmse(bound(truth, measured, deviation, truth.state[0, 2:4], 1.0), truth.state)
+    best = rmse(bound(truth, measured, deviation, 0.0), truth.state)
     rows = []
     for method, each in estimates.items():
         printed = case.printed.get(method)
@@ -135,7 +135,7 @@ def _compared(case: _Case, runs: int, rng: np.random.Generator) -> tuple[list[Ro
 
 
 _FILTERS = (
-    "The noise of the CA model is not printed: 1e-3 (m/s³)²/Hz, white and continuous; its filter is filterpy's.",
+    "The noise of the CA model is not printed: 1e-3 (m/s³)²/Hz, white and continuous; its gains are filterpy's.",
     (
         "α and the limits of the CS model are not printed: α = 0.4 1/s, a_max = 4 m/s² along x and 0.4 m/s² along y, "
         "which of those tried come nearest to table 1; at the limit and beyond it the variance is zero."
@@ -148,7 +148,7 @@ _FILTERS = (
     (
         "IMM, not in the table: constant velocity (noise 1e-3), constant acceleration (1e-3) and changing acceleration "
         "(5), each left at 0.03 1/s. It and the default start from the first measurement and a velocity of 0 ± 10 m/s; "
-        "the bound from the true one ± 1 m/s, for along y the paper's start is right."
+        "the bound from the true position and velocity and certain of them, for along y CA and CS start on the truth."
     ),
 )
 

@@ -33,7 +33,7 @@ class _Case:
     @property
     def printed(self) -> Mapping[str, tuple[float, ...]]:
         """The printed figures of the methods that the paper has."""
-        return {"MLKF as printed": self.mlkf, "MLKF": self.mlkf, "EKF": self.ekf}
+        return {"MLKF without centripetal term": self.mlkf, "MLKF": self.mlkf, "EKF": self.ekf}
 
 
 _CASES = (
@@ -81,7 +81,7 @@ def _compared(case: _Case, runs: int, rng: np.random.Generator, advance: Advance
     printed_way = turn.measured(runs, rng, centripetal=False)
     measured = turn.measured(runs, rng)
     filtered, spread = mlkf(measured)
-    estimates = {"MLKF as printed": mlkf(printed_way, centripetal=False)[0], "MLKF": filtered}
+    estimates = {"MLKF without centripetal term": mlkf(printed_way, centripetal=False)[0], "MLKF": filtered}
     advance(0.1)
     estimates["EKF"] = _ekf(measured, _share(advance, 0.7))
     estimates["turning EKF"] = turning_ekf(measured, _TURNING)
@@ -146,8 +146,8 @@ _CHOICES = (
     "The host drives at 21 m/s in s2 and s3 too, where the paper names no speed.",
     "s3 prints an acceleration of −8.06 m/s², which is that of s1; v²/R = 26.7 is driven.",
     (
-        "MLKF as printed: the simulated range accelerations lack the centripetal term, as in (26), and so does (12). "
-        "All others measure the true second derivative of range, and MLKF takes the term off before (12)."
+        "MLKF without centripetal term: the simulated range accelerations lack it, as in (26), and so does (12). All "
+        "others measure the true second derivative of range, and MLKF takes the term off before (12)."
     ),
     "F of MLKF has T²/2; D is a floor of 0.3 (m/s²)² under K33, as the printed D makes the variance negative.",
     "MLKF starts from the first measurement, with K[1|0] = I as printed.",

@@ -74,8 +74,8 @@ def drive(start: tuple[float, float], turns: Turns) -> Drive:
 def bound(drive: Drive, deviation: float, speed_spread: float) -> Floats:
     """Return the Cramér-Rao bound of who is told when, and how much on average, the target turns.
 
-    That is the covariance of the extended Kalman filter without process noise, linearised at the truth. The filter
-    itself, `clairvoyant`, linearises at its estimates, which without process noise loses the target in turns so long.
+    That is the covariance of the extended Kalman filter without process noise, linearised at the truth. A filter
+    so told linearises at its estimates, which without process noise loses the target in turns so long.
 
     Args:
         drive: the truth.

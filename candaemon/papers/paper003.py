@@ -80,7 +80,7 @@ def _run(case: _Case, runs: int, seed: int, advance: Advance) -> Result:
     methods = {"CSM": _statistical(along), "switch": _switched(along), "IMM": _interacting(measured)}
     advance(0.5)
     default = _errors(_plane(default_estimator(), measured), truth)
-    best = _errors(bound(truth, measured, _DEVIATION, _VELOCITY, sqrt(_FIRST_VARIANCE))[..., 0:3:2], truth)
+    best = _errors(bound(truth, measured, _DEVIATION, sqrt(_FIRST_VARIANCE))[..., 0:3:2], truth)
     advance(0.5)
     printed = {("CSM", 0): case.csm, ("switch", 0): case.switch}
     rows = []
@@ -174,7 +174,10 @@ _CHOICES = (
     ),
     "G is [T²/2; T], which the paper misprints; here the noise is continuous and its matrix exact.",
     "The 5 % threshold does not see an acceleration below 0.05 v/T: in test 1 that of 0.2 m/s² from 4 m/s on.",
-    "All start from P(0) = 10 I and 5 m/s: CSM and the switch in the origin, the others at the first measurement.",
+    (
+        "All start from P(0) = 10 I and 5 m/s: CSM, the switch and the bound in the origin a step before the first "
+        "measurement, IMM and the default at it, with its noise."
+    ),
     (
         "IMM, not in the paper: constant velocity and constant acceleration, noise 1e-3 each, left at 0.03 1/s. It and "
         "the default track in the plane, with 8 m of noise on y too."

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from candaemon.estimation.axis import white_axis
 from candaemon.papers.experiment import Advance, Result, Row
 from candaemon.papers.paper004_figures import drive_figures
-from candaemon.papers.paper004_filters import DT, METHODS, NOMINAL, QUANTITIES, STEADY, Outcome, filtered, record
+from candaemon.papers.paper004_filters import DT, METHODS, NOMINAL, QUANTITIES, Outcome, filtered, record
 
 Floats = NDArray[np.float64]
 
@@ -20,9 +20,10 @@ MANOEUVRING = white_axis(DT, 0.01, order=2).noise
 """Q for a varying acceleration: white jerk of 0.01 (m/s³)²/Hz."""
 
 _MEASURES = (
-    *((quantity, unit) for quantity, unit, _ in QUANTITIES),
-    *((f"variance of {quantity}", squared) for quantity, _, squared in QUANTITIES),
+    *((quantity, unit, True) for quantity, unit, _ in QUANTITIES),
+    *((f"variance of {quantity}", squared, False) for quantity, _, squared in QUANTITIES),
 )
+"""What the tables tell, the unit, and whether it is an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +37,7 @@ class Drive:
         start: state before the first step (3,).
         bursts: samples in which the lidar suffers, from and before.
         counted: first sample whose error counts.
-        process: Q that suits the motion, (3, 3).
+        process: Q that suits a motion whose acceleration varies, (3, 3); None: it is constant.
         printed: the table's figures, a row a quantity, a column a method of the paper, in the order of `METHODS`.
     """
 
@@ -46,7 +47,7 @@ class Drive:
     start: Floats
     bursts: tuple[tuple[int, int], ...]
     counted: int
-    process: Floats
+    process: Floats | None
     printed: tuple[tuple[float, ...], ...]
 
     def variance(self) -> Floats:
@@ -68,10 +69,20 @@ class Drive:
         default, bound = self._measures(outcome.default), self._measures(outcome.bound)
         here = {method: self._measures(estimates) for method, estimates in outcome.methods.items()}
         rows = []
-        for q, (quantity, unit) in enumerate(_MEASURES):
+        for q, (quantity, unit, error) in enumerate(_MEASURES):
             printed = dict(zip(METHODS, self.printed[q], strict=False))  # ours are not in the paper
             rows += [
-                Row(self.case, quantity, unit, method, printed.get(method), found[q], default[q], bound[q])
+                Row(
+                    self.case,
+                    quantity,
+                    unit,
+                    method,
+                    printed.get(method),
+                    found[q],
+                    default[q] if error else None,
+                    bound[q] if error else None,
+                    error=error,
+                )
                 for method, found in here.items()
             ]
         return tuple(rows)
@@ -112,7 +123,7 @@ FIRST = Drive(
     np.array((0.0, 5.43, 0.18)),
     ((1000, 1500), (2000, 3000), (3500, 4000)),
     500,
-    STEADY,
+    None,
     (
         (0.0880, 0.0479, 0.0595, 0.0565, 0.0320),
         (0.0702, 0.0665, 0.0676, 0.0669, 0.0640),

@@ -59,7 +59,7 @@ class Recording:
             daemon's filter is one of the plane.
         variance: true variance of the noise, the same for all components, (2, steps).
         start: state that the filters are told to begin with, (3,); its covariance P₀ is the unit matrix.
-        process: Q that suits the motion, (3, 3).
+        process: Q that suits a motion whose acceleration varies, (3, 3); None: it is constant.
     """
 
     truth: Floats
@@ -67,7 +67,7 @@ class Recording:
     across: Floats
     variance: Floats
     start: Floats
-    process: Floats
+    process: Floats | None
 
 
 def record(
@@ -76,7 +76,7 @@ def record(
     start: Floats,
     runs: int,
     random: np.random.Generator,
-    process: Floats = STEADY,
+    process: Floats | None = None,
 ) -> Recording:
     """Draw the noise of runs; see `Recording` for the arrays."""
     steps = len(truth)
@@ -105,7 +105,8 @@ class Outcome:
     Attributes:
         methods: of each method of the table.
         default: of the daemon's default estimator.
-        bound: of a centralised filter that is told the true R of each instant and a Q that suits the motion.
+        bound: of a centralised filter that is told the true start and R of each instant. Where the acceleration is
+            constant its Q is zero; else it is the one that suits, and this a reference, no strict bound.
         adaptation: of the joint filter of the paper.
     """
 
@@ -123,7 +124,7 @@ def filtered(recording: Recording, advance: Advance) -> Outcome:
         advance(0.15)
     nominal = [np.full(3, variance) for variance in NOMINAL]
     adaptations = []
-    processes = (STEADY,) if recording.process is STEADY else (STEADY, recording.process)
+    processes = (STEADY,) if recording.process is None else (STEADY, recording.process)
     for process in processes:
         for kind in (InnovationNoise, VariationalNoise):
             fused, adaptation = joint(recording, [kind(variance) for variance in nominal], process)
@@ -178,12 +179,14 @@ def joint(recording: Recording, estimators: Sequence[NoiseEstimator], process: F
 
 
 def bound(recording: Recording) -> Floats:
-    """Return what one filter makes of both sensors that is told the true R of each instant and a Q that suits."""
+    """Return what one filter makes of both sensors that is told the true start, R of each instant, and Q."""
     sensors, steps, runs, _ = recording.measured.shape
-    mean, covariance = np.tile(recording.start, (runs, 1)), _UNIT[None].copy()
+    process = np.zeros((3, 3)) if recording.process is None else recording.process
+    first = np.linalg.solve(_TRANSITION, recording.truth[0].T).T  # `start` is wrong in most of a sweep
+    mean, covariance = np.tile(first, (runs // len(first), 1)), _UNIT[None].copy()
     estimates = np.empty((steps, runs, 3))
     for k in range(steps):
-        predict(mean, covariance, _TRANSITION, recording.process)
+        predict(mean, covariance, _TRANSITION, process)
         for sensor in range(sensors):
             noise = recording.variance[sensor, k] * _UNIT
             update(mean, covariance, recording.measured[sensor, k] - mean, _UNIT, noise)

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from candaemon.papers.tracking import clairvoyant
+from candaemon.estimation.axis import white_axis
 
 Floats = NDArray[np.float64]
 
@@ -57,31 +57,50 @@ def motion(dt: float, along_x: Pieces, along_y: Pieces, velocity: tuple[float, f
     return Motion(dt, np.concatenate([position, after, acceleration], axis=1), opening)
 
 
-def bound(motion: Motion, measured: Floats, deviation: float, velocity: Floats, speed_spread: float) -> Floats:
-    """Track each axis as one who is told when, and by how much on average, its acceleration changes: `clairvoyant`.
+def bound(motion: Motion, measured: Floats, deviation: float, spread: float) -> Floats:
+    """Track each axis as one who is told when, and by how much on average, its acceleration changes, and no more of it.
+
+    From one change to the next the Kalman filter's model is exact: constant acceleration without noise. At a change the
+    acceleration becomes unknown again. No causal filter that begins with as much, and must find the changes itself,
+    does better on average.
 
     Args:
         motion: the truth.
-        measured: positions (steps, runs, 2), m.
+        measured: positions (steps, runs, 2), m, the first one a step after time 0.
         deviation: standard deviation of their noise, m.
-        velocity: first velocity (2,), m/s.
-        speed_spread: its standard deviation, m/s.
+        spread: standard deviation, of the position in m and of the velocity in m/s, of what is known of time 0; its
+            mean is the truth. 0 for a bound of filters that start on the truth itself, whatever their P(0) says.
 
     Returns:
-        Estimates (steps, runs, 6).
+        Estimates (steps, runs, 6) of [x, y, vx, vy, ax, ay].
     """
     estimates = np.empty((*measured.shape[:2], 6))
+    first_velocity = motion.state[0, 2:4] - motion.dt * motion.state[0, 4:]
     for axis in range(2):
-        estimates[..., axis::2] = clairvoyant(
-            motion.dt,
-            measured,
-            deviation**2 * np.eye(2),
-            velocity,
-            speed_spread**2 * np.eye(2),
-            acceleration=float(np.sqrt(np.square(motion.state[:, 4 + axis]).mean())),
-            turn_rate=None,
-            opening=motion.opening[:, axis],
-        )[..., axis::2]
+        usual = float(np.square(motion.state[:, 4 + axis]).mean())
+        mean = np.tile([0.0, first_velocity[axis], 0.0], (measured.shape[1], 1))
+        covariance = np.diag([spread**2, spread**2, usual])
+        told = _told(motion.dt, measured[..., axis], deviation**2, mean, covariance, motion.opening[:, axis])
+        estimates[..., axis::2] = told
+    return estimates
+
+
+def _told(
+    dt: float, measured: Floats, variance: float, mean: Floats, covariance: Floats, opening: NDArray[np.bool_]
+) -> Floats:
+    """Filter an axis (steps, runs) from means (runs, 3), which share a covariance (3, 3), as `bound` says."""
+    transition, usual = white_axis(dt, 0.0, order=2).transition, covariance[2, 2]
+    estimates = np.empty((*measured.shape, 3))
+    for k, positions in enumerate(measured):
+        if opening[k]:
+            mean = mean * (1.0, 1.0, 0.0)
+            covariance[2], covariance[:, 2] = 0.0, 0.0
+            covariance[2, 2] = usual
+        mean, covariance = mean @ transition.T, transition @ covariance @ transition.T
+        gain = covariance[:, 0] / (covariance[0, 0] + variance)
+        mean = mean + (positions - mean[:, 0])[:, None] * gain
+        covariance = covariance - np.outer(gain, covariance[0])
+        estimates[k] = mean
     return estimates
 
 

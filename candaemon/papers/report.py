@@ -20,8 +20,8 @@ def print_result(console: Console, experiment: Experiment, result: Result, runs:
     """Print an experiment's table and below it the choices.
 
     The methods stand one below another for each quantity of a case, whatever the order of the rows.
-    On a terminal, the smaller of *printed* and *here* is bold. In a pipe every line begins with the experiment's name,
-    and columns are two blanks or more apart, which no cell has inside.
+    On a terminal, the smaller of *printed* and *here* is bold if they are errors. In a pipe every line begins with the
+    experiment's name, and columns are two blanks or more apart, which no cell has inside.
 
     Args:
         console: where to.
@@ -95,9 +95,9 @@ def _table(title: str, rows: Sequence[Row]) -> Table:
 
 
 def _marked(row: Row) -> tuple[Text, ...]:
-    """Return a row's figures, the better of the paper's and ours in bold, both where they read alike."""
+    """Return a row's figures; of errors, the smaller of the paper's and ours in bold, both where they read alike."""
     printed, here, default, bound = map(Text, _numbers(row))
-    if row.printed is not None:
+    if row.error and row.printed is not None:
         best = min(row.printed, row.here)
         for cell, value in ((printed, row.printed), (here, row.here)):
             if significant(value) == significant(best):

@@ -10,7 +10,8 @@ The JSON is an object with
   - `choices`: texts: what the paper leaves open or misprints, and what was chosen,
   - `rows`: a list of objects, a figure of the table each, with the texts `case`, `quantity`, `unit`, `method` and the
     numbers `printed` (the paper's), `here`, `default` (the default estimator), `bound` (told when the target
-    manoeuvres); a number that there is none of, or that is not finite, is null.
+    manoeuvres); a number that there is none of, or that is not finite, is null; and `error`: whether the numbers are
+    errors, of which the smaller is the better.
 
 The same runs and seed give the same text.
 """

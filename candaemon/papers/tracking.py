@@ -11,7 +11,7 @@ from candaemon.config.estimators import ImmEstimatorSettings
 from candaemon.estimation.bank import Bank
 from candaemon.estimation.imm import Imm
 from candaemon.estimation.measurement import Measurement
-from candaemon.estimation.models import ACCELERATION, TURN, CoordinatedTurn, LinearModel
+from candaemon.estimation.smoothing import Step, smooth
 from candaemon.tracking.estimators import make_imm
 
 Floats = NDArray[np.float64]
@@ -72,47 +72,34 @@ def follow(
     return estimates
 
 
-def clairvoyant(
-    dt: float,
-    positions: Floats,
-    noise: Floats,
-    velocity: Floats,
-    velocity_noise: Floats,
-    *,
-    acceleration: float,
-    turn_rate: float | None,
-    opening: NDArray[np.bool_],
-) -> Floats:
-    """Track as a filter would that is told the instants at which the manoeuvre changes, and nothing else of it.
-
-    Between them its model is exact and has no noise: constant acceleration, or constant speed and turn rate. At them
-    the manoeuvre becomes unknown again. No causal filter that must find the instants itself does better on average.
+def follow_smoothed(
+    bank: Bank, lag_ns: int, dt: float, positions: Floats, noise: Floats, velocity: Floats, velocity_noise: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Track as `follow` does, and smooth what was tracked over a fixed lag.
 
     Args:
+        bank: of filters, without tracks.
+        lag_ns: how long an instant learns.
         dt: s between two measurements.
         positions: (steps, runs, 2), m.
         noise: their covariance (2, 2), m².
         velocity: first velocity (2,) or (runs, 2), m/s.
         velocity_noise: its covariance (2, 2).
-        acceleration: standard deviation of the accelerations that the target takes, m/s².
-        turn_rate: standard deviation of the turn rates, rad/s, where the target turns; None: it accelerates.
-        opening: (steps,), whether the manoeuvre changes between the step before and this one.
 
     Returns:
-        Estimates (steps, runs, 6).
+        Filtered and smoothed estimates (steps, runs, 6) of [x, y, vx, vy, ax, ay], and the covariances of the smoothed
+        ones (steps, runs, 6, 6).
     """
-    model = LinearModel(2, (0.0, 0.0)) if turn_rate is None else CoordinatedTurn(0.0, 0.0)
-    imm = Imm([model], switch_rate=1.0, acceleration=acceleration, turn_rate=turn_rate or 1.0)
+    steps: list[Step] = []
 
-    def before(step: int, bank: Bank) -> None:
-        if not opening[step]:
-            return
-        if turn_rate is None:
-            _forget(bank, ACCELERATION, acceleration)
-        else:
-            _forget(bank, slice(TURN, TURN + 1), turn_rate)
+    def record(step: int, bank: Bank) -> None:
+        mean, covariance = bank.combined()
+        steps.append(Step(round((step - 1) * dt * 1e9), mean.copy(), covariance.copy(), bank.link))
 
-    return follow(imm, dt, positions, noise, velocity, velocity_noise, before)
+    bank.linking = True
+    estimates = follow(bank, dt, positions, noise, velocity, velocity_noise, record)
+    record(len(positions), bank)
+    return estimates, *smooth(steps, lag_ns)
 
 
 def rmse(estimates: Floats, truth: Floats) -> Floats:
@@ -123,12 +110,3 @@ def rmse(estimates: Floats, truth: Floats) -> Floats:
         truth: (steps, components).
     """
     return np.asarray(np.sqrt(np.square(estimates - truth[:, None]).mean(axis=(0, 1))))
-
-
-def _forget(bank: Bank, block: slice, deviation: float) -> None:
-    """Make components unknown but for their deviation, with nothing left that ties them to the others."""
-    bank.covariance[:, :, block, :] = 0.0
-    bank.covariance[:, :, :, block] = 0.0
-    width = bank.mean[:, :, block].shape[-1]
-    bank.mean[:, :, block] = 0.0
-    bank.covariance[:, :, block, block] = deviation**2 * np.eye(width)
