@@ -31,7 +31,10 @@ DT = 0.05
 class JointTracks(Imm):
     """One Kalman filter that takes all parts of a detection together."""
 
-    def _corrected(self, mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
+    def _corrected(
+        self, rows: NDArray[np.intp], mean: Floats, covariance: Floats, measurement: Measurement
+    ) -> tuple[Floats, Floats]:
+        del rows  # all alike
         fit = update(mean[:, 0], covariance[:, 0], *measurement.linearised(mean[:, 0]))
         return fit.nis[:, None], fit.log_likelihood[:, None]
 

@@ -174,7 +174,7 @@ class Bank(ABC):
         every = len(rows) == len(self) and bool((rows == np.arange(len(rows))).all())
         mean = self.mean if every else self.mean[rows]
         covariance = self.covariance if every else self.covariance[rows]
-        nis, log_likelihood = self._taken(rows, mean, covariance, measurement)
+        nis, log_likelihood = self._corrected(rows, mean, covariance, measurement)
         if not every:
             self.mean[rows], self.covariance[rows] = mean, covariance
         self._note_fit(rows, nis, measurement)
@@ -196,13 +196,11 @@ class Bank(ABC):
         """
         return measurement if self._noise is None else self._noise.believed(rows, measurement)
 
-    def _taken(self, rows: Rows, mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
+    def _corrected(
+        self, rows: Rows, mean: Floats, covariance: Floats, measurement: Measurement
+    ) -> tuple[Floats, Floats]:
         """Update the estimates of the given rows in place; return NIS and log likelihood, (m, M) each."""
         del rows  # the filters of all rows are alike
-        return self._corrected(mean, covariance, measurement)
-
-    def _corrected(self, mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
-        """Update every model's estimates in place; return NIS and log likelihood, (m, M) each."""
         return correct(mean, covariance, measurement)
 
     @abstractmethod

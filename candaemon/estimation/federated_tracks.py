@@ -70,7 +70,9 @@ class FederatedTracks(Bank):
             self._trace[rows, sensor] = _traces(adapted)
         return adapted
 
-    def _taken(self, rows: Rows, mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
+    def _corrected(
+        self, rows: Rows, mean: Floats, covariance: Floats, measurement: Measurement
+    ) -> tuple[Floats, Floats]:
         """Update the sensor's local filters and fuse them with the others' share, (10) to (12), (19) and (20)."""
         if not len(rows):
             return np.zeros((0, 1)), np.zeros((0, 1))
@@ -79,7 +81,7 @@ class FederatedTracks(Bank):
         fit = update(whole, spread, innovation, observation, noise)
         if len(self._sensors) > 1:
             mine = self.share[rows, self._sensors.index(measurement.sensor), None, None]
-            locals_ = np.stack([mean[:, 0], mean[:, 0]], axis=1)
+            locals_ = np.repeat(mean, 2, axis=1)
             spreads = np.stack([covariance[:, 0] / mine, covariance[:, 0] / (1.0 - mine)], axis=1)
             update(locals_[:, 0], spreads[:, 0], innovation, observation, noise)
             whole, spread = fused(locals_, spreads)

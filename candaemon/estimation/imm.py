@@ -75,9 +75,11 @@ class Imm(Bank):
             raise ValueError(f"{len(self._models)} models, {len(self._forms)} forms; give one form a model, or none")
         self._lending = lendings(self._has, _BORROWED)
 
-    def _corrected(self, mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
+    def _corrected(
+        self, rows: Rows, mean: Floats, covariance: Floats, measurement: Measurement
+    ) -> tuple[Floats, Floats]:
         if "information" not in self._forms:
-            return correct(mean, covariance, measurement)
+            return super()._corrected(rows, mean, covariance, measurement)
         nis, log_likelihood = np.empty(mean.shape[:2]), np.empty(mean.shape[:2])
         for form in dict.fromkeys(self._forms):
             chosen = [j for j, each in enumerate(self._forms) if each == form]
