@@ -22,16 +22,17 @@ from candaemon.config.estimators import (
     SwitchingEstimatorSettings,
 )
 from candaemon.config.gnss import DriftFilterSettings, GnssSettings, ImmFilterSettings, SwitchingFilterSettings
+from candaemon.config.protection import InputProtectionSettings, ProtectionSettings
 from candaemon.config.sensors import (
     CounterScan,
     HeaderScan,
     ObjectFormat,
-    ProtectionSettings,
     ScanSettings,
     TimeoutScan,
     TriggerScan,
 )
 from candaemon.config.tracker import TrackerSettings
+from candaemon.sensing.plausibility import tells_new
 from candaemon.terminal import Sheet
 
 
@@ -84,6 +85,7 @@ def _ego(binding: Binding) -> Iterator[Sheet]:
     if isinstance(settings, InsSettings):
         rows.append(("lever arm", f"x {settings.lever_arm.x:g} m, y {settings.lever_arm.y:g} m"))
         rows += [("place on earth", "not told")] if settings.gnss is None else _placement(settings.gnss)
+    rows += [(f"protection of {name}", _protection(each)) for name, each in settings.protection.items()]
     yield Sheet("own motion", tuple(rows))
     yield _signals("own motion's signals", _ego_signals(ego))
 
@@ -116,7 +118,9 @@ def _sensor(binding: Binding, sensor: BoundSensor) -> Iterator[Sheet]:
         ("scans", f"{1 / settings.cycle_time:.4g} Hz, closed {_closing(settings.scan)}"),
         ("time-out", f"{settings.timeout:g} s after a scan's first frame"),
         *_format(settings.objects, sensor.reader.parts),
-        ("protection", _protection(settings.protection)),
+        *_protections(settings.objects, settings.protection),
+        ("failed frames", f"over {settings.protection.max_failed:.0%} of a scan discard it"),
+        ("plausible", _plausible(sensor)),
         ("tracked by", _group_of(binding, sensor.name)),
     ]
     yield Sheet(f"{settings.kind} {sensor.name}", tuple(rows))
@@ -158,7 +162,7 @@ def _output(binding: Binding, output: BoundOutput) -> Iterator[Sheet]:
         ("status", "-" if output.status is None else output.status.message.name),
         ("frames a cycle", f"{frames} at most; sent: {settings.send}"),
         ("load added", f"{bus.output_load:.1%} with every slot occupied"),
-        ("protection", _protection(settings.protection)),
+        *_protections(settings.objects, settings.protection),
     ]
     yield Sheet("output", tuple(rows))
 
@@ -245,11 +249,40 @@ def _condition(test: Condition) -> str:
     return " and ".join(said)
 
 
+def _protections(form: ObjectFormat, settings: ProtectionSettings) -> Iterator[tuple[str, str]]:
+    """Yield rows on how the frames of objects are protected."""
+    yield "protection", _protection(settings)
+    for entry in form.messages:
+        if entry.protection is not None:
+            yield f"protection of {entry.message}", _protection(entry.protection)
+
+
 def _protection(settings: ProtectionSettings) -> str:
-    if settings.checksum is None and settings.counter is None:
-        return "none"
-    checksum = "no checksum" if settings.checksum is None else f"checksum {settings.checksum} ({settings.kind})"
-    return checksum if settings.counter is None else f"counter {settings.counter}, {checksum}"
+    """Write a protection as one would say it."""
+    said = [] if settings.counter is None else [f"counter {settings.counter}"]
+    if settings.checksum is not None and settings.e2e is None:
+        said.append(f"checksum {settings.checksum} ({settings.kind})")
+    if settings.e2e is not None:
+        said.append(f"AUTOSAR E2E profile {settings.e2e.profile}")
+    if isinstance(settings, InputProtectionSettings):
+        bounds = (
+            ("steps up to", settings.greatest_step, ""),
+            ("time-out", settings.timeout, " s"),
+            ("rate up to", settings.max_rate, " × nominal"),
+        )
+        said += [f"{name} {bound:g}{unit}" for name, bound, unit in bounds if bound is not None]
+    return ", ".join(said) or "none"
+
+
+def _plausible(sensor: BoundSensor) -> str:
+    """Write which objects are believed."""
+    settings = sensor.settings.plausibility
+    within = "within the DBC's ranges" if settings.ranges else "of any value"
+    if settings.max_speed is None:
+        return within
+    if not tells_new(sensor):
+        return f"{within}; jumps are not watched, for objects do not say if they are new"
+    return f"{within}, up to {settings.max_speed:g} m/s from scan to scan"
 
 
 def _group_of(binding: Binding, sensor: str) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from candaemon.bus.frame import Frame
 from candaemon.sensing.detections import Detections
+from candaemon.sensing.motion_plausibility import MotionFaults
 from candaemon.sensing.placement import Placement
 from candaemon.sensing.pose import EgoPose
 from candaemon.tracking.obstacles import Obstacles
@@ -43,6 +45,7 @@ class PipelineCounts:
         coasting_cycles: those of them without a scan, because every sensor was silent.
         without_ego: scans dropped because own motion was not known yet.
         own_motion_short: frames of own motion with fewer bytes than the DBC says.
+        own_motion: frames of own motion that failed otherwise, by cause.
         sent: frames made for the output bus.
         buses: per bus.
     """
@@ -51,6 +54,7 @@ class PipelineCounts:
     coasting_cycles: int = 0
     without_ego: int = 0
     own_motion_short: int = 0
+    own_motion: MotionFaults = field(default_factory=MotionFaults)
     sent: int = 0
     buses: list[BusCounts] = field(default_factory=list)
 
@@ -71,7 +75,7 @@ class Cycle:
 
     time_ns: int
     obstacles: Obstacles
-    frames: list[Frame]
+    frames: Sequence[Frame]
     pose: EgoPose
     detections: Detections | None
     tracker: Tracker | None

@@ -7,31 +7,30 @@ happened on the road happens again from its recording.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import count
 
-from candaemon.binding.bound import Binding
-from candaemon.binding.ego import EgoMessage
-from candaemon.bus.frame import Frame, Tick, frames_at
+from candaemon.binding.bound import Binding, BoundSensor
+from candaemon.binding.ego import BoundEgo, EgoMessage
+from candaemon.bus.block import FrameBlock
+from candaemon.bus.frame import Frame, Tick
+from candaemon.bus.instant import Instant
+from candaemon.bus.protect_sequence import FrameGuard
 from candaemon.cycle import BusCounts, Cycle, PipelineCounts
 from candaemon.output.encoder import OutputEncoder, OutputStatus
 from candaemon.sensing.assembly import NEVER, Receiver, Route, ScanAssembler
 from candaemon.sensing.closing import make_assembler
 from candaemon.sensing.detections import Detections
 from candaemon.sensing.ego import EgoMotion
-from candaemon.sensing.mounting import Mounting, View
+from candaemon.sensing.motion_plausibility import MotionPlausibility
+from candaemon.sensing.mounting import Mounting
 from candaemon.sensing.placement import Placer
 from candaemon.sensing.pose import EgoPose, EgoStatus
+from candaemon.sensing.routing import BlockRouter
 from candaemon.sensing.scan import Scan
 from candaemon.sensing.sources import make_ego, make_placer
+from candaemon.tracking.groups import make_trackers
 from candaemon.tracking.obstacles import Obstacles, joined, none
 from candaemon.tracking.stationary import StationaryWatch
 from candaemon.tracking.tracker import Tracker
-
-_SILENT_CYCLES = 1.5
-_LONGEST_COASTING_NS = 10_000_000_000
-_LOST_AFTER_CYCLES = 5
-_STARTING_NS = 1_000_000_000  # after the first frame or tick, until the status is told without a scan
-_WORRIED_NS = 1_000_000_000
 
 
 class Pipeline:
@@ -49,17 +48,24 @@ class Pipeline:
         self._watch = StationaryWatch(self.ego.teaching) if self.ego.teaching is not None else None
         self.assemblers = [make_assembler(sensor) for sensor in binding.sensors]
         self._mountings = [Mounting(sensor.settings, sensor.reader.quantities) for sensor in binding.sensors]
-        self.trackers, self._tracker_of = _make_trackers(binding)
+        self.trackers, self._tracker_of = make_trackers(
+            binding.settings, {sensor.name: sensor.settings for sensor in binding.sensors}
+        )
         self._encoder = OutputEncoder(binding.output) if binding.output is not None else None
         self._routes = self._make_routes()
-        self._cycle_ns = [round(sensor.settings.cycle_time * 1e9) for sensor in binding.sensors]
+        supervision = binding.settings.supervision
+        self._lost_after_ns = [round(binding.patience(sensor) * 1e9) for sensor in binding.sensors]
         self._last_scan_ns = [0] * len(binding.sensors)
         self._shortest_timeout_ns = min(round(sensor.settings.timeout * 1e9) for sensor in binding.sensors)
-        self._coast_ns = min(self._cycle_ns)
+        self._coast_ns = min(round(sensor.settings.cycle_time * 1e9) for sensor in binding.sensors)
+        self._coast_after_ns = int(supervision.coast_after * self._coast_ns)
+        self._longest_coasting_ns = round(supervision.longest_coasting * 1e9)
+        self._grace_ns = round(supervision.grace * 1e9)
         self._coast_due_ns = NEVER
         self._latency_ns = min(round(sensor.settings.latency * 1e9) for sensor in binding.sensors)
+        self._worry_ns = round(supervision.worry * 1e9)
         self._drops = 0
-        self._dropped_ns = -_WORRIED_NS
+        self._dropped_ns = -self._worry_ns
         self._deadline_ns = 0
 
     def run(self, items: Iterable[Frame | Tick]) -> Iterator[Cycle]:
@@ -88,10 +94,33 @@ class Pipeline:
                 yield from self._cycle(scan, time_ns)
                 self._set_deadline(time_ns)
 
+    def run_blocks(self, blocks: Iterable[FrameBlock | Sequence[Frame | Tick]]) -> Iterator[Cycle]:
+        """As `run`, for a log: what came whole in a block is taken together.
+
+        Args:
+            blocks: frames and ticks in order of time.
+        """
+        router, counts = BlockRouter(self._routes, self.binding.sensors, self.assemblers), self.counts.buses
+        for block in blocks:
+            if not isinstance(block, FrameBlock):
+                yield from self.run(block)
+                continue
+            events, frames, unknown = router.routed(block)
+            for bus, count in enumerate(counts):
+                count.frames += frames[bus]
+                count.unknown += unknown[bus]
+            for time_ns, receive, part, slot, data in events:
+                if time_ns >= self._deadline_ns:
+                    yield from self.advance(time_ns)
+                scan = receive(part, slot, data, time_ns)
+                if scan is not None:
+                    yield from self._cycle(scan, time_ns)
+                    self._set_deadline(time_ns)
+
     def advance(self, time_ns: int) -> Iterator[Cycle]:
         """Close the scans, and tell the coasting obstacles, that are due by a time."""
         if self._coast_due_ns == NEVER:
-            self._coast_due_ns = time_ns + _STARTING_NS
+            self._coast_due_ns = time_ns + self._grace_ns
         while True:
             assembler = min(self.assemblers, key=_deadline)
             if assembler.deadline_ns <= time_ns:
@@ -100,7 +129,7 @@ class Pipeline:
                 if scan is not None:
                     yield from self._cycle(scan, closed_ns)
             elif assembler.deadline_ns == NEVER and self._coast_due_ns <= time_ns:
-                yield self._coast(max(self._coast_due_ns, time_ns - _LONGEST_COASTING_NS))
+                yield self._coast(max(self._coast_due_ns, time_ns - self._longest_coasting_ns))
             else:
                 break
         self._set_deadline(time_ns)
@@ -117,7 +146,7 @@ class Pipeline:
     def drops(self) -> int:
         """Frames of sensors and own motion that were lost or could not be used so far."""
         scans = sum(assembler.counts.dropped + assembler.counts.missing for assembler in self.assemblers)
-        return scans + self.counts.own_motion_short
+        return scans + self.counts.own_motion_short + self.counts.own_motion.refused
 
     @property
     def saturated(self) -> int:
@@ -134,7 +163,7 @@ class Pipeline:
     def _cycle(self, scan: Scan, now_ns: int) -> Iterator[Cycle]:
         """Scan → detections → tracks → obstacles → frames."""
         self._last_scan_ns[scan.sensor] = now_ns
-        self._coast_due_ns = now_ns + int(_SILENT_CYCLES * self._coast_ns)
+        self._coast_due_ns = now_ns + self._coast_after_ns
         pose = self.ego.pose(scan.time_ns)
         if pose is None:
             self.counts.without_ego += 1
@@ -169,25 +198,39 @@ class Pipeline:
     ) -> Cycle:
         """Encode a cycle's obstacles and count it."""
         self.counts.cycles += 1
-        frames: list[Frame] = []
+        frames: Sequence[Frame] = ()
         placement = self.placer.at(obstacles.time_ns) if self.placer is not None else None
         output = self.binding.output
         if self._encoder is not None and output is not None:
-            status = OutputStatus(ego=int(pose.status), health=self._health(pose, now_ns), drops=self.drops)
+            status = OutputStatus()
+            if output.status is not None:
+                drops = self.drops
+                status = OutputStatus(ego=int(pose.status), health=self._health(pose, now_ns, drops), drops=drops)
             payloads = self._encoder.encode(obstacles, status, pose, placement)
-            frames = frames_at(now_ns, output.bus, payloads, output.fd_ids)
+            frames = Instant(now_ns, output.bus, payloads, output.fd_ids)
         self.counts.sent += len(frames)
         return Cycle(now_ns, obstacles, frames, pose, detections, tracker, placement)
 
-    def _health(self, pose: EgoPose, now_ns: int) -> int:
-        """Return 0 ok, 1 degraded (own motion is not valid, or frames were lost of late), 2 a sensor is lost."""
-        drops = self.drops
+    def _health(self, pose: EgoPose, now_ns: int, drops: int) -> int:
+        """Return 0 ok, 1 degraded (own motion is reckoned, or frames were lost of late), 2 a sensor is lost, 3 fault.
+
+        Without own motion, or without any sensor, obstacles are not to be relied on.
+        """
         if drops > self._drops:
             self._drops, self._dropped_ns = drops, now_ns
-        for last_ns, cycle_ns in zip(self._last_scan_ns, self._cycle_ns, strict=True):
-            if now_ns - last_ns > _LOST_AFTER_CYCLES * cycle_ns:
-                return 2
-        return int(pose.status is not EgoStatus.VALID or now_ns - self._dropped_ns < _WORRIED_NS)
+        lost = [self._is_lost(sensor, now_ns) for sensor in self.binding.sensors]
+        if all(lost) or pose.status is EgoStatus.LOST:
+            return 3
+        if any(lost):
+            return 2
+        return int(pose.status is EgoStatus.DEAD_RECKONING or now_ns - self._dropped_ns < self._worry_ns)
+
+    def _is_lost(self, sensor: BoundSensor, now_ns: int) -> bool:
+        """Tell whether a sensor is silent, or most of what it sends fails."""
+        silent_ns = now_ns - self._last_scan_ns[sensor.index]
+        if silent_ns > self._lost_after_ns[sensor.index]:
+            return True
+        return self.assemblers[sensor.index].trust < sensor.settings.protection.least_trust
 
     def _make_routes(self) -> list[dict[int, Route]]:
         """Return for each bus who receives an identifier: a sensor, own motion, or a counter of the rest."""
@@ -202,7 +245,7 @@ class Pipeline:
             if self.placer is not None:
                 takers.append(self.placer)
             for can_id, own in ego.messages.items():
-                routes[ego.bus][can_id] = (_own_motion(own, takers, self.counts, ego.bus), 0, 0)
+                routes[ego.bus][can_id] = (_own_motion(own, ego, takers, self.counts), 0, 0)
         for sensor, assembler in zip(self.binding.sensors, self.assemblers, strict=True):
             routes[sensor.bus].update(assembler.routes)
         return routes
@@ -229,43 +272,26 @@ def _spare(length: int, counts: BusCounts) -> Receiver:
     return receive
 
 
-def _own_motion(own: EgoMessage, takers: Sequence[EgoMotion | Placer], counts: PipelineCounts, bus: int) -> Receiver:
-    """Give a message's quantities to own motion, and to what places it on earth."""
-    decode, names, length = own.decode, own.quantities, own.message.length
+def _own_motion(
+    own: EgoMessage, ego: BoundEgo, takers: Sequence[EgoMotion | Placer], counts: PipelineCounts
+) -> Receiver:
+    """Give a message's quantities, where they can be true, to own motion and to what places it on earth."""
+    decode, names, length, can_id = own.decode, own.quantities, own.message.length, own.message.can_id
+    guard = None if own.guard is None else FrameGuard(own.guard, counts.own_motion)
+    plausible = MotionPlausibility(own, ego.settings.plausibility, counts.own_motion)
     updates = [taker.update for taker in takers if not taker.wanted.isdisjoint(names)]
 
     def receive(_part: int, _slot: int, data: bytes, time_ns: int) -> None:
         values = decode(data) if updates else ()
         if values is None or len(data) < length:
             counts.own_motion_short += 1
-            counts.buses[bus].short += 1
+            counts.buses[ego.bus].short += 1
+            return
+        if guard is not None and not guard.admits(can_id, data, time_ns):
+            return
+        if updates and not plausible.admits(time_ns, values):
             return
         for update in updates:
             update(time_ns, names, values)
 
     return receive
-
-
-def _make_trackers(binding: Binding) -> tuple[list[Tracker], list[Tracker]]:
-    """Return the trackers, and for each sensor the one of its group; identities are unique across them."""
-    ids = count(1)
-    config = binding.settings
-    groups = [(group.tracker, frozenset(group.sensors)) for group in config.groups.values()]
-    grouped = frozenset[str]().union(*(names for _, names in groups))
-    rest = frozenset(sensor.name for sensor in binding.sensors) - grouped
-    if rest:
-        groups.insert(0, (config.tracker, rest))
-    trackers = []
-    tracker_of: dict[str, Tracker] = {}
-    for settings, names in groups:
-        cycles = [sensor.settings.cycle_time for sensor in binding.sensors if sensor.name in names]
-        slack_ns = round(1.5 * max(cycles) * 1e9) if len(binding.sensors) > 1 else 0
-        views = [
-            View(sensor.settings.mount, sensor.settings.field_of_view)
-            for sensor in binding.sensors
-            if sensor.name in names
-        ]
-        tracker = Tracker(settings, ids, cycle_time=max(cycles), slack_ns=slack_ns, views=views)
-        trackers.append(tracker)
-        tracker_of.update(dict.fromkeys(names, tracker))
-    return trackers, [tracker_of[sensor.name] for sensor in binding.sensors]

@@ -104,7 +104,9 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     ==================  ==============================================================================
     `log`               frames read, lines that are none, remote and error frames, other channels
     `buses`             per bus: frames, used, spare (nobody asks), unknown (no DBC entry), short
-    `sensors`           per sensor: frames by fate, scans, incomplete scans, frames missing
+    `sensors`           per sensor: frames by fate, objects left out by cause, scans, incomplete and discarded scans,
+                        frames missing
+    `own_motion`        frames of own motion refused, by cause
     `clock`             steps back that were rebased; frames whose time was raised because they came late; reordered
     `cycles`            told, coasting (every sensor silent), dropped for want of own motion
     `tracks`            detections given and used, obstacles begun, confirmed, merged, slot jumps
@@ -140,6 +142,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             sensor.name: asdict(assembler.counts)
             for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True)
         },
+        "own_motion": {"short": counts.own_motion_short, **asdict(counts.own_motion)},
         "clock": {
             "backward_steps": replayed.sequence.backward_steps,
             "late": replayed.sequence.late,

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.binding import BoundSensor, ObjectWriter
+from candaemon.binding.batch import ObjectBatch
 from candaemon.binding.conditions import value_limits
-from candaemon.binding.objects import ObjectBatch
 
 SENSORS = ("toyota_rav4", "esr_ins", "gm_lrr", "tesla_continental", "ars408")
 Numbers: TypeAlias = npt.NDArray[np.float64]

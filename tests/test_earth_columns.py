@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -112,7 +112,7 @@ def test_evaluation_reads_the_longer_table(simulated: Simulated) -> None:
     assert evaluate(simulated.folder / "tracks.csv", simulated.folder / "truth.csv").errors.position < 1.0
 
 
-def decoded(frames: list[Frame], database: Database) -> dict[int, dict[str, Any]]:
+def decoded(frames: Sequence[Frame], database: Database) -> dict[int, dict[str, Any]]:
     """Return the occupied slots of a cycle's frames by obstacle, as another CAN tool reads them."""
     decode: Callable[..., Any] = database.decode_message
     status = database.get_message_by_name("OBSTACLE_STATUS").frame_id

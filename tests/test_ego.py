@@ -21,7 +21,13 @@ INS_NAMES = ("heading", "velocity_east", "velocity_north")
 
 
 def history(**changes: float) -> MotionHistory:
-    told = {"age_limit": 0.5, "dead_reckoning": 10.0, "speed_variance": 0.01, "smoothing": 0.1}
+    told = {
+        "age_limit": 0.5,
+        "dead_reckoning": 10.0,
+        "speed_variance": 0.01,
+        "smoothing": 0.1,
+        "unseen_acceleration": 1.0,
+    }
     return MotionHistory(**(told | changes))
 
 

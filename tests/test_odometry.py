@@ -17,6 +17,7 @@ from candaemon.pipeline import Pipeline
 from candaemon.sensing.bias import MotionBias
 from candaemon.sensing.ego import StationaryReturns
 from candaemon.sensing.odometry import OdometryMotion
+from candaemon.sensing.pose import EgoStatus
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.simulate import simulate
 
@@ -118,6 +119,21 @@ def test_what_is_fixed_is_not_learnt() -> None:
         motion.learn(StationaryReturns(ns(0.01 * k), ((15.0, 1.0),), ((1.0, 20.0),)))
     assert motion.bias.scale == 1.0
     assert motion.bias.yaw_rate == 0.0
+
+
+@pytest.mark.parametrize(("bias", "until"), [({}, 5.0), ({"speed_scale_sd": 0}, 0.5), ({"learning_time": 0}, 0.0)])
+def test_until_the_biases_are_learnt_it_is_initialising(bias: dict[str, Any], until: float) -> None:
+    """The wheels' difference shows the yaw rate's within half a second; nothing shows the speed's factor here."""
+    motion = odometry(WHEELS, bias=bias)
+    motion.update(0, ("yaw_rate",), (0.0,))
+    told = {}
+    for k in range(600):
+        motion.update(ns(0.01 * k), ("yaw_rate",), (0.0,))
+        motion.update(ns(0.01 * k), ("left_wheels", "right_wheels"), (10.0, 10.0))
+        told[0.01 * k] = known(motion.pose(ns(0.01 * k))).status
+    last = max((time for time, status in told.items() if status is EgoStatus.INITIALISING), default=0.0)
+    assert last == pytest.approx(until, abs=0.3)
+    assert all(status is EgoStatus.VALID for time, status in told.items() if time > last)
 
 
 @settings(deadline=None, max_examples=200)

@@ -20,8 +20,11 @@ from candaemon.errors import ConfigError
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
-def message(position: int, length: int = 8, can_id: int = 0x210) -> MessageSpec:
-    checksum = SignalSpec(name="Sum", start=8 * position, length=8)
+def message(
+    position: int, length: int = 8, can_id: int = 0x210, *, kind: Kind = "toyota", high: int = 0
+) -> MessageSpec:
+    """Make a message whose checksum fills a byte, or of honda's kind its low or high half."""
+    checksum = SignalSpec(name="Sum", start=8 * position + 4 * high, length=4 if kind == "honda" else 8)
     return MessageSpec(name="M", can_id=can_id, length=length, signals=(checksum,))
 
 
@@ -33,15 +36,26 @@ def test_crc8_check_value() -> None:
 def test_known_checksums() -> None:
     data = bytes.fromhex("93382608AC0901C9")
     others = data[:7]
-    expected = {
+    expected: dict[Kind, int] = {
         "toyota": (0x02 + 0x10 + 8 + sum(others)) & 0xFF,
         "additive": sum(others) & 0xFF,
         "xor": reduce(lambda a, b: a ^ b, others),
         "crc8_sae_j1850": crc8_sae_j1850(others),
     }
     assert expected["toyota"] == 0xC9
-    for kind in KINDS:
-        assert Protector(kind, [message(7)], "Sum").checksum(0x210, data) == expected[kind]
+    for kind, checksum in expected.items():
+        assert Protector(kind, [message(7)], "Sum").checksum(0x210, data) == checksum
+
+
+@pytest.mark.parametrize("counter", range(4))
+def test_honda_checksums_are_those_of_its_frames(counter: int) -> None:
+    """The sums that openDBC's tests hold for a 0x33D and a 29-bit 0x33DA whose other half bytes add up to 10."""
+    for can_id, first in ((0x33D, 11), (0x33DA | EXTENDED, 4)):
+        spec = MessageSpec("M", can_id, 5, (SignalSpec(name="Sum", start=35, length=4, byte_order="big"),))
+        protector = Protector("honda", [spec], "Sum")
+        sealed = protector.seal(can_id, bytes([0x41, 0x50, 0, 0, counter << 4 | 0xF]))
+        assert sealed == bytes([0x41, 0x50, 0, 0, counter << 4 | first - counter])
+        assert protector.verify(can_id, sealed)
 
 
 def test_toyota_sums_every_byte_of_an_extended_identifier() -> None:
@@ -57,20 +71,23 @@ def test_toyota_sums_every_byte_of_an_extended_identifier() -> None:
     where=st.floats(0, 0.999),
     seed=st.integers(0, 2**32 - 1),
     extended=st.booleans(),
+    high=st.integers(0, 1),
 )
 def test_a_cycle_is_filled_as_single_frames_are(
-    kind: Kind, length: int, where: float, seed: int, extended: bool
+    kind: Kind, length: int, where: float, seed: int, extended: bool, high: int
 ) -> None:
     position = int(where * length)
     rng = np.random.default_rng(seed)
     ids = rng.choice(0x1FFF_FFFF if extended else 0x7FF, 5, replace=False).astype(np.int64) | EXTENDED * extended
-    protector = Protector(kind, [message(position, length, int(i)) for i in ids], "Sum")
+    high = high if kind == "honda" else 0
+    protector = Protector(kind, [message(position, length, int(i), kind=kind, high=high) for i in ids], "Sum")
     payloads = rng.integers(0, 256, (5, length), dtype=np.uint8)
     protector.fill(ids, payloads)
     for can_id, payload in zip(ids.tolist(), payloads, strict=True):
         data = payload.tobytes()
-        assert data[position] == protector.checksum(can_id, data)
+        assert data[position] >> 4 * high & (15 if kind == "honda" else 255) == protector.checksum(can_id, data)
         assert protector.verify(can_id, data)
+        assert protector.seal(can_id, data) == data
         bit = int(rng.integers(8 * length))
         damaged = bytearray(data)
         damaged[bit // 8] ^= 1 << bit % 8
@@ -91,6 +108,13 @@ def test_checksum_must_fill_one_byte(start: int, bits: int) -> None:
     spec = MessageSpec("M", 1, 8, (SignalSpec(name="Sum", start=start, length=bits),))
     with pytest.raises(ConfigError, match="expected 8 bits that fill one byte"):
         Protector("xor", [spec], "Sum")
+
+
+@pytest.mark.parametrize(("start", "bits"), [(2, 4), (56, 8), (64, 4)])
+def test_a_honda_checksum_must_fill_half_a_byte(start: int, bits: int) -> None:
+    spec = MessageSpec("M", 1, 8, (SignalSpec(name="Sum", start=start, length=bits),))
+    with pytest.raises(ConfigError, match="expected 4 bits that fill half a byte"):
+        Protector("honda", [spec], "Sum")
 
 
 def test_every_radar_frame_of_the_drive_passes(drive: Path) -> None:

@@ -48,7 +48,7 @@ def noise_frames(config: str, count: int, seed: int) -> Iterator[Frame]:
             del data[rng.randrange(length + 1) :]
         protector = protectors.get(can_id)
         if protector is not None and len(data) == length and rng.random() < 0.98:
-            data[protector.position(can_id)] = protector.checksum(can_id, bytes(data))
+            data = bytearray(protector.seal(can_id, bytes(data)))
         yield Frame(time_ns, bus, can_id, bytes(data))
 
 

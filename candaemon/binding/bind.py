@@ -12,12 +12,14 @@ from candaemon.binding.ego import BoundEgo, bind_ego
 from candaemon.binding.load import Traffic, bus_load
 from candaemon.binding.objects import ObjectReader
 from candaemon.binding.parts import find_message, find_signal
+from candaemon.binding.protection import guard_plan, part_guards
 from candaemon.binding.signals import field_reader
 from candaemon.binding.status import Header, StatusWriter
 from candaemon.binding.where import Where, collected, raise_all
-from candaemon.binding.writer import ObjectWriter, part_protector
+from candaemon.binding.writer import ObjectWriter
 from candaemon.bus.database import load_database
 from candaemon.bus.frame import EXTENDED
+from candaemon.bus.protect_sequence import GuardPlan
 from candaemon.bus.spec import Database, MessageSpec
 from candaemon.config.base import SignalRef
 from candaemon.config.ego import StaticSettings
@@ -78,7 +80,7 @@ class _Binder:
             for relative in bus.dbc:
                 with collected(self.errors):
                     self.database(relative, ("buses", name))
-        self.errors += check_identifiers(self.where(), ego, sensors, output)
+        self.errors += check_identifiers(self.where(), ego, sensors, output, self.on_output_bus())
         self.errors += self.long_frames(ego, sensors, output)
         raise_all(self.errors)
         buses = tuple(self.buses(ego, sensors, output))
@@ -90,6 +92,13 @@ class _Binder:
         )
         databases = {str(path): database for path, database in self.databases.items()}
         return Binding(self.loaded, buses, tuple(sensors), ego, output, databases, warnings)
+
+    def on_output_bus(self) -> list[Database]:
+        """List the DBC files that the output's bus itself names, those left out that could not be loaded."""
+        config = self.loaded.config
+        named = [] if config.output is None else config.buses[config.output.bus].dbc
+        found = (self.databases.get(self.loaded.resolve(relative)) for relative in named)
+        return [database for database in found if database is not None]
 
     def where(self, *location: str | int) -> Where:
         return Where(self.loaded, location)
@@ -116,10 +125,12 @@ class _Binder:
         where = self.where("sensors", name)
         reader = ObjectReader(settings.objects, quantities_of(settings.signals), database, where=where)
         scan, place = settings.scan, where.at("scan")
+        marked = place.at("protection")
         can_ids = set(reader.routes)
         counters: list[Callable[[bytes], int]] = []
         trigger: MessageSpec | None = None
         header: Header | None = None
+        mark_guard: GuardPlan | None = None
         if isinstance(scan, CounterScan):
             counters = [
                 field_reader(part.layout, find_signal(part.layout, scan.signal, place.at("signal")))
@@ -128,10 +139,13 @@ class _Binder:
         elif isinstance(scan, TriggerScan):
             trigger = find_message(database, scan.message, place.at("message"))
             can_ids.add(trigger.can_id)
+            if trigger.can_id not in reader.routes:
+                mark_guard = guard_plan([trigger], scan.protection, marked, cycle_time=settings.cycle_time)
         elif isinstance(scan, HeaderScan):
             header = Header(scan, database, place)
             can_ids.add(header.can_id)
-        protectors = tuple(part_protector(part.messages, settings.protection, where) for part in reader.parts)
+            mark_guard = guard_plan([header.message], scan.protection, marked, cycle_time=settings.cycle_time)
+        guards = part_guards(reader, settings, where)
         bus = self.bus(settings.bus)
         bound = BoundSensor(
             index,
@@ -144,7 +158,8 @@ class _Binder:
             tuple(counters),
             trigger,
             header,
-            protectors,
+            guards,
+            mark_guard,
         )
         try:
             bound.writer(where)
@@ -158,7 +173,8 @@ class _Binder:
         writer = ObjectWriter(settings.objects, signals, database, settings.protection, where=where)
         status = None
         if settings.status is not None:
-            status = StatusWriter(settings.status, database, settings.protection, where.at("status"))
+            place = where.at("status")
+            status = StatusWriter(settings.status, database, settings.protection, place, index=writer.data_ids)
         messages = [message for part in writer.parts for message in part.messages]
         if status is not None:
             messages.append(status.message)
@@ -216,7 +232,8 @@ class _Binder:
             on_it = [self.databases[self.loaded.resolve(relative)] for relative in settings.dbc]
             on_it += [ego.database] if ego is not None and ego.bus == index else []
             on_it += [sensor.database for sensor in here]
-            yield BoundBus(index, name, settings, frozenset(taken), load, output_load, tuple(on_it))
+            rate = sum(each.rate for each in traffic)
+            yield BoundBus(index, name, settings, frozenset(taken), rate, load, output_load, tuple(on_it))
 
 
 def is_fd(message: MessageSpec) -> bool:

@@ -10,7 +10,8 @@ from candaemon.binding.objects import ObjectReader
 from candaemon.binding.status import Header, StatusWriter
 from candaemon.binding.where import Where
 from candaemon.binding.writer import ObjectWriter
-from candaemon.bus.protect import Protector
+from candaemon.bus.protect import FrameProtector
+from candaemon.bus.protect_sequence import GuardPlan
 from candaemon.bus.spec import Database, MessageSpec
 from candaemon.config.base import SignalRef
 from candaemon.config.buses import BusSettings
@@ -29,6 +30,7 @@ class BoundBus:
         name: as configured.
         settings: from the configuration.
         can_ids: identifiers that sensors and own motion take from it.
+        rate: frames of those that are expected in a second.
         load: share of its time that the configured input takes, from 0 to 1.
         output_load: share that our own output adds with every slot occupied.
         databases: DBC files that say what is on it: the sensors', own motion's and those of the bus itself.
@@ -39,6 +41,7 @@ class BoundBus:
     name: str
     settings: BusSettings
     can_ids: frozenset[int]
+    rate: float
     load: float
     output_load: float
     databases: tuple[Database, ...]
@@ -59,7 +62,8 @@ class BoundSensor:
         counters: per part, payload → scan counter; empty unless a scan is told by its counter.
         trigger: the message that closes a scan, None unless one does.
         header: the message that opens a scan, None unless one does.
-        protectors: per part, the checksum to verify, None where its frames carry none.
+        guards: per part, what its frames must be to be used, None where anything will do.
+        mark_guard: the same of the header or the trigger, where it is no message of the objects'.
 
     """
 
@@ -73,7 +77,13 @@ class BoundSensor:
     counters: tuple[Callable[[bytes], int], ...]
     trigger: MessageSpec | None
     header: Header | None
-    protectors: tuple[Protector | None, ...]
+    guards: tuple[GuardPlan | None, ...]
+    mark_guard: GuardPlan | None
+
+    @property
+    def protectors(self) -> tuple[FrameProtector | None, ...]:
+        """Per part, the checksum of its frames, None where they carry none."""
+        return tuple(None if guard is None else guard.protector for guard in self.guards)
 
     @property
     def trigger_id(self) -> int | None:
@@ -150,6 +160,10 @@ class Binding:
     def settings(self) -> Config:
         """The configuration itself."""
         return self.loaded.config
+
+    def patience(self, sensor: BoundSensor) -> float:
+        """Give the s without a scan after which a sensor is lost."""
+        return self.settings.supervision.lost_after * sensor.settings.cycle_time
 
 
 def quantities_of(signals: ObjectSignals) -> dict[str, SignalRef]:

@@ -8,14 +8,27 @@ from candaemon.binding.bound import BoundOutput, BoundSensor
 from candaemon.binding.ego import BoundEgo
 from candaemon.binding.where import Where
 from candaemon.bus.layout import raw_width
-from candaemon.bus.spec import MessageSpec, SignalSpec
+from candaemon.bus.spec import Database, MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
 
 
 def check_identifiers(
-    where: Where, ego: BoundEgo | None, sensors: Iterable[BoundSensor], output: BoundOutput | None
+    where: Where,
+    ego: BoundEgo | None,
+    sensors: Iterable[BoundSensor],
+    output: BoundOutput | None,
+    on_output_bus: Iterable[Database],
 ) -> list[ConfigError]:
-    """Find identifiers with two owners on a bus, and output identifiers that another message of the bus has."""
+    """Find identifiers with two owners on a bus, and output identifiers that another message of the bus has.
+
+    Args:
+        where: the configuration's root.
+        ego: own motion.
+        sensors: the sensors.
+        output: the output.
+        on_output_bus: the DBC files that the output's bus itself names.
+
+    """
     sensors = list(sensors)
     owners: dict[tuple[int, int], str] = {}
     errors: list[ConfigError] = []
@@ -28,7 +41,7 @@ def check_identifiers(
             errors.append(where.at("sensors", sensor.name).error(f"on bus '{bus}' {_taken(taken)}"))
         owners.update(((sensor.bus, can_id), f"sensor '{sensor.name}'") for can_id in sensor.can_ids)
     if output is not None:
-        known = {(output.bus, can_id): name for can_id, name in _others(ego, sensors, output)}
+        known = {(output.bus, can_id): name for can_id, name in _others(ego, sensors, output, on_output_bus)}
         known.update(owners)
         taken = [(i, known[output.bus, i]) for i in sorted(output.can_ids) if (output.bus, i) in known]
         if taken:
@@ -42,14 +55,19 @@ def _taken(taken: list[tuple[int, str]]) -> str:
     return f"id 0x{can_id & 0x1FFFFFFF:X}{more} belongs to {owner} already; expected ids of its own, or another bus"
 
 
-def _others(ego: BoundEgo | None, sensors: Iterable[BoundSensor], output: BoundOutput) -> Iterator[tuple[int, str]]:
-    """Yield every message that the DBC files of the output's bus know, bar the output's own file."""
+def _others(
+    ego: BoundEgo | None, sensors: Iterable[BoundSensor], output: BoundOutput, on_output_bus: Iterable[Database]
+) -> Iterator[tuple[int, str]]:
+    """Yield every message that the DBC files of the output's bus know, bar the output's own."""
+    own = {output.database.by_id[can_id].name for can_id in output.can_ids}
     databases = [sensor.database for sensor in sensors if sensor.bus == output.bus]
     if ego is not None and ego.bus == output.bus:
         databases.append(ego.database)
-    for database in databases:
-        if database.path != output.database.path:
-            for can_id, message in database.by_id.items():
+    for database in (*databases, *on_output_bus):
+        for can_id, message in database.by_id.items():
+            # the file of a whole bus may well list what we send
+            listed = message.name in own and database not in databases
+            if database.path != output.database.path and not listed:
                 yield can_id, f"message '{message.name}' of '{database.path.name}'"
 
 

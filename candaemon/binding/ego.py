@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from candaemon.binding.parts import find_qualified
+from candaemon.binding.parts import find_message, find_qualified
+from candaemon.binding.protection import guard_plan
 from candaemon.binding.signals import SignalBinding, bind_signal
 from candaemon.binding.where import Where, collected, raise_all
 from candaemon.bus.codec import Decoder, compile_decoder
+from candaemon.bus.protect_sequence import GuardPlan
 from candaemon.bus.spec import Database, MessageSpec
 from candaemon.config.base import SignalRef
 from candaemon.config.ego import InsSettings, OdometrySettings
+from candaemon.config.protection import InputProtectionSettings
 from candaemon.errors import ConfigError
 
 
@@ -25,6 +28,7 @@ class EgoMessage:
             that is too short.
         quantities: name of each value's quantity; one that has several signals (wheel speeds) is there for each.
         bindings: quantities with their signals, for writing them.
+        guard: what a frame must be to be used, None where anything will do.
 
     """
 
@@ -32,6 +36,7 @@ class EgoMessage:
     decode: Decoder
     quantities: tuple[str, ...]
     bindings: tuple[SignalBinding, ...]
+    guard: GuardPlan | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +75,25 @@ def bind_ego(settings: InsSettings | OdometrySettings, bus: int, database: Datab
             message, signal = find_qualified(database, ref.signal, place)
             binding = bind_signal(quantity, ref, signal, place)
             found.setdefault(message.can_id, (message, []))[1].append(binding)
+    guards: dict[int, GuardPlan | None] = {}
+    for name, protection in settings.protection.items():
+        place = where.at("protection", name)
+        with collected(errors):
+            message = find_message(database, name, place)
+            if message.can_id not in found:
+                raise place.error(f"nothing is taken from message '{name}'; expected one that signals name")
+            guards[message.can_id] = _guard(message, protection, place)
     raise_all(errors)
-    return BoundEgo(settings, bus, database, {can_id: _ego_message(*entry) for can_id, entry in found.items()})
+    messages = {can_id: _ego_message(*entry, guards.get(can_id)) for can_id, entry in found.items()}
+    return BoundEgo(settings, bus, database, messages)
+
+
+def _guard(message: MessageSpec, protection: InputProtectionSettings, place: Where) -> GuardPlan | None:
+    """Work out what the frames of a message must be to be used."""
+    cycle_time = message.cycle_time or 0.0
+    if protection.max_rate is not None and not (protection.cycle_time or cycle_time):
+        raise place.at("max_rate").error(f"the DBC gives no cycle time of '{message.name}'; give cycle_time beside it")
+    return guard_plan([message], protection, place, cycle_time=cycle_time)
 
 
 def _signals(settings: InsSettings | OdometrySettings, where: Where) -> Iterator[tuple[str, SignalRef, Where]]:
@@ -88,13 +110,14 @@ def _signals(settings: InsSettings | OdometrySettings, where: Where) -> Iterator
                 yield quantity, ref, where.at(quantity, index)
 
 
-def _ego_message(message: MessageSpec, bindings: list[SignalBinding]) -> EgoMessage:
+def _ego_message(message: MessageSpec, bindings: list[SignalBinding], guard: GuardPlan | None) -> EgoMessage:
     names = [binding.signal.name for binding in bindings]
     return EgoMessage(
         message,
         compile_decoder(_in_si_units(message, bindings), names),
         tuple(binding.quantity for binding in bindings),
         tuple(bindings),
+        guard,
     )
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from candaemon.binding.batch import ObjectBatch, every, same
 from candaemon.binding.conditions import Test, compile_condition
 from candaemon.binding.parts import Part, check_layouts, find_in_parts, resolve_parts
 from candaemon.binding.signals import SignalBinding, bind_signal, field_reader
@@ -25,28 +25,8 @@ Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Booleans = npt.NDArray[np.bool_]
 
-Column = Sequence[bytes | None]
-"""Payloads of one part, one an object; None where it did not come."""
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectBatch:
-    """Objects of one scan, a structure of arrays of length n.
-
-    Attributes:
-        identity: the identity signal's value, −1 where the format has none.
-        valid: whether all conditions hold and every required message came.
-        new: whether the object is new in its slot.
-        paired: whether the pair signals are equal.
-        values: (quantities, n), SI, sensor axes, rows as `ObjectReader.quantities`; NaN where a message did not come.
-
-    """
-
-    identity: Integers
-    valid: Booleans
-    new: Booleans
-    paired: Booleans
-    values: Floats
+Column: TypeAlias = Sequence[bytes | None] | npt.NDArray[np.uint8]
+"""Payloads of one part, one an object; None where it did not come. Or (n, length), where all came."""
 
 
 @dataclass(slots=True)
@@ -160,6 +140,7 @@ class ObjectReader:
         n = len(columns[0])
         values = np.empty((len(self.quantities), n))
         valid: list[Booleans] = []
+        finite: list[Booleans] = []
         new: list[Booleans] = []
         raws: list[Floats] = []
         for plan in self._plans:
@@ -178,7 +159,7 @@ class ObjectReader:
                 if plan.bias is not None:
                     rows += plan.bias
                 if plan.uncertain:
-                    valid.append(np.logical_and.reduce(np.isfinite(rows)))
+                    finite.append(np.logical_and.reduce(np.isfinite(rows)))
                 if missing is not None:
                     rows[:, missing] = np.nan
             # Where some objects lack a part, nothing is known of those.
@@ -188,12 +169,17 @@ class ObjectReader:
             for row, test in plan.new:
                 passed = test(raw[row])
                 new.append(passed if missing is None else passed & ~missing)
-        is_new = _every(new, n) if self._has_new else _same(False, n)
-        return ObjectBatch(self._identities(raws, n), _every(valid, n), is_new, self._paired(raws, columns, n), values)
+        is_new = every(new, n) if self._has_new else same(False, n)
+        is_valid, not_finite = every(valid, n), None
+        if finite:
+            told, is_valid = is_valid, is_valid & every(finite, n)
+            not_finite = told & ~is_valid
+        paired = self._paired(raws, columns, n)
+        return ObjectBatch(self._identities(raws, n), is_valid, is_new, paired, values, not_finite)
 
     def _identities(self, raws: Sequence[Floats], n: int) -> Integers:
         if self._identity is None:
-            return _same(-1, n)
+            return same(-1, n)
         part, row = self._identity
         identities: Integers = raws[part][row].astype(np.int64)
         return identities
@@ -207,7 +193,7 @@ class ObjectReader:
                 if self.parts[part].optional:
                     equal |= np.array([payload is None for payload in columns[part]], np.bool_)
                 tested.append(equal)
-        return _every(tested, n)
+        return every(tested, n)
 
     def _add_quantity(self, quantity: str, ref: SignalRef, where: Where) -> None:
         part, signal = find_in_parts(self.parts, ref.signal, where)[0]
@@ -228,24 +214,6 @@ class ObjectReader:
     def _row_of(self, name: str, where: Where) -> tuple[int, int]:
         part, signal = find_in_parts(self.parts, name, where)[0]
         return part.index, self._plans[part.index].row(signal)
-
-
-@lru_cache
-def _same(value: int, n: int) -> npt.NDArray[Any]:
-    """Make an array (n,) of one value; made once, so not to be written to."""
-    array = np.full(n, value)
-    array.flags.writeable = False
-    return array
-
-
-def _every(tested: Sequence[Booleans], n: int) -> Booleans:
-    """Tell for which of n objects all tests passed."""
-    if not tested:
-        return _same(True, n)
-    first, *others = tested
-    for each in others:
-        first &= each
-    return first
 
 
 def _tabulated(test: Test, signal: SignalSpec, message: MessageSpec) -> Test:
@@ -277,8 +245,10 @@ def _routes(parts: Sequence[Part], multiplexed: bool, where: Where) -> dict[int,
     return routes
 
 
-def _joined(column: Column, length: int) -> tuple[bytes, Booleans | None]:
+def _joined(column: Column, length: int) -> tuple[bytes | npt.NDArray[np.uint8], Booleans | None]:
     """Join a part's payloads, zeros for those missing, and tell which are."""
+    if isinstance(column, np.ndarray):
+        return column, None
     missing = None
     try:
         payload = b"".join(column)  # type: ignore[arg-type]  # a None in it is what the except is for

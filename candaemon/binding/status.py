@@ -9,13 +9,14 @@ import numpy as np
 
 from candaemon.binding.conditions import value_limits
 from candaemon.binding.parts import find_message, find_signal
+from candaemon.binding.protection import check_written, counter_period, part_protector
 from candaemon.binding.signals import field_reader, wraps_at
 from candaemon.binding.where import Where, collected, raise_all
-from candaemon.binding.writer import part_protector
 from candaemon.bus.codec import compile_encoder
 from candaemon.bus.spec import Database, MessageSpec, SignalSpec
 from candaemon.config.output import StatusFormat
-from candaemon.config.sensors import HeaderScan, ProtectionSettings
+from candaemon.config.protection import ProtectionSettings
+from candaemon.config.sensors import HeaderScan
 from candaemon.errors import ConfigError
 
 COUNTING = frozenset({"cycle", "drops", "counter"})
@@ -29,7 +30,8 @@ class StatusWriter:
         form: its signals and fixed values.
         database: the DBC.
         protection: counter and checksum; each used where the message has that signal.
-        where: place of the status in the configuration.
+        where: place of the status in the configuration, whose `protection` is beside it.
+        index: which of the data ids is its.
 
     Attributes:
         message: what the DBC says of it.
@@ -40,7 +42,13 @@ class StatusWriter:
     """
 
     def __init__(
-        self, form: StatusFormat, database: Database, protection: ProtectionSettings, where: Where | None = None
+        self,
+        form: StatusFormat,
+        database: Database,
+        protection: ProtectionSettings,
+        where: Where | None = None,
+        *,
+        index: int = 0,
     ) -> None:
         where = where or Where()
         self.message: MessageSpec = find_message(database, form.message, where.at("message"))
@@ -57,13 +65,15 @@ class StatusWriter:
                 signal = find_signal(self.message, name, where.at(kind, name))
                 names.append(name)
                 if isinstance(source, str):
-                    self._fields.append((source, 0.0, wraps_at(signal) if source in COUNTING else 0))
+                    self._fields.append((source, 0.0, _period(source, signal, protection)))
                 else:
                     self._fields.append((None, source, 0))
         raise_all(errors)
         self._encode = compile_encoder(self.message, names)
-        protected = protection.checksum is not None and protection.checksum in known
-        self._protector = part_protector([self.message], protection, where) if protected else None
+        place = Where(where.loaded, where.location[:-1]).at("protection")
+        check_written(protection, place)
+        protected = protection.e2e is not None or (protection.checksum is not None and protection.checksum in known)
+        self._protector = part_protector([self.message], protection, place, order=[index]) if protected else None
 
     def write(self, values: Mapping[str, float], *, counter: int) -> tuple[int, bytes]:
         """Write the message.
@@ -82,10 +92,15 @@ class StatusWriter:
             given.append(value % wrap if wrap else value)
         payload, _ = self._encode(given)
         if self._protector is not None:
-            position = self._protector.position(self.message.can_id)
-            checksum = self._protector.checksum(self.message.can_id, payload)
-            payload = payload[:position] + bytes((checksum,)) + payload[position + 1 :]
+            payload = self._protector.seal(self.message.can_id, payload)
         return self.message.can_id, payload
+
+
+def _period(quantity: str, signal: SignalSpec, protection: ProtectionSettings) -> int:
+    """Count the values after which a quantity starts again, 0 where it saturates."""
+    if quantity not in COUNTING:
+        return 0
+    return counter_period(protection, signal) if quantity == "counter" else wraps_at(signal)
 
 
 class Header:
@@ -121,6 +136,7 @@ class Header:
             self._counter, self._wrap = field_reader(self.message, counter), wraps_at(counter)
             self._names.append(counter.name)
         self._encode = compile_encoder(self.message, self._names)
+        self._protector = part_protector([self.message], scan.protection, where.at("protection"))
 
     @property
     def period(self) -> int:
@@ -135,4 +151,5 @@ class Header:
         """Write a header: CAN id and payload; a count over the signal's greatest is brought to it."""
         limit = int(self._limit) if math.isfinite(self._limit) else np.iinfo(np.int64).max
         values = [min(count, limit), *([] if self._counter is None else [counter % self._wrap])]
-        return self.can_id, self._encode(values)[0]
+        payload, _ = self._encode(values)
+        return self.can_id, payload if self._protector is None else self._protector.seal(self.can_id, payload)

@@ -11,21 +11,23 @@ import numpy as np
 import numpy.typing as npt
 
 from candaemon.binding.carrier import carrier
-from candaemon.binding.parts import Part, check_layouts, find_in_parts, find_signal, resolve_parts
+from candaemon.binding.parts import Part, check_layouts, find_in_parts, resolve_parts
 from candaemon.binding.plan import PartPlan, add_conditions, add_quantity, add_values
+from candaemon.binding.protection import PartProtection, check_written, counter_period, part_protector, parts_protection
 from candaemon.binding.signals import wraps_at
 from candaemon.binding.where import Where, collected, raise_all
 from candaemon.bus.codec import BatchEncoder
-from candaemon.bus.protect import Protector
-from candaemon.bus.spec import Database, MessageSpec
+from candaemon.bus.spec import Database
 from candaemon.config.base import SignalRef
-from candaemon.config.sensors import ObjectFormat, ProtectionSettings
+from candaemon.config.protection import InputProtectionSettings, ProtectionSettings
+from candaemon.config.sensors import ObjectFormat
 from candaemon.errors import ConfigError
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Booleans = npt.NDArray[np.bool_]
 Values: TypeAlias = Mapping[str, npt.NDArray[np.float64] | npt.NDArray[np.integer]]
+AnyProtection: TypeAlias = ProtectionSettings | InputProtectionSettings
 Refs: TypeAlias = Mapping[str, SignalRef | tuple[SignalRef, ...]]
 
 
@@ -44,6 +46,7 @@ class ObjectWriter:
         slots: objects the format can hold.
         parts: the messages of an object.
         quantities: those that `write` takes.
+        data_ids: messages that share the data ids of the protection.
         saturated: values so far that did not fit their signal and were brought to its limits.
 
     Raises:
@@ -83,14 +86,20 @@ class ObjectWriter:
                 add_values(plans, values, kind, place)
         with collected(errors):
             add_conditions(plans, form, place)
-        named = [*form.pair, *counted, *([protection.counter] if protection.counter is not None else [])]
+        protections = parts_protection(self.parts, form, protection, where)
+        self.data_ids = sum(
+            len(part.messages)
+            for part, entry in zip(self.parts, form.messages, strict=True)
+            if entry.protection is None
+        )
+        counted += [each.settings.counter for each in protections if each.settings.counter is not None]
         with collected(errors):
-            _add_counted(plans, named, form.identity, where)
+            _add_counted(plans, [*form.pair, *counted], form.identity, where)
         raise_all(errors)
         self._writers = [
-            _PartWriter(plan, slots, protection, where)
-            for plan in plans
-            for slots in _alike(plan.part, protection.checksum)
+            _PartWriter(plan, slots, each, where)
+            for plan, each in zip(plans, protections, strict=True)
+            for slots in _alike(plan.part, each.settings.checksum)
         ]
 
     def write(
@@ -151,18 +160,22 @@ class _PartWriter:
     Args:
         plan: how the part's signals are written.
         slots: the slots whose messages these are, in their order.
-        protection: counter and checksum.
+        protection: counter and checksum of this part.
         where: place of the sensor or output.
 
     """
 
-    def __init__(self, plan: PartPlan, slots: Sequence[int], protection: ProtectionSettings, where: Where) -> None:
+    def __init__(
+        self, plan: PartPlan, slots: Sequence[int], protection: PartProtection[AnyProtection], where: Where
+    ) -> None:
         self.part = plan.part
         messages = [plan.part.messages[slot] for slot in slots]
         layout = messages[0]
         self._length = layout.length
-        self._protector = part_protector(messages, protection, where)
-        checksum = None if self._protector is None else protection.checksum
+        settings = protection.settings
+        check_written(settings, protection.place)
+        self._protector = part_protector(messages, settings, protection.place, order=protection.order(slots))
+        checksum = None if self._protector is None else settings.checksum
         for signal in layout.signals:
             # Bits left 0 would say something where zero is not raw 0.
             if signal.offset and signal.multiplexer_signal is None:
@@ -179,7 +192,9 @@ class _PartWriter:
         self._templates = np.array([[each.empty, each.occupied] for each in plans]).reshape(len(plans), 2)
         self._carriers = [carrier(row, each, each.binding) for row, each in enumerate(plans) if each.binding]
         self._new = [(row, each.new) for row, each in enumerate(plans) if each.new is not None]
-        self._counters = [(names.index(name), wraps_at(plan.signals[name].signal)) for name in plan.counters]
+        self._counters = [
+            (names.index(name), counter_period(settings, plan.signals[name].signal)) for name in plan.counters
+        ]
         self._identities = [
             (names.index(name), wraps_at(plan.signals[name].signal))
             for name in plan.identities
@@ -246,23 +261,3 @@ def _alike(part: Part, checksum: str | None) -> list[list[int]]:
         start = next((signal.start for signal in message.signals if signal.name == checksum), None)
         groups.setdefault((message.length, start), []).append(slot)
     return list(groups.values())
-
-
-def part_protector(messages: Sequence[MessageSpec], protection: ProtectionSettings, where: Where) -> Protector | None:
-    """Make the protector of some messages, None where the configuration asks for none.
-
-    Raises:
-        ConfigError: a kind without a signal or the other way round, no such signal, or it does not fill a byte.
-
-    """
-    place = where.at("protection")
-    if (protection.kind == "none") != (protection.checksum is None):
-        raise place.error("checksum and kind go together; give both or neither")
-    if protection.kind == "none" or protection.checksum is None:
-        return None
-    for message in messages:
-        find_signal(message, protection.checksum, place.at("checksum"))
-    try:
-        return Protector(protection.kind, messages, protection.checksum)
-    except ConfigError as error:
-        raise place.at("checksum").error(error.message) from None

@@ -42,6 +42,14 @@ class FrameBlock:
     def __len__(self) -> int:
         return len(self.time_ns)
 
+    def payloads(self, rows: npt.NDArray[np.intp]) -> list[bytes]:
+        """Return the payloads of some rows, each as long as it is."""
+        width = self.payload.shape[1]
+        records = np.empty((len(rows), 1 + width), np.uint8)
+        records[:, 0], records[:, 1:] = self.length[rows], self.payload[rows]
+        # "p" takes the length's byte and gives that many of the payload's
+        return [data for (data,) in struct.iter_unpack(f"{width + 1}p", records.tobytes())]
+
     def frames(self) -> Iterator[Frame]:
         """Return the frames one by one."""
         width = self.payload.shape[1]

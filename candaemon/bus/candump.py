@@ -11,11 +11,21 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
 
 from candaemon.bus.block import FrameBlock
 from candaemon.bus.candumptext import ChunkDecoder
 from candaemon.bus.frame import EXTENDED, Frame
+from candaemon.bus.instant import Instant
 from candaemon.bus.logstream import ChannelMap, LogBytes, LogCounts
+
+Text: TypeAlias = npt.NDArray[np.uint8]
+
+_HEX = np.array([int.from_bytes(f"{value:02X}".encode(), "little") for value in range(256)], "<u2")
+"""The two digits of each byte, as one number."""
 
 CHUNK = 1 << 19
 """Bytes of text decoded at once: what is computed of them fits the cache. A line longer than that may be cut."""
@@ -70,6 +80,8 @@ def candump_text(frames: Iterable[Frame], channels: Sequence[str]) -> bytes:
         frames: the frames; no time may be negative.
         channels: names of the buses, by index.
     """
+    if isinstance(frames, Instant):
+        return _instant_text(frames, channels)
     lines = []
     stamp, stamp_ns, stamp_bus = "", -1, -1
     for time_ns, bus, can_id, data, fd in frames:
@@ -78,6 +90,42 @@ def candump_text(frames: Iterable[Frame], channels: Sequence[str]) -> bytes:
             stamp, stamp_ns, stamp_bus = _stamp(time_ns, channels[bus]), time_ns, bus
         lines.append(f"{stamp}{_identifier(can_id, fd)}{data.hex().upper()}\n")
     return "".join(lines).encode()
+
+
+def _instant_text(frames: Instant, channels: Sequence[str]) -> bytes:
+    """Return frames of one instant as text, without making one of them."""
+    if not frames:
+        return b""
+    stamp, fd_ids = _stamp(frames.time_ns, channels[frames.bus]), frames.fd_ids
+    can_ids, payloads = tuple([can_id for can_id, _ in frames.payloads]), [data for _, data in frames.payloads]
+    if not fd_ids and set(map(len, payloads)) == {8}:
+        heads = _heads(can_ids, len(stamp.encode()))
+        if heads is not None:
+            return _filled(heads, stamp.encode(), b"".join(payloads))
+    return "".join(
+        [f"{stamp}{_identifier(can_id, can_id in fd_ids)}{data.hex().upper()}\n" for can_id, data in frames.payloads]
+    ).encode()
+
+
+def _filled(heads: Text, stamp: bytes, payloads: bytes) -> bytes:
+    """Return lines of eight bytes of data each, of which all else is there, with their stamp and their data."""
+    lines = heads.copy()
+    lines[:, : len(stamp)] = np.frombuffer(stamp, np.uint8)
+    lines[:, -17:-1] = _HEX.take(np.frombuffer(payloads, np.uint8)).view(np.uint8).reshape(-1, 16)
+    return lines.tobytes()
+
+
+@lru_cache(maxsize=64)
+def _heads(can_ids: tuple[int, ...], before: int) -> Text | None:
+    """Return lines (n, characters) with identifiers and ends, a stamp before; None where their lengths differ."""
+    heads = [_identifier(can_id, False).encode() for can_id in can_ids]
+    size = len(heads[0])
+    if any(len(head) != size for head in heads):
+        return None
+    lines = np.zeros((len(heads), before + size + 17), np.uint8)
+    lines[:, before:-17] = np.frombuffer(b"".join(heads), np.uint8).reshape(-1, size)
+    lines[:, -1] = ord("\n")
+    return lines
 
 
 def _stamp(time_ns: int, channel: str) -> str:

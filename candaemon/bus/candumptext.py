@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from candaemon.bus.block import FD_LENGTHS, FrameBlock
 from candaemon.bus.frame import EXTENDED
-from candaemon.bus.logstream import ChannelMap, LogCounts
+from candaemon.bus.logstream import UNCLAIMED, ChannelMap, LogCounts
 
 Text: TypeAlias = npt.NDArray[np.uint8]
 Ints: TypeAlias = npt.NDArray[np.int64]
@@ -107,7 +107,9 @@ class ChunkDecoder:
     def _block(self) -> FrameBlock:
         """Return the rows that hold a frame."""
         lines = np.flatnonzero(self._used)
-        self._counts.frames += len(lines)
+        ticks = int(np.count_nonzero(self._bus[lines] < 0))
+        self._counts.ticks += ticks
+        self._counts.frames += len(lines) - ticks
         kept = slice(None) if len(lines) == len(self._used) else lines
         return FrameBlock(
             time_ns=self._time[kept],
@@ -152,7 +154,7 @@ class ChunkDecoder:
             rows, lines = rows[alike], lines[alike]
         name = shape["channel"].decode(errors="replace")
         bus = self._channels.named(name)
-        if bus < 0:
+        if bus == UNCLAIMED:
             self._counts.note_other_channel(name, len(rows))
             return others
         text = lines.view(np.uint8).reshape(-1, length)
@@ -205,7 +207,7 @@ class ChunkDecoder:
         bus = self._channels.named(name)
         can_id = int(match["id"], 16)
         extended = len(match["id"]) == 8
-        if bus < 0:
+        if bus == UNCLAIMED:
             self._counts.note_other_channel(name)
         elif extended and can_id & _ERROR_FLAG:
             self._counts.error_frames += 1

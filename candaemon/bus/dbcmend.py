@@ -18,6 +18,9 @@ from candaemon.bus.frame import EXTENDED
 LONGEST_ID_RANGE: Final = 1 << 16
 """Ids of one range in `SG_MUL_VAL_`; cantools would list every one of a longer range."""
 
+LONGEST_MESSAGE: Final = 2048
+"""Bytes of a message at most; J1939's longest has 1785, and all bits of a signal are listed to find overlaps."""
+
 NUMBER: Final = r"([-+]?\d+\.?\d*(?:[eE][+-]?\d+)?)"
 NAME: Final = r"([A-Za-z_]\w*)"
 TEXT: Final = r'"(?:\\"|[^"])*"'
@@ -114,6 +117,9 @@ def _mend_message(
     identifier, name, length, sender = int(found[1]), found[2], int(found[3]), found[4] or "Vector__XXX"
     if name == INDEPENDENT:
         return None, None
+    if length > LONGEST_MESSAGE:
+        report(line, f"message '{name}' of {length} bytes, of {LONGEST_MESSAGE} at most: left out with its signals")
+        return None, None
     if name in outline.names:
         report(line, f"message '{name}' is already at line {outline.names[name]}: left out with its signals")
         return None, None
@@ -143,6 +149,9 @@ def _mend_signal(statement: Statement, message: tuple[int, str], outline: Outlin
     name, length = found[1], int(found[4])
     if length == 0 or not all(math.isfinite(float(found[group])) for group in (7, 8)):
         report(line, f"signal '{name}' has no bits or no finite scale and offset: left out")
+        return None
+    if int(found[3]) + length > 8 * LONGEST_MESSAGE:
+        report(line, f"signal '{name}' ends beyond {LONGEST_MESSAGE} bytes: left out")
         return None
     identifier, of = message
     if (of, name) in outline.lines:

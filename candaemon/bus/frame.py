@@ -15,7 +15,7 @@ class Frame(NamedTuple):
 
     Attributes:
         time_ns: receive time, integer nanoseconds, from the kernel or the log.
-        bus: index of the bus in the configuration's order; −1 for a channel no bus claims.
+        bus: index of the bus in the configuration's order; negative where it only tells how late it is.
         can_id: identifier, with `EXTENDED` set for a 29-bit one.
         data: payload, 0 to 8 bytes, or up to 64 for CAN FD.
         fd: whether it is a CAN FD frame.

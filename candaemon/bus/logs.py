@@ -21,16 +21,19 @@ events, and lines that do not look like a frame) is in `LogCounts.lines` alone.
 from __future__ import annotations
 
 import io
+import re
 import struct
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import can
 from can.io.blf import BLFParseError
 
-from candaemon.bus.candump import read_candump
+from candaemon.bus.block import FrameBlock
+from candaemon.bus.candump import read_candump, read_candump_blocks
 from candaemon.bus.frame import Frame
 from candaemon.bus.logstream import NO_CHANNEL, ChannelMap, LogBytes, LogCounts
 from candaemon.bus.messages import to_frame
@@ -40,6 +43,11 @@ if TYPE_CHECKING:
     from typing import TextIO
 
 _Reader: TypeAlias = Callable[[LogBytes, LogCounts], Iterator[can.Message]]
+
+_BATCH = 1024  # frames
+
+_EMPTY_OBJECT = re.compile(rb"LOBJ.{4}\0{4}", re.DOTALL)
+"""Head of a BLF object: mark, size and version of the header, size of the object."""
 
 _BAD_LINE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """What python-can's text readers raise on a line that they cannot read."""
@@ -65,6 +73,16 @@ def read_log(path: Path, channels: Mapping[str, int], counts: LogCounts) -> Iter
     if suffix == ".log":
         return read_candump(path, resolved, counts)
     return _frames(_READERS[suffix](LogBytes(path, counts), counts), suffix, resolved, counts)
+
+
+def read_log_blocks(
+    path: Path, channels: Mapping[str, int], counts: LogCounts
+) -> Iterator[FrameBlock | Sequence[Frame]]:
+    """As `read_log`, many frames at a time: as arrays where the format allows, which is several times faster."""
+    if log_suffix(path) == ".log":
+        return read_candump_blocks(path, ChannelMap(channels), counts)
+    frames = read_log(path, channels, counts)
+    return iter(lambda: list(islice(frames, _BATCH)), [])
 
 
 def log_suffix(path: Path) -> str:
@@ -154,10 +172,14 @@ def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -
         lines = _Lines(stream, counts)
         reader = make(cast("TextIO", lines))
         with stream:
+            failed_at = -1
             while True:
                 try:
                     yield from reader
                 except _BAD_LINE:
+                    if counts.lines == failed_at:  # at the log's end, where it would fail for ever
+                        return
+                    failed_at = counts.lines
                     # the reader has stopped behind the bad line: it starts again there
                     counts.note_malformed(counts.lines, lines.last)
                     lines.put_in_front(header)
@@ -167,11 +189,20 @@ def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -
     return read
 
 
+class _BlfReader(can.BLFReader):
+    """python-can's reader, which would read an object that says it has no bytes for ever."""
+
+    def _parse_data(self, data: bytes) -> Iterator[can.Message]:
+        if _EMPTY_OBJECT.search(data):
+            raise BLFParseError("an object of no bytes")
+        return super()._parse_data(data)
+
+
 def _read_blf(stream: LogBytes, counts: LogCounts) -> Iterator[can.Message]:
     """Read a `.blf`; a damaged container is skipped, a damaged structure ends it."""
     with stream:
         try:
-            reader = can.BLFReader(cast("Any", io.BufferedReader(stream)))
+            reader = _BlfReader(cast("Any", io.BufferedReader(stream)))
         except (struct.error, BLFParseError) as error:
             counts.note_malformed(1, f"no BLF header: {error}")
             return

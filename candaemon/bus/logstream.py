@@ -25,6 +25,13 @@ ANY_CHANNEL = "*"
 NO_CHANNEL = "none"
 """What `LogCounts.other_channels` calls the channel of a format that keeps none."""
 
+TICK_CHANNEL = "tick"
+"""Channel of a recording's lines that only say how late it was: `(1533226488.434433) tick 000#`."""
+TICK_BUS = -2
+"""Bus of these lines."""
+UNCLAIMED = -1
+"""Bus of a channel that no bus claims."""
+
 _EXAMPLES = 5
 _TRAILING_NUMBER = re.compile(r"(\d+)$")
 
@@ -33,6 +40,8 @@ _TRAILING_NUMBER = re.compile(r"(\d+)$")
 class LogCounts:
     """What a log reader met; filled while it reads, up to one chunk ahead of the frames taken from it.
 
+    Logs that are read one after another may share one: all of it is their sum, the numbers of lines too.
+
     Attributes:
         lines: lines of a text log, messages of a `.blf`.
         frames: data frames passed on.
@@ -40,6 +49,7 @@ class LogCounts:
         examples: the first few of them, as "line N: text".
         remote: remote frames, skipped.
         error_frames: error frames, skipped.
+        ticks: lines that only say how late it was, passed on.
         other_channels: frames of each channel that no bus claims, skipped.
         truncated: whether the file ends before its content does.
         stream_error: what ended it: a gzip stream cut short, a read error; empty where nothing did.
@@ -53,6 +63,7 @@ class LogCounts:
     examples: list[str] = field(default_factory=list)
     remote: int = 0
     error_frames: int = 0
+    ticks: int = 0
     other_channels: dict[str, int] = field(default_factory=dict)
     truncated: bool = False
     stream_error: str = ""
@@ -85,7 +96,7 @@ class LogCounts:
         logger.warning("the log ends early: %s; what came before it is used", reason)
 
     def require_frames(self, path: Path) -> None:
-        """Refuse a log that, read to its end, gave not one frame.
+        """Refuse a log that, read to its end, gave not one frame, and no tick of a service that heard nothing.
 
         Args:
             path: the log, for the message.
@@ -93,7 +104,7 @@ class LogCounts:
         Raises:
             InputError: there was no frame; says what was there instead, and what to do.
         """
-        if self.frames:
+        if self.frames or self.ticks:
             return
         found = [f"{self.malformed} malformed"] if self.malformed else []
         found += [f"{self.remote} remote"] if self.remote else []
@@ -116,7 +127,7 @@ class ChannelMap:
     A channel is looked up by its exact name. The *numbered* channels of `.asc`, `.blf` and `.trc` count from 0 here, as
     python-can does (channel 1 in the file is `0`): a number is looked up as a name, then as the number in which the
     names of exactly one bus end, so that 0 finds `can0`. Last comes `ANY_CHANNEL`. A format without channels belongs to
-    `ANY_CHANNEL`, or to the only bus there is.
+    `ANY_CHANNEL`, or to the only bus there is. The name `TICK_CHANNEL` is `TICK_BUS`.
 
     Args:
         channels: bus index by channel name; several names may lead to one bus.
@@ -124,8 +135,9 @@ class ChannelMap:
 
     def __init__(self, channels: Mapping[str, int]) -> None:
         self._by_name = {name: bus for name, bus in channels.items() if name != ANY_CHANNEL}
+        self._by_name[TICK_CHANNEL] = TICK_BUS
         buses = set(channels.values())
-        self._any = channels.get(ANY_CHANNEL, -1)
+        self._any = channels.get(ANY_CHANNEL, UNCLAIMED)
         self._unnamed = self._any if self._any >= 0 or len(buses) != 1 else buses.pop()
         ends: dict[int, set[int]] = {}
         for name, bus in self._by_name.items():
@@ -135,11 +147,11 @@ class ChannelMap:
         self._by_number = {number: next(iter(claimed)) for number, claimed in ends.items() if len(claimed) == 1}
 
     def named(self, channel: str) -> int:
-        """Return the bus of a named channel, −1 where none claims it."""
+        """Return the bus of a named channel, `UNCLAIMED` where none claims it."""
         return self._by_name.get(channel, self._any)
 
     def numbered(self, channel: int | None) -> int:
-        """Return the bus of a numbered channel, or of a frame without one; −1 where none claims it."""
+        """Return the bus of a numbered channel, or of a frame without one; `UNCLAIMED` where none claims it."""
         if channel is None:
             return self._unnamed
         bus = self._by_name.get(str(channel))
@@ -179,10 +191,12 @@ class LogBytes(io.RawIOBase):
 
     def __init__(self, path: Path, counts: LogCounts) -> None:
         self._counts = counts
+        self._ended = False
+        self._position = 0
         self.given = 0
         try:
             self._file = path.open("rb")
-            counts.bytes_total = path.stat().st_size
+            counts.bytes_total += path.stat().st_size
         except FileNotFoundError:
             raise InputError("there is no such log; check the path", file=path) from None
         except OSError as error:
@@ -192,15 +206,18 @@ class LogBytes(io.RawIOBase):
 
     def read1(self, size: int) -> bytes:
         """Return up to `size` bytes, b"" at the end."""
-        if self._counts.truncated:
+        if self._ended:
             return b""
         try:
             piece = self._source.read1(size)
         except (EOFError, OSError, zlib.error) as error:
             self._counts.note_end(str(error))
+            self._ended = True
             piece = b""
         self.given += len(piece)
-        self._counts.bytes_read = self._file.tell()
+        position = self._file.tell()
+        self._counts.bytes_read += position - self._position
+        self._position = position
         return piece
 
     def chunks(self, size: int) -> Iterator[bytes]:

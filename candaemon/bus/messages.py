@@ -12,6 +12,8 @@ _ID_11 = 0x7FF
 _CLASSIC = 8
 _NS_EXACT = 4_000_000.0
 """Seconds up to which a float tells one nanosecond from the next."""
+_SECONDS_HELD = 9.2e9
+"""Seconds whose nanoseconds fit 64 bits."""
 
 
 def nanoseconds(seconds: float) -> int:
@@ -24,8 +26,10 @@ def nanoseconds(seconds: float) -> int:
         seconds: time stamp in s.
 
     Raises:
-        ValueError, OverflowError: it is not a finite number.
+        ValueError: it is no number, or one that 64 bits of nanoseconds do not hold.
     """
+    if not abs(seconds) < _SECONDS_HELD:
+        raise ValueError(f"time stamp {seconds} s is out of range")
     if abs(seconds) < _NS_EXACT:
         return round(seconds * 1e9)
     return round(seconds * 1e6) * 1000
@@ -39,7 +43,7 @@ def to_frame(message: can.Message, bus: int) -> Frame:
         bus: index of the bus it came from.
 
     Raises:
-        ValueError, OverflowError: the identifier, the length or the time stamp is out of what CAN can hold.
+        ValueError: the identifier, the length or the time stamp is out of what CAN can hold.
     """
     can_id = message.arbitration_id
     data = bytes(message.data)

@@ -18,11 +18,13 @@ from __future__ import annotations
 
 from bisect import insort_right
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain, islice
 from operator import itemgetter
 from typing import TypeAlias
 
+from candaemon.bus.block import FrameBlock
 from candaemon.bus.frame import Frame, Tick
 
 Item: TypeAlias = Frame | Tick
@@ -32,6 +34,27 @@ STEP_NS = 200_000_000
 
 _BATCH = 128  # items
 _time_of = itemgetter(0)
+
+
+@dataclass(slots=True)
+class ClockSteps:
+    """What several sequencers counted together.
+
+    Attributes:
+        backward_steps, forward_steps, reordered, late: as theirs.
+    """
+
+    backward_steps: int = 0
+    forward_steps: int = 0
+    reordered: int = 0
+    late: int = 0
+
+    def add(self, sequence: Sequencer) -> None:
+        """Add the counts of one."""
+        self.backward_steps += sequence.backward_steps
+        self.forward_steps += sequence.forward_steps
+        self.reordered += sequence.reordered
+        self.late += sequence.late
 
 
 class Sequencer:
@@ -86,6 +109,17 @@ class Sequencer:
         """
         return chain.from_iterable(self._runs(iter(items)))
 
+    def sequenced_blocks(self, blocks: Iterable[FrameBlock | Sequence[Item]]) -> Iterator[FrameBlock | Sequence[Item]]:
+        """As `sequenced`, block by block: a block that is in order stays one."""
+        for block in blocks:
+            if isinstance(block, FrameBlock) and self._passes_whole(block):
+                self._newest_ns = self._passed_ns = int(block.time_ns[-1])
+                yield block
+            else:
+                items = block.frames() if isinstance(block, FrameBlock) else block
+                yield [due for item in items for due in self.push(item)]
+        yield self.flush()
+
     def push(self, item: Item) -> list[Item]:
         """Take an item; return those that can be passed on, in order.
 
@@ -109,6 +143,11 @@ class Sequencer:
         if due:
             self._passed_ns = due[-1][0]
         return due
+
+    def tune(self, window_ns: int, *, max_gap_ns: int | None = None) -> None:
+        """Go on with another window and gap, as the constructor takes them; to be called when nothing is held back."""
+        self._window_ns, self._max_gap_ns = window_ns, max_gap_ns
+        self._step_ns = max(self._step_ns, window_ns)
 
     def flush(self) -> list[Item]:
         """Return what is held back, in order."""
@@ -136,6 +175,14 @@ class Sequencer:
         first_ns, last_ns = batch[0][0], batch[-1][0]
         newest_ns = first_ns if self._newest_ns is None else self._newest_ns
         return newest_ns <= first_ns and (self._max_gap_ns is None or last_ns - newest_ns <= self._step_ns)
+
+    def _passes_whole(self, block: FrameBlock) -> bool:
+        """Tell the same of a block."""
+        times = block.time_ns
+        if self._window_ns or self.offset_ns or not len(times) or bool((times[1:] < times[:-1]).any()):
+            return False
+        newest_ns = times[0] if self._newest_ns is None else self._newest_ns
+        return bool(newest_ns <= times[0] and (self._max_gap_ns is None or times[-1] - newest_ns <= self._step_ns))
 
     def _in_time(self, item: Item) -> Item:
         """Return the item with its time free of steps and not before what was passed on."""

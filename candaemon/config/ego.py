@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from candaemon.config.base import Settings, Signal, Signals
 from candaemon.config.gnss import GnssSettings
+from candaemon.config.protection import InputProtectionSettings, MotionPlausibilitySettings
 
 
 class LeverArm(Settings):
@@ -26,7 +27,14 @@ class EgoCommon(Settings):
     dead_reckoning: float = Field(
         10.0, gt=0, le=600, description="s without an update before even dead reckoning is given up"
     )
+    unseen_acceleration: float = Field(
+        1.0, gt=0, le=20, description="m/s², how fast the velocity's standard deviation grows in dead reckoning"
+    )
     latency: float = Field(0.0, ge=-0.5, le=0.5, description="s from measurement to the frame's time stamp")
+    protection: dict[str, InputProtectionSettings] = Field(
+        default_factory=dict, description="of messages, by their names; default: none"
+    )
+    plausibility: MotionPlausibilitySettings = Field(default_factory=MotionPlausibilitySettings)
 
 
 class InsSignals(Settings):
@@ -109,6 +117,12 @@ class BiasSettings(Settings):
         0.02, ge=0, le=0.2, description="initial standard deviation of the speed's factor; 0: fixed"
     )
     yaw_rate_bias_sd_deg: float = Field(0.6, ge=0, le=10, description="deg/s, initial standard deviation; 0: fixed")
+    learnt: float = Field(
+        0.6, gt=0, le=1, description="share of the initial standard deviations, from which on own motion is initialised"
+    )
+    learning_time: float = Field(
+        5.0, ge=0, le=600, description="s of own motion after which it counts as initialised, whatever was learnt"
+    )
     yaw_rate_drift_deg: float = Field(0.005, ge=0, le=1, description="deg/s per √s, random walk of the yaw rate's bias")
     wheel_noise_deg: float = Field(
         2.0, gt=0, le=20, description="deg/s, of the yaw rate that the wheels' difference gives"
@@ -131,6 +145,12 @@ class BiasSettings(Settings):
     )
     stationary_noise: float = Field(
         0.25, gt=0, le=5, description="m/s, standard deviation of a stationary return's range rate"
+    )
+    shared_returns: float = Field(
+        20.0,
+        ge=1,
+        le=1000,
+        description="successive returns of one object that count as one, for they share their error",
     )
 
 

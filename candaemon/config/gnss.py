@@ -15,6 +15,9 @@ class DriftFilterSettings(Settings):
 
     kind: Literal["drift"] = "drift"
     walk: float = Field(0.1, gt=0, le=10, description="m per √s, by which the level frame wanders over the earth")
+    unseen_acceleration: float = Field(
+        1.0, gt=0, le=20, description="m/s², what the vehicle may have done while its own motion was not measured"
+    )
 
 
 class SwitchingFilterSettings(SwitchingSettings):

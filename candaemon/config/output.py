@@ -7,7 +7,8 @@ from typing import Literal
 from pydantic import Field
 
 from candaemon.config.base import Settings, Signals
-from candaemon.config.sensors import Mount, ObjectFormat, ProtectionSettings
+from candaemon.config.protection import ProtectionSettings
+from candaemon.config.sensors import Mount, ObjectFormat
 
 Quantity = Literal[
     "id", "state", "x", "y", "vx", "vy", "ax", "ay", "range", "azimuth", "range_rate", "rel_vx", "rel_vy",

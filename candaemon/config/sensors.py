@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from candaemon.config.base import Condition, Settings, Signal
+from candaemon.config.protection import InputProtectionSettings, PlausibilitySettings, SensorProtectionSettings
 
 
 class Mount(Settings):
@@ -28,6 +29,9 @@ class ObjectMessage(Settings):
     message: str = Field(description="message name; `{slot}`, `{slot:02d}` … stands for the slot's number")
     id_signal: str | None = Field(None, description="signal of this message that says which object it is of")
     optional: bool = Field(False, description="an object is used without this message too")
+    protection: InputProtectionSettings | None = Field(
+        None, description="of this message; default: that of the sensor or the output"
+    )
 
     @model_validator(mode="after")
     def _name_has_only_slot(self) -> ObjectMessage:
@@ -94,6 +98,9 @@ class TriggerScan(Settings):
 
     close: Literal["trigger"]
     message: str = Field(description="message that ends a scan; one of the objects' or another")
+    protection: InputProtectionSettings = Field(
+        default_factory=InputProtectionSettings, description="of the message, where it is none of the objects'"
+    )
 
 
 class HeaderScan(Settings):
@@ -105,6 +112,9 @@ class HeaderScan(Settings):
     counter: str | None = Field(None, description="its measurement counter, to tell a missed scan")
     used_only: bool = Field(
         True, description="only the objects counted are sent; false: all slots are, count tells how many hold"
+    )
+    protection: InputProtectionSettings = Field(
+        default_factory=InputProtectionSettings, description="of the header message"
     )
 
 
@@ -201,16 +211,6 @@ class LfmFskSettings(Settings):
     threshold_db: float = Field(12.0, ge=0, le=60, description="dB, signal-to-noise ratio below which nothing is seen")
 
 
-class ProtectionSettings(Settings):
-    """Counter and checksum of a frame, in signals of its own."""
-
-    counter: str | None = Field(None, description="counter signal")
-    checksum: str | None = Field(None, description="checksum signal")
-    kind: Literal["none", "toyota", "xor", "additive", "crc8_sae_j1850"] = Field(
-        "none", description="how the checksum is made"
-    )
-
-
 class SensorSettings(Settings):
     """One sensor that reports objects."""
 
@@ -230,7 +230,8 @@ class SensorSettings(Settings):
         "of_position", description="vx and vy are rates of x and y in the turning sensor axes, or velocity differences"
     )
     field_of_view: FieldOfView = Field(default_factory=FieldOfView)
-    protection: ProtectionSettings = Field(default_factory=ProtectionSettings)
+    protection: SensorProtectionSettings = Field(default_factory=SensorProtectionSettings)
+    plausibility: PlausibilitySettings = Field(default_factory=PlausibilitySettings)
     front_end: LfmFskSettings | None = Field(
         None, description="how the simulation makes range and range rate; default: truth with the noise above"
     )

@@ -13,6 +13,7 @@ from candaemon.config.buses import BusSettings
 from candaemon.config.ego import EgoSettings, InsSettings, StaticSettings
 from candaemon.config.output import OutputSettings
 from candaemon.config.sensors import SensorSettings
+from candaemon.config.supervision import SupervisionSettings
 from candaemon.config.tracker import GroupSettings, TrackerSettings
 
 Location: TypeAlias = tuple[str | int, ...]
@@ -54,6 +55,9 @@ class Config(Settings):
     output: OutputSettings | None = Field(None, description="how obstacles go onto a bus; default: they do not")
     ordering_window: float = Field(
         0.0, ge=0, le=1, description="s, frames of several buses are put in order of time within it"
+    )
+    supervision: SupervisionSettings = Field(
+        default_factory=SupervisionSettings, description="when something counts as silent, lost, worrying"
     )
 
     @model_validator(mode="after")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from candaemon.estimation.axis import decaying_axis, white_axis
 from candaemon.estimation.kalman import LEAST_VARIANCE, LOG_2PI, Fit
 from candaemon.estimation.models import CurrentStatistical, Singer, driven_variance
+from candaemon.estimation.triangle import Triangle
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -61,8 +62,8 @@ class AxisFilter:
         self._model = model
         self._memory = model.innovation_memory if isinstance(model, CurrentStatistical) else None
         self._size = model.order + 1 if isinstance(model, WhiteAxis) else 3
-        self._upper = np.triu_indices(self._size)
-        width = self._size + len(self._upper[0]) + 1
+        self._triangle = Triangle(self._size)
+        width = self._size + self._triangle.entries + 1
         self._state: Floats = np.zeros((width, 0))
         self._other = self._state.copy()
         self._dt, self._prediction = 0.0, self._prediction_over(0.0)
@@ -81,10 +82,7 @@ class AxisFilter:
     @property
     def covariance(self) -> Floats:
         """Covariances (N, D, D), symmetric to the last bit."""
-        full = np.empty((len(self), self._size, self._size))
-        row, column = self._upper
-        full[:, row, column] = full[:, column, row] = self._state[self._size : -1].T
-        return full
+        return self._triangle.unpack(self._state[self._size : -1])
 
     @property
     def fit(self) -> Fit:
@@ -96,7 +94,7 @@ class AxisFilter:
         """Append k axes, mean (k, D) and covariance (k, D, D)."""
         state = np.ones((len(self._state), len(mean)))
         state[: self._size] = mean.T
-        state[self._size : -1] = covariance[:, *self._upper].T
+        state[self._size : -1] = self._triangle.pack(covariance)
         self._hold(np.concatenate([self._state, state], axis=1))
         self._mean_nis = np.concatenate([self._mean_nis, np.ones(len(mean))])
 
@@ -164,25 +162,28 @@ class AxisFilter:
 
         The triangle of F P Fᵀ + σ² Q is linear in P's triangle and in σ².
         """
-        mean_transition, transition, noise = self._matrices(dt)
-        row, column = self._upper
-        direct = transition[row][:, row] * transition[column][:, column]
-        mirrored = transition[row][:, column] * transition[column][:, row]
+        mean_transition, transition, noise = axis_matrices(self._model, dt)
         prediction = np.zeros((len(self._state) - 1, len(self._state)))
         prediction[: self._size, : self._size] = mean_transition
-        prediction[self._size :, self._size : -1] = direct + np.where(row == column, 0.0, mirrored)
-        prediction[self._size :, -1] = noise[row, column]
+        prediction[self._size :, self._size : -1] = self._triangle.propagation(transition)
+        prediction[self._size :, -1] = noise[self._triangle.row, self._triangle.column]
         return prediction
 
-    def _matrices(self, dt: float) -> tuple[Floats, Floats, Floats]:
-        """Return the transition of the mean, F, and Q at a noise variance of one, (D, D) each."""
-        model, size = self._model, self._size
-        if isinstance(model, WhiteAxis):
-            axis = white_axis(dt, model.noise, order=model.order)
-            return axis.transition[:size, :size], axis.transition[:size, :size], axis.noise[:size, :size]
-        if isinstance(model, Singer):
-            axis = decaying_axis(model.alpha, dt, 2 * model.alpha * model.deviation**2, order=2)
-            return axis.transition, axis.transition, axis.noise
-        axis = decaying_axis(model.alpha, dt, 2 * model.alpha, order=2)
-        constant = white_axis(dt, 0.0, order=2).transition  # what F x + U ā comes to with ā the current acceleration
-        return constant, axis.transition, axis.noise
+
+def axis_matrices(model: AxisModel, dt: float) -> tuple[Floats, Floats, Floats]:
+    """Return the transition of an axis' mean, F, and Q, at a noise variance of one where that adapts, (D, D) each.
+
+    Args:
+        model: of the axis.
+        dt: s.
+    """
+    if isinstance(model, WhiteAxis):
+        axis, size = white_axis(dt, model.noise, order=model.order), model.order + 1
+        return axis.transition[:size, :size], axis.transition[:size, :size], axis.noise[:size, :size]
+    if isinstance(model, Singer):
+        axis = decaying_axis(model.alpha, dt, 2 * model.alpha * model.deviation**2, order=2)
+        return axis.transition, axis.transition, axis.noise
+    axis = decaying_axis(model.alpha, dt, 2 * model.alpha, order=2)
+    # F x + U ā with ā the current acceleration: that keeps
+    constant = np.array([[1.0, dt, dt * dt / 2], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
+    return constant, axis.transition, axis.noise

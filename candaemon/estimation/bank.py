@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,18 +104,28 @@ class Bank(ABC):
         """
         first = len(self)
         self.keep(np.concatenate([np.arange(first), rows]))
-        mean, covariance = self.mean[first:], self.covariance[first:]
-        mean[:, :, :2] = position[:, None]
-        covariance[:, :, :2, :] = 0.0
-        covariance[:, :, :, :2] = 0.0
-        covariance[:, :, :2, :2] = position_covariance[:, None]
+        mean, covariance = self.mean, self.covariance
+        mean[first:, :, :2] = position[:, None]
+        covariance[first:, :, :2, :] = 0.0
+        covariance[first:, :, :, :2] = 0.0
+        covariance[first:, :, :2, :2] = position_covariance[:, None]
+        self.mean, self.covariance = mean, covariance  # for filters that keep them in another form
 
     def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
-        self.mean, self.covariance = self.mean[rows], self.covariance[rows]
+        self._keep_estimates(rows)
         self.probability, self._fit = self.probability[rows], self._fit[rows]
         if self._noise is not None:
             self._noise.keep(rows)
+
+    def renumber(self, sensors: Mapping[int, int]) -> None:
+        """Give sensors other numbers; what is known of those left out is forgotten.
+
+        Args:
+            sensors: number of a sensor from here on, by the number it had.
+        """
+        if self._noise is not None:
+            self._noise.renumber(sensors)
 
     def predict(self, dt: float, direction: Floats) -> None:
         """Predict all tracks under every model, as extended Kalman filters do: f(x) and F P Fᵀ + Q.
@@ -265,9 +275,15 @@ class Bank(ABC):
     def _reading(self) -> Reading:
         return Reading(self.mean, self.covariance, self._turning)
 
-    def _append(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
+    def _keep_estimates(self, rows: Rows | NDArray[np.bool_]) -> None:
+        self.mean, self.covariance = self.mean[rows], self.covariance[rows]
+
+    def _append_estimates(self, mean: Floats, covariance: Floats) -> None:
         self.mean = np.concatenate([self.mean, mean])
         self.covariance = np.concatenate([self.covariance, covariance])
+
+    def _append(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
+        self._append_estimates(mean, covariance)
         self.probability = np.concatenate([self.probability, probability])
         if self._noise is not None:
             self._noise.spawn(len(mean))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,6 +63,13 @@ class FederatedTracks(Bank):
         """Keep the given rows and forget the others; a row given twice becomes two."""
         super().keep(rows)
         self._trace = self._trace[rows]
+
+    def renumber(self, sensors: Mapping[int, int]) -> None:
+        """Give sensors other numbers; what is known of those left out is forgotten."""
+        super().renumber(sensors)
+        known = [k for k, each in enumerate(self._sensors) if each in sensors]
+        self._sensors = [sensors[self._sensors[k]] for k in known]
+        self._stated, self._trace = self._stated[known], self._trace[:, known]
 
     def _adapted(self, rows: Rows, measurement: Measurement) -> Measurement:
         """Return the measurement as noisy as the tracks have found it to be, and note that for the shares."""

@@ -26,7 +26,7 @@ LOG_2PI = float(np.log(2 * np.pi))
 
 LEAST_VARIANCE = 1e-100
 """Of an innovation, SI units squared: an exact measurement of what is known exactly divides by it, changing nothing."""
-_LOST = 1e-13
+LOST = 1e-13
 """Of the variances that add up to an innovation's: what rounding may lose; so much is added, and none falls below 0."""
 _FARTHEST = 1e15
 """Innovation, SI units; one that is larger counts as that."""
@@ -135,7 +135,7 @@ def update_scalar(mean: Floats, covariance: Floats, row: Floats, innovation: Flo
     width = row.shape[-1]
     cross = np.matmul(row[..., None, :], covariance[..., :width, :])[..., 0, :]
     s = np.maximum(np.vecdot(row, cross[..., :width]), 0.0) + variance
-    s += _LOST * np.abs(np.einsum("...i,...i,...ii->...", row, row, covariance[..., :width, :width]))
+    s += LOST * np.abs(np.einsum("...i,...i,...ii->...", row, row, covariance[..., :width, :width]))
     root = np.sqrt(np.maximum(s, LEAST_VARIANCE))
     surprise = bounded(innovation) / root
     half = cross / root[..., None]
@@ -147,9 +147,7 @@ def update_scalar(mean: Floats, covariance: Floats, row: Floats, innovation: Flo
 
 def inverse_root(a: Floats, b: Floats, d: Floats) -> Floats:
     """Return G (…, 2, 2), lower triangular, with S⁻¹ = Gᵀ G of covariances S = ((a, b), (b, d)); finite if singular."""
-    first = np.sqrt(np.maximum((1.0 + _LOST) * a, LEAST_VARIANCE))
-    slope = b / first
-    second = np.sqrt(np.maximum(np.maximum((1.0 + _LOST) * d - slope * slope, _LOST * d), LEAST_VARIANCE))
+    first, slope, second = triangular_root(a, b, d)
     root = np.zeros((*first.shape, 2, 2))
     np.divide(1.0, first, out=root[..., 0, 0])
     np.divide(1.0, second, out=root[..., 1, 1])
@@ -157,9 +155,17 @@ def inverse_root(a: Floats, b: Floats, d: Floats) -> Floats:
     return root
 
 
+def triangular_root(a: Floats, b: Floats, d: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return l, m, n with S = L Lᵀ, L = ((l, 0), (m, n)), of covariances S = ((a, b), (b, d)); l, n > 0 if singular."""
+    first = np.sqrt(np.maximum((1.0 + LOST) * a, LEAST_VARIANCE))
+    slope = b / first
+    second = np.sqrt(np.maximum(np.maximum((1.0 + LOST) * d - slope * slope, LOST * d), LEAST_VARIANCE))
+    return first, slope, second
+
+
 def bounded(innovation: Floats) -> Floats:
     """Return innovations no larger than what a double can still square after it was divided by a tiny deviation."""
-    return np.asarray(innovation.clip(-_FARTHEST, _FARTHEST))
+    return np.minimum(np.maximum(innovation, -_FARTHEST), _FARTHEST)
 
 
 def line_of_sight(mean: Floats, origin: Floats, velocity: Floats) -> tuple[Floats, Floats]:

@@ -101,15 +101,20 @@ class Measurement:
         return innovation, observation, noise
 
     def take(self, rows: NDArray[np.intp]) -> Measurement:
-        """Return the detections of the given rows."""
+        """Return the detections of the given rows; those of all rows in order are the measurement itself."""
+        if len(rows) == len(self.position) and bool((rows == np.arange(len(rows))).all()):
+            return self
         return Measurement(
-            self.position[rows],
-            self.noise[rows],
+            self.position.take(rows, axis=0),
+            self.noise.take(rows, axis=0),
             self.origin,
             self.velocity,
-            None if self.range_rate is None else self.range_rate[rows],
-            None if self.range_rate_variance is None else self.range_rate_variance[rows],
-            tuple(Projection(p.direction[rows], p.value[rows], p.variance[rows]) for p in self.projections),
+            None if self.range_rate is None else self.range_rate.take(rows),
+            None if self.range_rate_variance is None else self.range_rate_variance.take(rows),
+            tuple(
+                Projection(p.direction.take(rows, axis=0), p.value.take(rows), p.variance.take(rows))
+                for p in self.projections
+            ),
             self.sensor,
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -72,6 +72,10 @@ class SensorNoise:
         self._count = int(np.count_nonzero(rows)) if rows.dtype == np.bool_ else len(rows)
         for factor in self._factors.values():
             factor.keep(rows)
+
+    def renumber(self, sensors: Mapping[int, int]) -> None:
+        """Give sensors other numbers; what was found out of those left out is forgotten."""
+        self._factors = {sensors[each]: factor for each, factor in self._factors.items() if each in sensors}
 
     def believed(self, rows: Rows, measurement: Measurement) -> Measurement:
         """Return the measurement with the most noise that is believed; nothing is learnt.

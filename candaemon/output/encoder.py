@@ -55,7 +55,7 @@ class OutputEncoder:
     Sent are the status, then the occupied slots and once each freed one as empty, or with `send: all` every slot. Where
     all objects share their messages, a list of those there are is sent: absence says enough.
 
-    Counters of the protection count the frames of each slot; where `counter` is among the output's quantities they
+    Counters of the protection count the frames of each message; where `counter` is among the output's quantities they
     count cycles, alike in all slots.
 
     Args:
@@ -118,6 +118,10 @@ class OutputEncoder:
         """Give what the counters of this cycle's frames show."""
         if self._counts_cycles:
             return self._cycle
+        if self._listed:
+            first = self._sent[0]
+            self._sent[0] += len(seats.sent)
+            return np.arange(first, self._sent[0])
         counted = self._sent[seats.sent]
         self._sent[seats.sent] = counted + 1
         return counted

@@ -22,10 +22,13 @@ from operator import itemgetter
 from typing import Final, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
+from candaemon.binding.batch import ObjectBatch
 from candaemon.binding.bound import BoundSensor
+from candaemon.bus.protect_sequence import FrameGuard
 from candaemon.sensing.scan import Scan, ScanCounts
+from candaemon.sensing.selection import Selection
+from candaemon.sensing.trust import Trust
 
 Receiver: TypeAlias = Callable[[int, int, bytes, int], Scan | None]
 """Takes part, slot, payload and time stamp (ns) of a frame; gives the scan that it closes."""
@@ -36,7 +39,6 @@ NEVER: Final = (1 << 63) - 1
 """Deadline of a scan that is not open, ns."""
 UNKNOWN: Final = -1
 """Frames awaited where a scan does not say how many it has: it is counted down from here and never reaches 0."""
-POSITION: Final = ("x", "y", "range", "azimuth")
 
 
 class ScanAssembler(ABC):
@@ -63,19 +65,19 @@ class ScanAssembler(ABC):
         self._slots, self._multiplexed = reader.slots, reader.multiplexed
         self._latency_ns = round(settings.latency * 1e9)
         self._from_last = settings.time_from == "last"
-        self._has_identity = settings.objects.identity is not None
-        self._has_pairs = len(settings.objects.pair) > 1
         self._half_cycle_ns = round(settings.cycle_time * 5e8)
         self._messages = [[(message.can_id, message.length) for message in part.messages] for part in reader.parts]
         # Some radars give the last slots shorter frames: here the least, to read a counter; `_admit` knows each.
         self._lengths = [min(message.length for message in part.messages) for part in reader.parts]
         self._alike = [len({message.length for message in part.messages}) == 1 for part in reader.parts]
-        self._protectors = sensor.protectors
+        self._guards = [None if plan is None else FrameGuard(plan, self.counts) for plan in sensor.guards]
+        self._mark_guard = None if sensor.mark_guard is None else FrameGuard(sensor.mark_guard, self.counts)
+        self._trust = Trust(settings.protection, self.counts, patience=2 * settings.cycle_time)
+        self._selection = Selection(sensor, self.counts)
         self._required = [part.index for part in reader.parts if not part.optional]
         self._optional = [part.index for part in reader.parts if part.optional]
         # An optional message is awaited if the scan before had it: a radar is set to send it or not.
         self._expected = [True] * len(reader.parts)
-        self._position = [row for row, name in enumerate(reader.quantities) if name in POSITION]
         self._every_slot = np.arange(reader.slots, dtype=np.int64)
         self._every_slot.flags.writeable = False  # scans share it
         self._slot_list = list(range(reader.slots))
@@ -110,9 +112,19 @@ class ScanAssembler(ABC):
         """Close the open scan, because no more frames come, and return it."""
         return self._close() if self._open else None
 
+    @property
+    def trust(self) -> float:
+        """Share of the sensor's frames that could be used of late, from 0 to 1."""
+        return self._trust.share
+
+    @property
+    def takes_all_alike(self) -> bool:
+        """Whether each frame of an object's slot is taken as it is: of one length, unguarded, awaited."""
+        return all(receive == self.receive for receive, _, _ in self.routes.values())
+
     def _all_routes(self) -> dict[int, Route]:
         plain = [
-            self._alike[part] and self._protectors[part] is None and part in self._required and not self._multiplexed
+            self._alike[part] and self._guards[part] is None and part in self._required and not self._multiplexed
             for part in range(len(self._frames))
         ]
         return {
@@ -126,9 +138,9 @@ class ScanAssembler(ABC):
         if len(data) < length:
             self.counts.short += 1
             return None
-        protector = self._protectors[part]
-        if protector is not None and not protector.verify(can_id, data):
-            self.counts.checksum += 1
+        guard = self._guards[part]
+        if guard is not None and not guard.admits(can_id, data, time_ns):
+            self._trust.refused(time_ns)
             return None
         if slot < 0:
             slot = self._reader.object_key(part, data)
@@ -188,21 +200,41 @@ class ScanAssembler(ABC):
         """Count the messages beside the objects' that the scan lacks."""
         return 0
 
-    def _close(self) -> Scan:
-        """Make the scan of what came, and be ready for the next."""
-        counts, frames = self.counts, self._frames
+    def _close(self) -> Scan | None:
+        """Make the scan of what came, None if too much of it failed, and be ready for the next."""
+        frames = self._frames
         stored = sum(map(len, frames))
-        missing = self._missing(stored) + self._unmarked()
-        slots = self._complete_objects()
-        scan = self._read(slots, missing) if slots else self._nothing(missing)
-        counts.used += stored
-        counts.scans += 1
-        counts.missing += missing
-        counts.incomplete += missing > 0
+        scan = self._settle(stored, self._missing(stored) + self._unmarked())
         for part in self._optional:
             self._expected[part] = bool(frames[part])
         for column in frames:
             column.clear()
+        return scan
+
+    def _settle(self, stored: int, missing: int, whole: ObjectBatch | None = None) -> Scan | None:
+        """Count a scan of so many frames and close it; return it where it can be trusted.
+
+        Args:
+            stored: frames in it.
+            missing: frames that should be in it and are not.
+            whole: all its objects, where they were read already.
+
+        """
+        counts, scan = self.counts, None
+        if self._trust.damages(stored):
+            counts.discarded += stored
+            counts.distrusted += 1
+        else:
+            if whole is not None:
+                scan = self._selection.scan(self._time_ns(), whole, self._every_slot, missing)
+            else:
+                slots = self._complete_objects()
+                scan = self._read(slots, missing) if slots else self._nothing(missing)
+            counts.used += stored
+            counts.scans += 1
+        counts.missing += missing
+        counts.incomplete += missing > 0
+        self._trust.closed(self._last_ns)
         self._open, self.deadline_ns, self._closed_ns = False, NEVER, self._first_ns
         return scan
 
@@ -235,25 +267,10 @@ class ScanAssembler(ABC):
 
     def _read(self, slots: list[int], missing: int) -> Scan:
         """Read the objects of these slots."""
-        counts = self.counts
         full = len(slots) == self._slots and not self._multiplexed
         batch = self._reader.read([self._payloads(column, slots, full) for column in self._frames])
-        use = batch.valid
-        if self._has_pairs:
-            use = batch.valid & batch.paired
-            counts.unpaired += int(np.count_nonzero(batch.valid)) - int(np.count_nonzero(use))
-        if self._optional:
-            placed = np.isfinite(batch.values[self._position]).all(axis=0)
-            counts.rejected += int(np.count_nonzero(use & ~placed))
-            use = use & placed
-        slot: npt.NDArray[np.int64] = self._every_slot if full else np.array(slots, np.int64)
-        object_id = batch.identity if self._has_identity else slot
-        new, values = batch.new, batch.values
-        if np.count_nonzero(use) < len(use):
-            rows = use.nonzero()[0]
-            slot, object_id, new = slot.take(rows), object_id.take(rows), new.take(rows)
-            values = values.take(rows, axis=1)
-        return Scan(self._time_ns(), self._sensor, object_id, slot, new, values, missing)
+        slot = self._every_slot if full else np.array(slots, np.int64)
+        return self._selection.scan(self._time_ns(), batch, slot, missing)
 
     def _payloads(self, column: Mapping[int, bytes], slots: list[int], full: bool) -> Sequence[bytes | None]:
         """Take the payloads of these slots, None where one did not come."""

@@ -15,7 +15,6 @@ from candaemon.config.ego import BiasSettings
 from candaemon.sensing.ego import StationaryReturns
 
 _SCALE, _BIAS, _MISMATCH = 0, 1, 2
-_SHARED = 20.0  # successive returns of one object share their error: so many count as one
 
 
 class MotionBias:
@@ -34,9 +33,10 @@ class MotionBias:
             radians(settings.wheel_mismatch_deg),
         )
         self._covariance = np.diag(np.square(deviations))
+        self._learnt = settings.learnt**2 * self._covariance.diagonal()[:_MISMATCH]
         self._drift = radians(settings.yaw_rate_drift_deg) ** 2
         self._wheel_variance = radians(settings.wheel_noise_deg) ** 2
-        self._return_variance = _SHARED * settings.stationary_noise**2
+        self._return_variance = settings.shared_returns * settings.stationary_noise**2
 
     @property
     def scale(self) -> float:
@@ -47,6 +47,11 @@ class MotionBias:
     def yaw_rate(self) -> float:
         """Bias of the yaw rate sensor, rad/s."""
         return float(self._mean[_BIAS])
+
+    @property
+    def learnt(self) -> bool:
+        """Whether factor and bias of the yaw rate are known well enough by now."""
+        return bool((self._covariance.diagonal()[:_MISMATCH] <= self._learnt).all())
 
     def age(self, dt: float) -> None:
         """Let the yaw rate's bias drift for a time, s."""

@@ -5,6 +5,7 @@ Whatever closes it otherwise, a scan closes `timeout` after its first frame and 
 
 from __future__ import annotations
 
+from candaemon.binding.batch import ObjectBatch
 from candaemon.binding.bound import BoundSensor
 from candaemon.config.sensors import CounterScan, HeaderScan, TimeoutScan, TriggerScan
 from candaemon.sensing.assembly import NEVER, UNKNOWN, Route, ScanAssembler
@@ -49,7 +50,23 @@ class CounterAssembler(ScanAssembler):
         self._counter = counter
         return self._put(part, slot, data, time_ns, closed)
 
-    def _close(self) -> Scan:
+    def would_begin(self, part: int, data: bytes, time_ns: int) -> bool:
+        """Tell whether a frame would be the first one of a scan, none being open."""
+        late = self._counters[part](data) == self._closed_counter and self._straggles(time_ns, self._straggling_ns)
+        return not self._open and not late
+
+    def begin_whole(self, part: int, slot: int, data: bytes, time_ns: int) -> None:  # noqa: ARG002  # as every receiver
+        """Open a scan of which it is known that all frames come, and come together, with the first of them."""
+        self._start(time_ns)
+        self._counter = self._counters[part](data)
+
+    def end_whole(self, part: int, slot: int, whole: ObjectBatch, time_ns: int) -> Scan | None:  # noqa: ARG002  # as every receiver
+        """Close that scan, its objects read, at its last frame's time."""
+        self._last_ns = time_ns
+        self._counter, self._closed_counter = None, self._counter
+        return self._settle(self._awaited, 0, whole)
+
+    def _close(self) -> Scan | None:
         self._counter, self._closed_counter = None, self._counter
         return super()._close()
 
@@ -113,6 +130,8 @@ class TriggerAssembler(TimeoutAssembler):
         if len(data) < self._trigger.length:
             self.counts.short += 1
             return None
+        if self._mark_guard is not None and not self._mark_guard.admits(self._trigger.can_id, data, time_ns):
+            return None
         if not self._open:
             if self._straggles(time_ns, 2 * self._half_cycle_ns):
                 self.counts.late += 1
@@ -122,7 +141,7 @@ class TriggerAssembler(TimeoutAssembler):
         self.counts.used += 1
         return self._finish()
 
-    def _finish(self) -> Scan:
+    def _finish(self) -> Scan | None:
         self._triggered = True
         scan = self._close()
         self._triggered = False
@@ -156,6 +175,8 @@ class HeaderAssembler(TimeoutAssembler):
         """Take a header."""
         if len(data) < self._header.message.length:
             self.counts.short += 1
+            return None
+        if self._mark_guard is not None and not self._mark_guard.admits(self._header.can_id, data, time_ns):
             return None
         count, measurement = self._header.read(data)
         if self._open and self._count is not None and measurement >= 0 and measurement == self._measurement:
@@ -196,7 +217,7 @@ class HeaderAssembler(TimeoutAssembler):
     def _unmarked(self) -> int:
         return int(self._count is None)
 
-    def _close(self) -> Scan:
+    def _close(self) -> Scan | None:
         scan = super()._close()
         self._count = None
         return scan

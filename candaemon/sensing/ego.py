@@ -11,14 +11,12 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, hypot, sin
-from typing import Final, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from candaemon.config.ego import BiasSettings
 from candaemon.sensing.pose import EgoPose, EgoStatus
 
 _KEPT = 1024
-DEAD_RECKONING_ACCELERATION: Final = 1.0
-"""m/s², what a vehicle may do unseen: the growth of the speed's uncertainty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +85,7 @@ class MotionHistory:
     Args:
         age_limit: s after the last sample from which own motion counts as dead reckoning.
         dead_reckoning: s after the last sample from which it counts as lost.
+        unseen_acceleration: m/s², by which the velocity may have changed since the last sample.
         speed_variance: of a fresh sample, (m/s)².
         smoothing: s, time constant of the acceleration.
 
@@ -94,9 +93,18 @@ class MotionHistory:
         unseen: s, all gaps between samples together over which positions were reckoned on.
     """
 
-    def __init__(self, *, age_limit: float, dead_reckoning: float, speed_variance: float, smoothing: float) -> None:
+    def __init__(
+        self,
+        *,
+        age_limit: float,
+        dead_reckoning: float,
+        unseen_acceleration: float,
+        speed_variance: float,
+        smoothing: float,
+    ) -> None:
         self._age_limit = age_limit
         self._dead_reckoning = dead_reckoning
+        self._unseen_acceleration = unseen_acceleration
         self._speed_variance = speed_variance
         self._smoothing = smoothing
         self.unseen = 0.0
@@ -201,7 +209,7 @@ class MotionHistory:
             ve,
             vn,
             last.yaw_rate if unseen == 0.0 else 0.0,
-            self._speed_variance + (DEAD_RECKONING_ACCELERATION * unseen) ** 2,
+            self._speed_variance + (self._unseen_acceleration * unseen) ** 2,
             status,
         )
 

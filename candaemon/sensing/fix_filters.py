@@ -13,7 +13,6 @@ from candaemon.estimation.manoeuvre import SwitchRule
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.models import CurrentStatistical, LinearModel
 from candaemon.estimation.switching import CvCsmSwitch
-from candaemon.sensing.ego import DEAD_RECKONING_ACCELERATION
 
 Floats = NDArray[np.float64]
 
@@ -84,6 +83,7 @@ class DriftFilter:
 
     def __init__(self, settings: DriftFilterSettings, noise: float) -> None:
         self._walk, self._noise = settings.walk**2, noise**2
+        self._unseen_acceleration = settings.unseen_acceleration
         self._variance = 0.0
         self.position: Floats = np.zeros(2)
 
@@ -100,7 +100,7 @@ class DriftFilter:
     def predict(self, dt: float, placed: Floats, unseen: float) -> None:
         """See `FixFilter.predict`; unseen, the vehicle may have braked or turned."""
         self.position = placed
-        self._variance += self._walk * dt + (DEAD_RECKONING_ACCELERATION * unseen**2 / 2) ** 2
+        self._variance += self._walk * dt + (self._unseen_acceleration * unseen**2 / 2) ** 2
 
     def update(self, fix: Floats) -> None:
         """See `FixFilter.update`."""

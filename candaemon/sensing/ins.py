@@ -39,6 +39,7 @@ class InsMotion:
         self.history = MotionHistory(
             age_limit=settings.age_limit,
             dead_reckoning=settings.dead_reckoning,
+            unseen_acceleration=settings.unseen_acceleration,
             speed_variance=settings.noise.velocity**2,
             smoothing=settings.smoothing,
         )

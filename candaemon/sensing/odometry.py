@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import cos, sin
 
 from candaemon.config.ego import BiasSettings, OdometrySettings
@@ -36,10 +37,14 @@ class OdometryMotion:
         self.history = MotionHistory(
             age_limit=settings.age_limit,
             dead_reckoning=settings.dead_reckoning,
+            unseen_acceleration=settings.unseen_acceleration,
             speed_variance=settings.noise.speed**2,
             smoothing=settings.smoothing,
         )
         self._longest_step = settings.age_limit
+        self._first_ns: int | None = None
+        self._learning_ns = round(settings.bias.learning_time * 1e9)
+        self._initialising = True
 
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Take the quantities of one frame."""
@@ -84,6 +89,9 @@ class OdometryMotion:
         speed = self.bias.scale * wheel_speed
         yaw_rate = (self._yaw_rate or 0.0) - self.bias.yaw_rate
         self.history.add(time_ns, self._heading, speed * cos(self._heading), speed * sin(self._heading), yaw_rate)
+        if self._initialising:
+            self._first_ns = time_ns if self._first_ns is None else self._first_ns
+            self._initialising = time_ns - self._first_ns < self._learning_ns and not self.bias.learnt
 
     @property
     def known_until_ns(self) -> int:
@@ -92,7 +100,10 @@ class OdometryMotion:
 
     def pose(self, time_ns: int) -> EgoPose | None:
         """Return own pose at an instant; None before speed and yaw rate are known."""
-        return self.history.pose(time_ns)
+        pose = self.history.pose(time_ns)
+        if self._initialising and pose is not None and pose.status is EgoStatus.VALID:
+            return replace(pose, status=EgoStatus.INITIALISING)
+        return pose
 
     def learn(self, returns: StationaryReturns) -> None:
         """Correct the speed's factor and the yaw rate's bias by what stands still."""

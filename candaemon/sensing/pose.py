@@ -13,11 +13,12 @@ Floats = NDArray[np.float64]
 
 
 class EgoStatus(IntEnum):
-    """How far own motion can be trusted; the numbers are those on the wire."""
+    """How far own motion can be trusted; the numbers are those on the wire. Initialising: biases are being learnt."""
 
     LOST = 0
     DEAD_RECKONING = 1
     VALID = 2
+    INITIALISING = 3
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon.bus.protect_sequence import FrameFaults
+
 
 @dataclass(frozen=True, slots=True)
 class Scan:
@@ -39,22 +41,27 @@ class Scan:
 
 
 @dataclass(slots=True)
-class ScanCounts:
+class ScanCounts(FrameFaults):
     """What became of one sensor's frames since the start.
 
-    Each frame is in exactly one of the first six once its scan is closed; the rest count other things.
+    Each frame is once its scan is closed in exactly one of `used`, what is `failed`, `short`, `late`, `duplicate`,
+    `surplus` and `discarded`; the rest count other things.
 
     Attributes:
         used: frames in a scan, and the headers and triggers that opened or closed one.
         short: frames shorter than their message.
-        checksum: frames with a wrong checksum.
         late: frames of a scan that was closed already.
         duplicate: second frames of the same message and object in one scan.
         surplus: frames of more objects than the format has slots, or of no object at all.
+        discarded: frames of scans that were discarded whole.
         missing: frames that should have come and did not.
         unpaired: valid objects left out because their messages are of different cycles.
         rejected: objects left out because a required message or the position did not come.
+        not_finite: valid objects left out because a value is no number.
+        out_of_range: objects left out because a value is outside the DBC's range.
+        impossible: objects left out because they moved as nothing can.
         scans: scans made.
+        distrusted: scans discarded whole because too many of their frames failed.
         incomplete: scans with frames missing.
         skipped: scans that never came, by the header's measurement counter.
 
@@ -62,14 +69,18 @@ class ScanCounts:
 
     used: int = 0
     short: int = 0
-    checksum: int = 0
     late: int = 0
     duplicate: int = 0
     surplus: int = 0
+    discarded: int = 0
     missing: int = 0
     unpaired: int = 0
     rejected: int = 0
+    not_finite: int = 0
+    out_of_range: int = 0
+    impossible: int = 0
     scans: int = 0
+    distrusted: int = 0
     incomplete: int = 0
     skipped: int = 0
 
@@ -81,4 +92,4 @@ class ScanCounts:
     @property
     def dropped(self) -> int:
         """Frames taken in and not used."""
-        return self.short + self.checksum + self.late + self.duplicate + self.surplus
+        return self.failed + self.short + self.late + self.duplicate + self.surplus + self.discarded

@@ -6,10 +6,14 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
-from candaemon.binding.ego import BoundEgo
+from candaemon.binding.ego import BoundEgo, EgoMessage
+from candaemon.binding.protection import counter_period
+from candaemon.binding.signals import SignalBinding
 from candaemon.bus.frame import Frame
 from candaemon.config.ego import InsSettings, OdometrySettings
+from candaemon.config.protection import InputProtectionSettings
 from candaemon.simulation.messages import MessageWriter
 from candaemon.simulation.motion import Floats, Motion
 from candaemon.simulation.own_motion import Drift, ins_values, odometry_values
@@ -21,6 +25,7 @@ from candaemon.simulation.streams import stream
 LEAD_IN = 0.3
 """s before the scenario's time 0 from which own motion is told, so that the first scan finds it known."""
 _BLOCK = 256
+Integers = NDArray[np.int64]
 
 
 class OwnEncoder:
@@ -41,7 +46,14 @@ class OwnEncoder:
         self._settings, self._bus, self._scenario = ego.settings, ego.bus, scenario
         self._random = stream(seed, source, "own_motion")
         self._loss = stream(seed, source, "loss")
-        self._writers = [MessageWriter(each.message, each.bindings) for each in ego.messages.values()]
+        protections = [ego.settings.protection.get(each.message.name) for each in ego.messages.values()]
+        counters = [_counter(each, settings) for each, settings in zip(ego.messages.values(), protections, strict=True)]
+        self._periods = [period for _, period in counters]
+        self._writers = [
+            MessageWriter(each.message, (*each.bindings, *counter))
+            for each, (counter, _) in zip(ego.messages.values(), counters, strict=True)
+        ]
+        self._protectors = [None if each.guard is None else each.guard.protector for each in ego.messages.values()]
         self._names = [each.quantities for each in ego.messages.values()]
         own = scenario.ego.own_motion
         self._drift: Drift | None = None
@@ -61,10 +73,7 @@ class OwnEncoder:
             steps = first + np.arange(begin, min(begin + _BLOCK, count))
             micro = np.rint(steps / own.rate * 1e6).astype(np.int64)
             exact = self._exact(scene.ego(micro / 1e6))
-            coded = [
-                (writer.message, writer.payloads(np.stack([self._reading(name, exact[name]) for name in names])))
-                for writer, names in zip(self._writers, self._names, strict=True)
-            ]
+            coded = [(writer.message, self._payloads(k, steps, exact)) for k, writer in enumerate(self._writers)]
             delay = self._settings.latency + transmission.jitter * self._loss.exponential(1.0, len(steps))
             stamped = start + (micro + np.rint(delay * 1e6).astype(np.int64)) * 1000
             kept = self._loss.random((len(steps), len(coded))) >= transmission.loss
@@ -73,6 +82,16 @@ class OwnEncoder:
                 for (message, payloads), keep in zip(coded, kept[k], strict=True):
                     if keep:
                         yield Frame(last, self._bus, message.can_id, payloads[k], message.is_fd)
+
+    def _payloads(self, index: int, steps: Integers, exact: dict[str, Floats]) -> list[bytes]:
+        """Write one message at several instants, counted and with its checksum where it has them."""
+        writer, period, protector = self._writers[index], self._periods[index], self._protectors[index]
+        rows = [self._reading(name, exact[name]) for name in self._names[index]]
+        rows += [(steps % period).astype(np.float64)] if period else []
+        payloads = writer.payloads(np.stack(rows))
+        if protector is None:
+            return payloads
+        return [protector.seal(writer.message.can_id, payload) for payload in payloads]
 
     def _exact(self, motion: Motion) -> dict[str, Floats]:
         """Return the quantities that the ego's sensors tell, by name, SI; an INS's drift is in them."""
@@ -92,3 +111,11 @@ class OwnEncoder:
         if quantity == "yaw_rate":
             return exact + factor * math.radians(settings.noise.yaw_rate_deg) * draws
         return np.maximum(exact + factor * settings.noise.speed * draws, 0.0)
+
+
+def _counter(own: EgoMessage, protection: InputProtectionSettings | None) -> tuple[tuple[SignalBinding, ...], int]:
+    """Find the counter that protects a message, where one does, and how many values it has."""
+    if protection is None or protection.counter is None:
+        return (), 0
+    signal = own.message.signal(protection.counter)
+    return (SignalBinding("counter", signal, 1.0, 0.0),), counter_period(protection, signal)

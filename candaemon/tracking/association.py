@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from candaemon.estimation.kalman import line_of_sight
 from candaemon.estimation.measurement import Measurement
+from candaemon.tracking.assignment import assign
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -81,10 +82,8 @@ def nearest_neighbours(
     t, d, nis = t[inside], d[inside], nis[inside]
     if len(t) == 1:
         return tracks[t], detections[d]
-    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - half a second of import, rarely needed
-
     cost = np.full((len(tracks), len(detections)), _OUT_OF_GATE)
     cost[t, d] = nis
-    chosen_t, chosen_d = linear_sum_assignment(cost)
+    chosen_t, chosen_d = assign(cost)
     real = cost[chosen_t, chosen_d] < _OUT_OF_GATE
     return tracks[chosen_t[real]], detections[chosen_d[real]]

@@ -30,6 +30,7 @@ from candaemon.estimation.federated_tracks import FederatedTracks
 from candaemon.estimation.imm import Form, Imm
 from candaemon.estimation.manoeuvre import SwitchRule
 from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
+from candaemon.estimation.plane_filter import PlaneFilter
 from candaemon.estimation.sensor_noise import NoiseFactor, SensorNoise
 from candaemon.estimation.switching_tracks import SwitchingTracks
 from candaemon.estimation.variational import NoiseScale, WindowedScale
@@ -62,6 +63,12 @@ def make_estimator(settings: EstimatorSettings) -> Bank:
                 jerk=settings.first_jerk,
                 outage=settings.outage,
                 least=settings.least_share,
+                noise=_make_noise(settings.measurement_noise),
+            )
+        case StatisticalModelSettings() | SingerModelSettings():
+            return PlaneFilter(
+                _make_isotropic(settings),
+                acceleration=settings.first_acceleration,
                 noise=_make_noise(settings.measurement_noise),
             )
         case _:
@@ -120,9 +127,14 @@ def make_model(settings: ModelSettings) -> MotionModel:
         case JerkModelSettings():
             noise, wander = settings.noise, settings.wander
             return LinearModel(3, (noise.along, noise.across), wander=(wander.along, wander.across))
-        case SingerModelSettings():
-            return Singer(settings.alpha, settings.deviation)
         case TurnModelSettings():
             return CoordinatedTurn(settings.noise, settings.turn_noise, settings.wander, settings.limit)
-        case StatisticalModelSettings():
-            return CurrentStatistical(settings.alpha, settings.limit, settings.floor, settings.innovation_memory)
+        case SingerModelSettings() | StatisticalModelSettings():
+            return _make_isotropic(settings)
+
+
+def _make_isotropic(settings: SingerModelSettings | StatisticalModelSettings) -> Singer | CurrentStatistical:
+    """Return one of the models of paper 000."""
+    if isinstance(settings, SingerModelSettings):
+        return Singer(settings.alpha, settings.deviation)
+    return CurrentStatistical(settings.alpha, settings.limit, settings.floor, settings.innovation_memory)

@@ -5,7 +5,8 @@ The tables and the filter keep the same rows in the same order; whoever drops or
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,12 +48,13 @@ class Population:
         self.obstacles = ObstacleTable()
         self.estimator = make_estimator(settings.estimator)
         self.row_of: dict[tuple[int, int], int] = {}
+        self._found: dict[int, tuple[bytes, Rows, bool]] = {}
         self._states: tuple[Floats, Floats] | None = None
 
     @property
     def direction(self) -> Floats:
         """Direction of travel of each reflection (n, 2)."""
-        return self.obstacles.direction[self.reflections.obstacle]
+        return self.obstacles.direction.take(self.reflections.obstacle, axis=0)
 
     def states(self) -> tuple[Floats, Floats]:
         """Return combined means (n, 6) and covariances (n, 6, 6) of the reflections."""
@@ -118,8 +120,22 @@ class Population:
         obstacles.history[owners] |= 1
         obstacles.sensors[owners] |= 1 << sensor
 
+    def rows_of(self, sensor: int, object_id: Integers) -> tuple[Rows, bool]:
+        """Return the rows that a sensor's ids stand for, −1 where one stands for nothing; and whether none comes twice.
+
+        A scan whose ids are those of the sensor's scan before costs a comparison. The rows are not to be written to.
+        """
+        ids, known = object_id.tobytes(), self._found.get(sensor)
+        if known is not None and known[0] == ids:
+            return known[1:]
+        keys = object_id.tolist()
+        rows = np.fromiter(map(self.row_of.get, zip(repeat(sensor), keys), repeat(-1)), np.intp, len(keys))
+        self._found[sensor] = ids, rows, len(set(keys)) == len(keys)
+        return self._found[sensor][1:]
+
     def name(self, track: int, sensor: int, key: int) -> None:
         """Let a sensor's id stand for this reflection and no longer for another."""
+        self._found.clear()
         reflections = self.reflections
         former = self.row_of.get((sensor, key))
         if former != track:
@@ -175,6 +191,27 @@ class Population:
         self.obstacles.sensors[owner] |= 1 << sensor
         self._states = None
 
+    def renumber(self, sensors: Mapping[int, int]) -> None:
+        """Give sensors other numbers, and forget those left out: their ids, and the obstacles that only they have seen.
+
+        Args:
+            sensors: number of a sensor from here on, by the number it had.
+        """
+        obstacles, reflections = self.obstacles, self.reflections
+        self._found.clear()
+        self.row_of = {(sensors[of], key): row for (of, key), row in self.row_of.items() if of in sensors}
+        before = reflections.sensor
+        reflections.sensor = np.array([sensors.get(of, -1) for of in before.tolist()], dtype=np.int64)
+        reflections.object_id[reflections.sensor < 0] = -1
+        seen_by = np.zeros_like(obstacles.sensors)
+        for old, new in sensors.items():
+            seen_by |= (obstacles.sensors >> old & 1) << new
+        obstacles.sensors = seen_by
+        self.estimator.renumber(sensors)
+        over = seen_by == 0
+        if over.any():
+            self.drop(over[reflections.obstacle], over)
+
     def part(self, leaving: Rows) -> None:
         """Give each leaving reflection an obstacle of its own, as old as the one it leaves, and not confirmed yet."""
         obstacles, reflections = self.obstacles, self.reflections
@@ -223,6 +260,7 @@ class Population:
         self.obstacles.keep(~over)
         self.obstacles.leader = new_row[self.obstacles.leader]
         gone = lost.tolist()
+        self._found.clear()
         self.row_of = {key: int(new_row[row]) for key, row in self.row_of.items() if not gone[row]}
         self._states = None
         return new_row

@@ -9,6 +9,7 @@ each knows its velocity: a vehicle is rigid, and its reflections' noise is not s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import exp
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +62,8 @@ def from_travel_axes(components: Floats, direction: Floats) -> Floats:
 def rigid_motion(obstacles: ObstacleTable, reflections: Reflections, mean: Floats, covariance: Floats) -> Motion:
     """Return the motion of each obstacle from its reflections' states (n, 6) and covariances (n, 6, 6)."""
     lead = obstacles.leader
-    state, uncertain = mean[lead], covariance[lead]
-    if obstacles.offset.any():
+    state, uncertain = mean.take(lead, axis=0), covariance.take(lead, axis=0)  # faster than by index
+    if np.count_nonzero(obstacles.offset):
         state[:, :2] += from_travel_axes(obstacles.offset, obstacles.direction)
     if len(reflections) > len(obstacles):
         weight = 1.0 / (covariance[:, 2, 2] + covariance[:, 3, 3])
@@ -74,7 +75,7 @@ def rigid_motion(obstacles: ObstacleTable, reflections: Reflections, mean: Float
 
 def draw_back(obstacles: ObstacleTable, dt: float, settings: ReflectionSettings) -> None:
     """Draw each reference point back to its leader over dt, s."""
-    obstacles.offset *= np.exp(-dt / settings.return_time)
+    obstacles.offset *= exp(-dt / settings.return_time)
 
 
 def pass_the_lead(

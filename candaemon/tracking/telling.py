@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from cmath import exp
+from math import cos, sin
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +15,8 @@ from candaemon.tracking.reflections import Motion
 from candaemon.tracking.update import Used
 
 _REMEMBERED = 32  # scans in an obstacle's history
+_TOLD_VARIANCES = np.array([0, 1, 7, 14, 15, 21])
+"""Of a flat covariance of six states: the variances and the covariance of x, y, then of vx, vy."""
 
 
 def tell(population: Population, motion: Motion, pose: EgoPose, used: Used, slack_ns: int) -> Obstacles:
@@ -25,41 +30,44 @@ def tell(population: Population, motion: Motion, pose: EgoPose, used: Used, slac
         slack_ns: how long an obstacle may be without a detection and not count as coasting.
     """
     obstacles, reflections = population.obstacles, population.reflections
-    state, turn = motion.state, pose.rotation
-    seen = (state.reshape(-1, 2) @ turn).reshape(-1, 3, 2)
-    seen[:, 0] -= np.array([pose.east, pose.north]) @ turn
-    deviation = np.sqrt(np.maximum(motion.covariance.reshape(-1, 36) @ _in_vehicle_axes(turn), 0.0))
-    silent = pose.time_ns - obstacles.last_ns > slack_ns
-    told = np.where(obstacles.confirmed, CONFIRMED + silent, TENTATIVE).astype(np.int8)
+    state, turn = motion.state, exp(-1j * pose.heading)
+    position, velocity, acceleration = (state.view(np.complex128) * turn).T  # plane vectors are complex numbers
+    position -= complex(pose.east, pose.north) * turn
+    deviation = np.sqrt(np.maximum(_turned_variances(motion.covariance, pose.heading), 0.0))
+    told = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
+    told[~obstacles.confirmed] = TENTATIVE
+    used_sensor = np.empty(len(used.objects), np.int64)
+    used_sensor.fill(used.sensor)
     return Obstacles(
         time_ns=pose.time_ns,
         id=obstacles.id.copy(),
         state=told,
-        x=seen[:, 0, 0],
-        y=seen[:, 0, 1],
-        vx=seen[:, 1, 0],
-        vy=seen[:, 1, 1],
-        ax=seen[:, 2, 0],
-        ay=seen[:, 2, 1],
+        x=position.real,
+        y=position.imag,
+        vx=velocity.real,
+        vy=velocity.imag,
+        ax=acceleration.real,
+        ay=acceleration.imag,
         east=state[:, 0],
         north=state[:, 1],
         ve=state[:, 2],
         vn=state[:, 3],
-        sx=deviation[:, 0],
-        sy=deviation[:, 1],
-        svx=deviation[:, 2],
-        svy=deviation[:, 3],
+        sx=deviation[:, 0, 0],
+        sy=deviation[:, 0, 1],
+        svx=deviation[:, 1, 0],
+        svy=deviation[:, 1, 1],
         age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
         existence=np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _REMEMBERED),
         sensors=obstacles.sensors.copy(),
         used_row=reflections.obstacle[used.reflection],
-        used_sensor=np.full(len(used.objects), used.sensor),
+        used_sensor=used_sensor,
         used_object=used.objects,
     )
 
 
-def _in_vehicle_axes(turn: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (36, 4): a flat covariance times this gives the variances of x, y, vx, vy in vehicle axes."""
-    axes = np.zeros((4, 6))
-    axes[:2, :2] = axes[2:, 2:4] = turn.T
-    return (axes[:, :, None] * axes[:, None, :]).reshape(4, 36).T
+def _turned_variances(covariance: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
+    """Return the variances (k, 2, 2) of x, y and of vx, vy in vehicle axes."""
+    c, s = cos(heading), sin(heading)
+    turn = np.array([[c * c, s * s], [2 * c * s, -2 * c * s], [s * s, c * c]])
+    told = covariance.reshape(-1, 36).take(_TOLD_VARIANCES, axis=1)
+    return np.asarray((told.reshape(-1, 3) @ turn).reshape(-1, 2, 2))

@@ -169,16 +169,16 @@ class Tracker:
 
     def _guess(self, detections: Detections) -> tuple[Rows, Rows]:
         """Return the tracks that the sensor's ids stand for; an id that comes twice in a scan stands for nothing."""
-        sensor, row_of = detections.sensor, self._tracks.row_of
-        keys = detections.object_id.tolist()
-        guess = np.array([row_of.get((sensor, key), -1) for key in keys], dtype=np.intp)
-        guess[detections.new] = -1
-        if len(set(keys)) != len(keys):
+        guess, distinct = self._tracks.rows_of(detections.sensor, detections.object_id)
+        if np.count_nonzero(detections.new):
+            guess = np.where(detections.new, -1, guess)
+        if not distinct:
+            guess = guess.copy()
             values, first, counts = np.unique(guess, return_index=True, return_counts=True)
             unique = first[(counts == 1) & (values >= 0)]
             guess[np.setdiff1d(np.arange(len(guess)), unique)] = -1
-        rows = np.flatnonzero(guess >= 0)
-        return guess[rows], rows
+        rows = (guess >= 0).nonzero()[0]
+        return guess.take(rows), rows
 
     def _correct(self, tracks: Rows, rows: Rows, detections: Detections) -> Floats:
         """Update the tracks with their detections; return the normalised innovations squared."""
@@ -186,7 +186,7 @@ class Tracker:
         self.counts.detections += len(detections)
         obstacles = self._tracks.obstacles
         expecting = obstacles.sensors & (1 << detections.sensor) != 0
-        obstacles.history = np.where(expecting, obstacles.history << 1 & _HISTORY, obstacles.history)
+        obstacles.history = obstacles.history << expecting & _HISTORY
         obstacles.scans += expecting
         measurement = detections.measurement
         nis = self._tracks.update(tracks, measurement.take(rows))

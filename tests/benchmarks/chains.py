@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from candaemon.binding import Binding, bind
-from candaemon.bus.logs import read_log
+from candaemon.bus.logs import read_log_blocks
 from candaemon.bus.logstream import LogCounts
 from candaemon.bus.logwriters import open_log_writer
 from candaemon.bus.sequence import Sequencer
@@ -47,7 +47,7 @@ def cycles(binding: Binding, log: Path, output: Path) -> Iterator[Cycle]:
     pipeline = Pipeline(binding)
     sequence = Sequencer(round(binding.settings.ordering_window * 1e9))
     with open_log_writer(output, list(channels)) as writer:
-        for cycle in pipeline.run(sequence.sequenced(read_log(log, channels, LogCounts()))):
+        for cycle in pipeline.run_blocks(sequence.sequenced_blocks(read_log_blocks(log, channels, LogCounts()))):
             writer.write(cycle.frames)
             yield cycle
 

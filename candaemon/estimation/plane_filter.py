@@ -1,0 +1,219 @@
+"""A Kalman filter of many tracks in the plane, by one model that treats x and y alike.
+
+It tells what an `Imm` of that one model tells. As in `AxisFilter`, whose tracks have x and y apart, all that is known
+of a track is one column of one array: the covariance by its upper triangle, then the variances that drive x and y. So
+a prediction is one matrix product for all tracks, and no covariance can lose its symmetry.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.estimation.axis_filter import axis_matrices
+from candaemon.estimation.bank import Bank
+from candaemon.estimation.kalman import (
+    LEAST_VARIANCE,
+    LOST,
+    bounded,
+    line_of_sight,
+    triangular_root,
+)
+from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.models import ACCELERATION, CurrentStatistical, Singer, driven_variance
+from candaemon.estimation.plane import X, Y, isotropic
+from candaemon.estimation.sensor_noise import SensorNoise
+from candaemon.estimation.triangle import Triangle
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+Indices = NDArray[np.intp]
+
+_SIZE = 6
+_TRIANGLE = Triangle(_SIZE)
+_MEAN, _COVARIANCE, _DRIVE = slice(0, _SIZE), slice(_SIZE, -2), slice(-2, None)
+_XX, _XY, _YY = 0, 1, _SIZE
+"""Entries of the position's covariance."""
+
+
+def _spread() -> tuple[Indices, Indices]:
+    """Return where the elements of the prediction lie in [F ⊗ F, transition of the mean, Q, 0] of an axis.
+
+    As for F P Fᵀ of a triangle, each is the sum of two.
+    """
+    nothing, size = 99, _TRIANGLE.entries
+    axis = isotropic(np.arange(9.0).reshape(3, 3) + 1, _SIZE).astype(np.intp) - 1  # −1 between x and y
+    first, second = np.full((2, _SIZE + size, _SIZE + size + 2), nothing)
+    first[_MEAN, _MEAN] = np.where(axis < 0, nothing, 81 + axis)
+    i, j, k, m = _TRIANGLE.row[:, None], _TRIANGLE.column[:, None], _TRIANGLE.row, _TRIANGLE.column
+    for out, left, right in ((first, axis[i, k], axis[j, m]), (second, axis[i, m], axis[j, k])):
+        out[_SIZE:, _COVARIANCE] = np.where((left < 0) | (right < 0), nothing, left * 9 + right)
+    second[_SIZE:, _COVARIANCE][:, k == m] = nothing
+    for drive, which in ((-2, X), (-1, Y)):
+        driven = _TRIANGLE.place[which, which]
+        first[_SIZE + driven, drive] = 90 + np.arange(9).reshape(3, 3)
+    return first, second
+
+
+_FIRST, _SECOND = _spread()
+
+
+class PlaneFilter(Bank):
+    """Batched Kalman filter of one model; rows are tracks.
+
+    State order [x, y, vx, vy, ax, ay], level frame, SI units. A position is taken jointly, then speed by speed, each
+    linearised at the state so far, as `correction.correct` does.
+
+    Args:
+        model: of paper 000.
+        acceleration: standard deviation of a track's first acceleration, m/s².
+        noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
+    """
+
+    def __init__(
+        self, model: Singer | CurrentStatistical, *, acceleration: float, noise: SensorNoise | None = None
+    ) -> None:
+        self._model = model
+        self._state: Floats = np.ones((_SIZE + _TRIANGLE.entries + 2, 0))
+        super().__init__([model], acceleration=acceleration, turn_rate=0.0, jerk=0.0, noise=noise)
+
+    @property
+    def mean(self) -> Floats:
+        """(n, 1, 6), the filter's own."""
+        return self._state[_MEAN].T[:, None]
+
+    @mean.setter
+    def mean(self, mean: Floats) -> None:
+        self._state[_MEAN] = mean[:, 0].T
+
+    @property
+    def covariance(self) -> Floats:
+        """(n, 1, 6, 6)."""
+        return _TRIANGLE.unpack(self._state[_COVARIANCE])[:, None]
+
+    @covariance.setter
+    def covariance(self, covariance: Floats) -> None:
+        self._state[_COVARIANCE] = _TRIANGLE.pack(covariance[:, 0])
+
+    def combined(self) -> tuple[Floats, Floats]:
+        """Return the mean (n, 6) and the covariance (n, 6, 6)."""
+        return self._state[_MEAN].T, _TRIANGLE.unpack(self._state[_COVARIANCE])
+
+    def predict(self, dt: float, direction: Floats) -> None:
+        """Predict all tracks: (14) and (29) of paper 000 with Q by (18) to (20)."""
+        del direction  # the model is the same in every direction
+        if not len(self):
+            self.link = None
+            return
+        self._dt = dt
+        mean_transition, transition, noise = axis_matrices(self._model, dt)
+        before = self._reading() if self.linking else None
+        if isinstance(self._model, CurrentStatistical):
+            self._state[_DRIVE] = self._adapted_variance(self._model)
+        state = np.empty_like(self._state)
+        np.matmul(_prediction(mean_transition, transition, noise), self._state, out=state[:-2])
+        state[_DRIVE] = self._state[_DRIVE]
+        self._state = state
+        self._forget_negative()
+        if before is not None:
+            self.link = self._link(before, [isotropic(transition, _SIZE)[None]])
+
+    def update(self, rows: Rows, measurement: Measurement) -> Floats:
+        """Update the given rows (m,) with a measurement each; return their NIS (m,)."""
+        measurement = self._adapted(rows, measurement)
+        every = len(rows) == len(self) and bool((rows == np.arange(len(rows))).all())
+        state = self._state if every else self._state.take(rows, axis=1)
+        nis = _take_position(state, measurement.position, measurement.noise)
+        if measurement.range_rate is not None and measurement.range_rate_variance is not None:
+            rate, row = line_of_sight(state[_MEAN].T, measurement.origin, measurement.velocity)
+            nis += _take_speed(state, row.T, measurement.range_rate - rate, measurement.range_rate_variance)
+        for part in measurement.projections:
+            row = np.zeros((4, len(rows)))
+            row[2:] = part.direction.T
+            speed = (row[2:] * state[2:4]).sum(axis=0)
+            nis += _take_speed(state, row, part.value - speed, part.variance)
+        if not every:
+            self._state[:, rows] = state
+        self._note_fit(rows, nis[:, None], measurement)
+        return nis
+
+    def _adapted_variance(self, model: CurrentStatistical) -> Floats:
+        """Return the variances of the acceleration along x and y, (2, n), (20)."""
+        variance = model.variance(self._state[ACCELERATION])
+        return variance if model.innovation_memory is None else driven_variance(variance, model.floor, self._fit.T)
+
+    def _forget_negative(self) -> None:
+        """Count a component as known whose variance has fallen below zero, as `kalman.symmetrise` does."""
+        variance = self._state[_COVARIANCE].take(_TRIANGLE.diagonal, axis=0)
+        if np.minimum.reduce(variance, axis=None) < 0.0:
+            known = variance < 0.0
+            self._state[_COVARIANCE][known[_TRIANGLE.row] | known[_TRIANGLE.column]] = 0.0
+
+    def _keep_estimates(self, rows: Rows | NDArray[np.bool_]) -> None:
+        self._state = np.ascontiguousarray(self._state[:, rows])
+
+    def _append_estimates(self, mean: Floats, covariance: Floats) -> None:
+        state = np.ones((len(self._state), len(mean)))
+        state[_MEAN], state[_COVARIANCE] = mean[:, 0].T, _TRIANGLE.pack(covariance[:, 0])
+        self._state = np.concatenate([self._state, state], axis=1)
+
+    def _interact(self, dt: float) -> None:
+        """Do nothing: there is one model."""
+
+    def _weigh(self, rows: Rows, log_likelihood: Floats) -> None:
+        """Do nothing: there is one model."""
+
+
+def _prediction(mean_transition: Floats, transition: Floats, noise: Floats) -> Floats:
+    """Return the matrix that takes [mean, triangle of P, variances] to the predicted mean and triangle.
+
+    Args:
+        mean_transition: of an axis, (3, 3).
+        transition: F of an axis, (3, 3).
+        noise: Q of an axis at a variance of one, (3, 3).
+    """
+    parts = np.zeros(100)
+    np.multiply.outer(transition.ravel(), transition.ravel(), out=parts[:81].reshape(9, 9))
+    parts[81:90], parts[90:99] = mean_transition.ravel(), noise.ravel()
+    return np.asarray(parts.take(_FIRST) + parts.take(_SECOND))
+
+
+def _take_position(state: Floats, position: Floats, noise: Floats) -> Floats:
+    """Update columns with measured positions (n, 2), as `kalman.update_position` does; return the NIS (n,)."""
+    mean, covariance = state[_MEAN], state[_COVARIANCE]
+    first, slope, second = triangular_root(
+        covariance[_XX] + noise[:, 0, 0], covariance[_XY] + noise[:, 0, 1], covariance[_YY] + noise[:, 1, 1]
+    )
+    x, y = bounded(position.T - mean[:2])
+    x /= first
+    y -= slope * x
+    y /= second
+    half = np.empty((2, _SIZE, len(position)))
+    np.divide(covariance[:_SIZE], first, out=half[0])
+    np.subtract(covariance.take(_TRIANGLE.place[1], axis=0), slope * half[0], out=half[1])
+    half[1] /= second
+    mean += half[0] * x
+    mean += half[1] * y
+    explained = _TRIANGLE.product(half)
+    covariance -= explained[0]
+    covariance -= explained[1]
+    return np.asarray(x * x + y * y)
+
+
+def _take_speed(state: Floats, row: Floats, innovation: Floats, variance: Floats) -> Floats:
+    """Update columns with one speed of Jacobian (4, n) each, as `kalman.update_scalar` does; return the NIS (n,).
+
+    Where it was not measured (NaN), nothing changes and it fits perfectly.
+    """
+    known = np.isfinite(innovation)
+    if not known.all():
+        row, innovation = np.where(known, row, 0.0), np.where(known, innovation, 0.0)
+    mean, covariance = state[_MEAN], state[_COVARIANCE]
+    cross = np.add.reduce(covariance.take(_TRIANGLE.place[:4], axis=0) * row[:, None])
+    spread = np.maximum(np.add.reduce(row * cross[:4]), 0.0) + variance
+    spread += LOST * np.abs(np.add.reduce(row * row * covariance.take(_TRIANGLE.diagonal[:4], axis=0)))
+    root = np.sqrt(np.maximum(spread, LEAST_VARIANCE))
+    surprise, half = bounded(innovation) / root, cross / root
+    mean += half * surprise
+    covariance -= _TRIANGLE.product(half)
+    return np.asarray(surprise * surprise)
