@@ -56,13 +56,31 @@ def _demo(parser: argparse.ArgumentParser) -> None:
 def _run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, metavar="CONFIG", help=_CONFIG)
     parser.add_argument(
-        "--status", type=not_negative, default=1.0, metavar="S", help="s between status lines; 0: none; default: 1"
+        "--record", type=Path, metavar="DIR", help="folder for the ring of what came last, see the README"
     )
+    parser.add_argument(
+        "--status", type=not_negative, metavar="S", help="s between status lines; 0: none; default: the configuration's"
+    )
+    parser.add_argument("--log", choices=("text", "json"), help="form of the log's lines; default: the configuration's")
+
+
+def _status(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "instance", nargs="?", metavar="NAME", help="of candaemon@NAME; default: the only one that runs"
+    )
+    parser.add_argument("--socket", type=Path, metavar="PATH", help="the instance's socket, if it is elsewhere")
+    parser.add_argument("--once", action="store_true", help="show it once and end; default where no terminal is")
+    parser.add_argument("--json", action="store_true", help="the figures once, for programs")
+
+
+def _install_service(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", type=Path, metavar="CONFIG", help=_CONFIG)
+    parser.add_argument("--print", action="store_true", help="write the unit to standard output, and nothing else")
 
 
 def _replay(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, metavar="CONFIG", help=_CONFIG)
-    parser.add_argument("log", type=Path, metavar="LOG", help=_LOG_FORMATS)
+    parser.add_argument("log", type=Path, metavar="LOG", help=f"{_LOG_FORMATS}; or the folder of a recording")
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="log of the obstacles' frames")
     parser.add_argument("--tracks", type=Path, metavar="CSV", help="table of the obstacles, a row a cycle")
     parser.add_argument("--predictions", type=Path, metavar="CSV", help="table of where each detection is expected")
@@ -76,6 +94,9 @@ def _replay(parser: argparse.ArgumentParser) -> None:
         type=lag,
         metavar="S",
         help="smooth the table of --tracks with so many s of what comes, such as 1; what is sent stays as it is",
+    )
+    parser.add_argument(
+        "--fresh", action="store_true", help="begin with nothing, even where a recording says what the service knew"
     )
     parser.add_argument(
         "--map",
@@ -126,6 +147,8 @@ def _schema(_parser: argparse.ArgumentParser) -> None:
 _ARGUMENTS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "demo": _demo,
     "run": _run,
+    "status": _status,
+    "install-service": _install_service,
     "replay": _replay,
     "check": _check,
     "simulate": _simulate,

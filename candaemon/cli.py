@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from candaemon.papers.experiment import Experiment, Result
     from candaemon.replayer import ReplayRequest
 
+logger = logging.getLogger(__name__)
+
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the number of SIGINT."""
 
@@ -43,7 +45,7 @@ def main(argv: list[str] | None = None) -> int:
         arguments.command(arguments)
         sys.stdout.flush()
     except CandaemonError as error:
-        terminal.say(f"error: {error}")
+        logger.error("error: %s", error)  # noqa: TRY400 - a traceback tells the user nothing
         return error.exit_code
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -54,7 +56,8 @@ def main(argv: list[str] | None = None) -> int:
             sys.stdout.flush()
         except OSError:
             terminal.abandon_stdout()
-        terminal.say(f"error: {error.filename or 'output'} cannot be written: {error.strerror or error}")
+        what, why = error.filename or "output", error.strerror or error
+        logger.error("error: %s cannot be written: %s", what, why)  # noqa: TRY400 - as above
         return 1
     return 0
 
@@ -74,13 +77,24 @@ def demo(arguments: argparse.Namespace) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Serve the configured buses until SIGTERM or Ctrl-C."""
-    from candaemon.service.serve import serve
+    """Serve the configured buses until SIGTERM or Ctrl-C; SIGHUP loads the configuration again."""
+    from candaemon.service.serve import ServeRequest, serve
 
-    terminal.log_to_stderr(logging.INFO)
-    binding = _bound(arguments.config)
-    terminal.warn(binding.warnings)
-    serve(binding, status_interval_s=arguments.status)
+    serve(ServeRequest(find_config(arguments.config), arguments.record, arguments.status, arguments.log))
+
+
+def status(arguments: argparse.Namespace) -> None:
+    """Show what a running service does, live on a terminal."""
+    from candaemon.watch import watch
+
+    watch(arguments.instance, arguments.socket, once=arguments.once, as_json=arguments.json)
+
+
+def install_service(arguments: argparse.Namespace) -> None:
+    """Write the systemd unit that runs a configuration."""
+    from candaemon.service.install import install
+
+    install(find_config(arguments.config), show=arguments.print)
 
 
 def replay(arguments: argparse.Namespace) -> None:
@@ -104,6 +118,7 @@ def replay(arguments: argparse.Namespace) -> None:
         arguments.speed,
         dict(arguments.map),
         arguments.smooth,
+        arguments.fresh,
     )
     _check_request(request, arguments.summary, binding)
     with terminal.log_progress(arguments.log.name) as progress:
@@ -193,6 +208,8 @@ def schema(_arguments: argparse.Namespace) -> None:
 _COMMANDS = {
     "demo": demo,
     "run": run,
+    "status": status,
+    "install-service": install_service,
     "replay": replay,
     "check": check,
     "simulate": simulate,

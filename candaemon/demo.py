@@ -20,7 +20,6 @@ import can
 from candaemon.binding.bound import Binding, BoundOutput
 from candaemon.bus.frame import Frame
 from candaemon.bus.messages import to_frame, to_message
-from candaemon.cycle import Cycle
 from candaemon.errors import BusError, ConfigError
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.report import print_sections, sections
@@ -28,6 +27,7 @@ from candaemon.evaluation.writers import TrackWriter
 from candaemon.receiver import Received, Receiver
 from candaemon.recorder import write_truth
 from candaemon.service.daemon import Daemon
+from candaemon.service.observer import Observer, Told
 from candaemon.show import LinesShow, TableShow
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.simulate import Simulation, simulate
@@ -89,7 +89,8 @@ class Drive:
     def __iter__(self) -> Iterator[Received]:
         with ExitStack() as closing:
             sides = [closing.enter_context(_virtual(channel)) for channel in self._channels]
-            daemon = closing.enter_context(Daemon(self._binding, clock=self._clock, on_cycle=self._note))
+            notes = _Notes(self._measured_ns)
+            daemon = closing.enter_context(Daemon(self._binding, clock=self._clock, observers=[notes]))
             receiver = Receiver(self._output)
             for bus, burst in groupby(self._paced(), key=lambda frame: frame.bus):
                 # One bus at a time: the daemon sees the frames of all in the order of the drive.
@@ -106,10 +107,6 @@ class Drive:
     def _clock(self) -> int:
         """Return the time of the newest frame given: the drive's clock."""
         return self._now_ns
-
-    def _note(self, cycle: Cycle) -> None:
-        """Keep for which instant a cycle's obstacles hold, which the wire does not tell."""
-        self._measured_ns.append(cycle.obstacles.time_ns)
 
     def _paced(self) -> Iterator[Frame]:
         """Yield the frames of the drive at its pace."""
@@ -140,6 +137,21 @@ class Drive:
         """Yield cycles with the instants they hold for."""
         for cycle in cycles:
             yield cycle.at(self._measured_ns[cycle.number])
+
+
+class _Notes(Observer):
+    """Keeps for which instant each cycle's obstacles hold, which the wire does not tell.
+
+    Args:
+        measured_ns: where it is kept.
+    """
+
+    def __init__(self, measured_ns: list[int]) -> None:
+        self._measured_ns = measured_ns
+
+    def told(self, told: Told) -> None:
+        """Keep a cycle's."""
+        self._measured_ns.append(told.cycle.obstacles.time_ns)
 
 
 def _virtual(channel: str) -> can.BusABC:

@@ -13,16 +13,18 @@ import numpy as np
 
 from candaemon.binding.bound import Binding
 from candaemon.bus.frame import Frame, Tick
-from candaemon.bus.logs import read_log
 from candaemon.bus.logstream import LogCounts
 from candaemon.bus.logwriters import open_log_writer
-from candaemon.bus.sequence import Sequencer
+from candaemon.bus.sequence import ClockSteps, Sequencer
+from candaemon.config.ego import InsSettings
 from candaemon.cycle import Cycle
 from candaemon.evaluation.tables import EARTH_COLUMNS
 from candaemon.evaluation.writers import PredictionWriter, TrackWriter
 from candaemon.pipeline import Pipeline
+from candaemon.recordings import frames_of, runs
 from candaemon.sensing.placement import Placement
 from candaemon.smoother import CycleSmoother
+from candaemon.snapshot import begun, fingerprint
 from candaemon.summary import DriveScore
 from candaemon.tracking.obstacles import MOTION, Obstacles
 
@@ -36,7 +38,7 @@ class ReplayRequest:
     """What to replay and what to write.
 
     Attributes:
-        log: the recorded drive.
+        log: the recorded drive, or a folder: of a recording of the service, or of logs that follow one another.
         output: log of the frames that the daemon would have sent; None: not written.
         tracks: table of obstacles; None: not written.
         predictions: table of expected positions; None: not written.
@@ -44,6 +46,7 @@ class ReplayRequest:
         speed: times real time; None: as fast as it goes.
         channels: further names of channels in the log: channel → bus.
         smooth: s of what comes that the table of obstacles learns from; None: it holds what was known at the time.
+        fresh: begin with nothing, even where the recording says what the service knew.
     """
 
     log: Path
@@ -54,6 +57,7 @@ class ReplayRequest:
     speed: float | None = None
     channels: dict[str, str] = field(default_factory=dict)
     smooth: float | None = None
+    fresh: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +65,7 @@ class Replayed:
     """What a replay did.
 
     Attributes:
-        pipeline: with its counts.
+        pipeline: with its counts, which go on from those that the recording began with; of the last run of several.
         log: counts of the reader.
         sequence: with its counts of clock steps.
         score: figures without truth.
@@ -71,7 +75,7 @@ class Replayed:
 
     pipeline: Pipeline
     log: LogCounts
-    sequence: Sequencer
+    sequence: ClockSteps
     score: DriveScore
     first_ns: int
     last_ns: int
@@ -90,22 +94,24 @@ def replay(binding: Binding, request: ReplayRequest, progress: Callable[[LogCoun
         InputError: there is no such log, it holds not one frame of the configured buses, or a file cannot be written.
     """
     started = time.perf_counter()
-    pipeline, counts = Pipeline(binding), LogCounts()
-    sequence = Sequencer(round(binding.settings.ordering_window * 1e9))
+    channels, counts, steps = _channels(binding, request.channels), LogCounts(), ClockSteps()
     clock = _Clock(request.speed)
-    frames = clock.paced(sequence.sequenced(read_log(request.log, _channels(binding, request.channels), counts)))
     score = DriveScore([sensor.settings.cycle_time for sensor in binding.sensors], request.horizons)
     with ExitStack() as files:
-        outputs = _Outputs(binding, pipeline, request, score, files)
-        for cycle in pipeline.run(frames):
-            outputs.take(cycle)
-            if progress is not None:
-                progress(counts)
-        for cycle in pipeline.finish():
-            outputs.take(cycle)
-        outputs.finish()
+        writers = _Writers(binding, request, files)
+        for run in runs(request.log, fingerprint(binding), fresh=request.fresh):
+            pipeline, sequence = begun(binding, run.state), Sequencer(round(binding.settings.ordering_window * 1e9))
+            outputs = _Outputs(binding, pipeline, request, writers, score)
+            for cycle in pipeline.run(clock.paced(sequence.sequenced(frames_of(run.logs, channels, counts)))):
+                outputs.take(cycle)
+                if progress is not None:
+                    progress(counts)
+            for cycle in pipeline.finish() if run.ends else ():
+                outputs.take(cycle)
+            outputs.finish()
+            steps.add(sequence)
     counts.require_frames(request.log)
-    return Replayed(pipeline, counts, sequence, score, clock.first_ns, clock.last_ns, time.perf_counter() - started)
+    return Replayed(pipeline, counts, steps, score, clock.first_ns, clock.last_ns, time.perf_counter() - started)
 
 
 class _Clock:
@@ -136,28 +142,35 @@ def _channels(binding: Binding, further: dict[str, str]) -> dict[str, int]:
     return channels | {channel: index[bus] for channel, bus in further.items()}
 
 
+class _Writers:
+    """The files that a replay writes."""
+
+    def __init__(self, binding: Binding, request: ReplayRequest, files: ExitStack) -> None:
+        channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
+        self.log = files.enter_context(open_log_writer(request.output, channels)) if request.output else None
+        ego = binding.settings.ego
+        placed = isinstance(ego, InsSettings) and ego.gnss is not None
+        self.tracks = files.enter_context(TrackWriter(request.tracks, earth=placed)) if request.tracks else None
+        self.predictions = files.enter_context(PredictionWriter(request.predictions)) if request.predictions else None
+
+
 class _Outputs:
-    """Hands each cycle to the writers and the score."""
+    """Hands each cycle of a run to the writers and the score."""
 
     def __init__(
-        self, binding: Binding, pipeline: Pipeline, request: ReplayRequest, score: DriveScore, files: ExitStack
+        self, binding: Binding, pipeline: Pipeline, request: ReplayRequest, writers: _Writers, score: DriveScore
     ) -> None:
         self._names = [sensor.name for sensor in binding.sensors]
-        self._pipeline = pipeline
+        self._writers = writers
         self._score = score
-        channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
-        self._log = files.enter_context(open_log_writer(request.output, channels)) if request.output else None
-        placed = pipeline.placer is not None
-        self._tracks = files.enter_context(TrackWriter(request.tracks, earth=placed)) if request.tracks else None
         smooth = request.smooth if request.tracks else None
         self._smoother = CycleSmoother(pipeline.trackers, smooth) if smooth is not None else None
-        writer = files.enter_context(PredictionWriter(request.predictions)) if request.predictions else None
-        self._predictions = Predictions(pipeline, request.horizons, writer, score)
+        self._predictions = Predictions(pipeline, request.horizons, writers.predictions, score)
 
     def take(self, cycle: Cycle) -> None:
         """Take one cycle."""
-        if self._log is not None:
-            self._log.write(cycle.frames)
+        if self._writers.log is not None:
+            self._writers.log.write(cycle.frames)
         self._tabulate([cycle] if self._smoother is None else self._smoother.take(cycle))
         self._score.add(cycle)
         self._predictions.add(cycle)
@@ -171,9 +184,9 @@ class _Outputs:
     def _tabulate(self, cycles: Iterable[Cycle]) -> None:
         """Write cycles into the table of obstacles."""
         for cycle in cycles:
-            if self._tracks is not None:
+            if self._writers.tracks is not None:
                 columns = track_columns(cycle.obstacles, self._names, cycle.placement)
-                self._tracks.write_cycle(cycle.obstacles.time_ns, columns)
+                self._writers.tracks.write_cycle(cycle.obstacles.time_ns, columns)
 
 
 def track_columns(

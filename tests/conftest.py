@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -31,8 +33,10 @@ def vendor_dbc() -> Path:
 
 
 @pytest.fixture
-def logging_as_it_was() -> Iterator[None]:
-    """Leave logging as it was: each command sets it up."""
+def logging_as_it_was(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Leave logging as it was, of faults too: each command sets it up."""
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
+    monkeypatch.setattr(threading, "excepthook", threading.excepthook)
     root = logging.getLogger()
     handlers, level = root.handlers[:], root.level
     yield

@@ -11,6 +11,7 @@ import yaml
 from conftest import ROOT
 
 from candaemon.config import Config, LoadedConfig, json_schema, load_config
+from candaemon.config.buses import BusSettings
 from candaemon.config.yaml_text import read_yaml
 from candaemon.errors import ConfigError
 
@@ -196,3 +197,9 @@ def test_schema_refuses_what_loading_refuses() -> None:
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(wrong, json_schema())
     jsonschema.validate(yaml.safe_load(MINIMAL), json_schema())
+
+
+@pytest.mark.parametrize("key", ["channel", "log_channel"])
+def test_no_bus_is_called_as_ticks_are(key: str) -> None:
+    with pytest.raises(ValueError, match="tick"):
+        BusSettings.model_validate({"channel": "can0", key: "tick"})

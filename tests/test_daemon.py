@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import logging
-import signal
-import subprocess
-import sys
+import math
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from itertools import pairwise
 from pathlib import Path
 from threading import Thread
 
@@ -28,8 +26,7 @@ from candaemon.evaluation.writers import TrackWriter
 from candaemon.receiver import Received, Receiver
 from candaemon.recorder import write_truth
 from candaemon.service.daemon import Daemon
-from candaemon.service.serve import serve
-from candaemon.service.status import StatusLine
+from candaemon.service.observer import Observer, Told
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import Simulation, simulate
 from candaemon.tracking.obstacles import COASTING
@@ -66,6 +63,18 @@ def heard(side: can.BusABC) -> list[Frame]:
     return frames
 
 
+class Cycles(Observer):
+    """Keeps what is told."""
+
+    def __init__(self, cycles: list[Cycle]) -> None:
+        self.cycles = cycles
+        self.latencies: list[float] = []
+
+    def told(self, told: Told) -> None:
+        self.cycles.append(told.cycle)
+        self.latencies.append(told.latency)
+
+
 class Fed:
     """A daemon that is stepped by hand, with the drive's own clock."""
 
@@ -74,7 +83,8 @@ class Fed:
         self.cycles: list[Cycle] = []
         self.sides = sides
         self.sent = 0
-        self.daemon = Daemon(binding, clock=lambda: self.now_ns, on_cycle=self.cycles.append)
+        self.kept = Cycles(self.cycles)
+        self.daemon = Daemon(binding, clock=lambda: self.now_ns, observers=[self.kept])
 
     def feed(self, frames: list[Frame]) -> None:
         for frame in frames:
@@ -155,6 +165,34 @@ def test_a_step_of_the_clock_is_counted_not_obeyed(binding: Binding, sides: list
     assert times == sorted(times)
 
 
+@pytest.mark.parametrize("hour", [-3600, 3600])
+def test_the_clock_set_during_silence_neither_stops_the_cycles_nor_floods(
+    hour: int, binding: Binding, sides: list[can.BusABC]
+) -> None:
+    fed = Fed(binding, sides)
+    with fed.daemon:
+        fed.feed(list(drive(binding, 1.0).frames()))
+        fed.silence(0.3)
+        before = len(fed.cycles)
+        fed.now_ns += hour * SECOND_NS
+        fed.silence(1.0)
+    steps = fed.daemon.sequence.backward_steps, fed.daemon.sequence.forward_steps
+    assert steps == ((1, 0) if hour < 0 else (0, 1))
+    assert 18 <= len(fed.cycles) - before <= 21  # one each 50 ms
+    times = [cycle.time_ns for cycle in fed.cycles]
+    assert max(later - earlier for earlier, later in pairwise(times)) <= 0.1 * SECOND_NS
+
+
+def test_the_latency_is_that_of_a_scan_that_a_frame_closed(binding: Binding, sides: list[can.BusABC]) -> None:
+    fed = Fed(binding, sides)
+    with fed.daemon:
+        fed.feed(list(drive(binding, 0.5).frames()))
+        assert fed.kept.latencies[-1] == 0.0  # the drive's clock stands still while a frame is taken
+        fed.silence(0.5)
+        assert fed.daemon.pipeline.counts.coasting_cycles
+        assert math.isnan(fed.kept.latencies[-1])
+
+
 def test_it_runs_in_real_time_and_stops_within_a_second(binding: Binding, sides: list[can.BusABC]) -> None:
     daemon = Daemon(binding)
     frames = list(drive(binding, 1.0).frames())
@@ -187,53 +225,3 @@ def test_stopping_finishes_the_open_scan(binding: Binding, sides: list[can.BusAB
         before = len(fed.cycles)
         fed.daemon.finish()
     assert len(fed.cycles) == before + 1
-
-
-def test_the_status_line_comes_at_its_rate(binding: Binding, caplog: pytest.LogCaptureFixture) -> None:
-    now_s = 0.0
-    daemon = Daemon(binding)
-    status, silent = StatusLine(1.0, lambda: now_s), StatusLine(0.0, lambda: now_s)
-    with caplog.at_level(logging.INFO):
-        for _ in range(1000):
-            now_s += 0.01
-            status.update(daemon.pipeline, daemon.buses, daemon.last)
-            silent.update(daemon.pipeline, daemon.buses, daemon.last)
-    assert 9 <= len(caplog.messages) <= 10
-    assert "own motion unknown" in caplog.messages[0]
-    assert "down: radar, ins, obstacles" in caplog.messages[0]
-
-
-def test_an_unknown_interface_fails_before_a_bus_is_opened(tmp_path: Path) -> None:
-    text = (ROOT / "config" / "demo.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
-    path = tmp_path / "mine.yaml"
-    path.write_text(text.replace("interface: virtual, channel: ins", "interface: virtuel, channel: ins"))
-    with pytest.raises(ConfigError, match=r"mine\.yaml:6: .*virtuel.*socketcan"):
-        serve(bind(load_config(path)), status_interval_s=0.0)
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_signals_stop_the_command(number: signal.Signals, tmp_path: Path) -> None:
-    text = (ROOT / "config" / "demo.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
-    path = tmp_path / "mine.yaml"
-    path.write_text(text.replace("interface: virtual, channel: ins", "interface: socketcan, channel: nosuch9"))
-    with subprocess.Popen(
-        [sys.executable, "-m", "candaemon", "run", "--status", "0.2", str(path)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stderr is not None
-        talk = [process.stderr.readline()]
-        while "frames/s" not in talk[-1] and talk[-1]:
-            talk.append(process.stderr.readline())
-        asked = time.monotonic()
-        process.send_signal(number)
-        out, rest = process.communicate(timeout=10)
-        stopped = time.monotonic() - asked
-    assert process.returncode == 0
-    assert stopped < 1.5  # a second, and the interpreter's own end
-    assert "nosuch9" in talk[0]
-    assert "tried again" in talk[0]
-    assert "down: ins" in talk[-1]
-    assert out == ""
-    assert "Traceback" not in rest

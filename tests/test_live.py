@@ -2,60 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
 import socket
 import time
-from collections.abc import Callable, Sequence
+from threading import Thread
 
 import can
 import pytest
 from can.interfaces.virtual import channels as open_channels
+from live_buses import live, message, peer, read_all, turn_until, virtual
 
-from candaemon.bus import ports
+from candaemon.bus import reader
 from candaemon.bus.frame import EXTENDED, Frame
-from candaemon.bus.live import FrameQueue, LiveBuses
-from candaemon.bus.ports import PORTS, PortRequest
+from candaemon.bus.pythoncan import PythonCanPort
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
-
-_names = itertools.count()
-
-
-def virtual(**options: str | float) -> BusSettings:
-    return BusSettings(interface="virtual", channel=f"candaemon-test-{next(_names)}", options=options)
-
-
-def live(*settings: BusSettings, capacity: int = 1000) -> LiveBuses:
-    buses = {f"bus{index}": bus for index, bus in enumerate(settings)}
-    return LiveBuses(buses, clock=time.monotonic_ns, capacity=capacity)
-
-
-def peer(settings: BusSettings) -> can.BusABC:
-    return can.Bus(interface=settings.interface, channel=settings.channel, ignore_config=True, preserve_timestamps=True)
-
-
-def message(can_id: int = 0x123, timestamp: float = 1.5, data: bytes = b"\x01", **flags: bool) -> can.Message:
-    return can.Message(
-        arbitration_id=can_id,
-        timestamp=timestamp,
-        data=data,
-        **{"is_extended_id": False, **flags},
-    )
-
-
-def read_all(buses: LiveBuses, expected: int, patience_s: float = 3.0) -> list[Frame]:
-    frames: list[Frame] = []
-    end = time.monotonic() + patience_s
-    while len(frames) < expected and time.monotonic() < end:
-        frames += buses.read(0.05)
-    return frames
-
-
-def wait_for(condition: Callable[[], bool], patience_s: float = 3.0) -> bool:
-    end = time.monotonic() + patience_s
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.005)
-    return condition()
 
 
 def test_frames_of_two_buses_come_in_order_of_time() -> None:
@@ -67,13 +27,14 @@ def test_frames_of_two_buses_come_in_order_of_time() -> None:
         second.send(message(0x201, 1.0, bytes(64), is_fd=True))
         first.send(message(0x100, 1.0, is_remote_frame=True))
         first.send(message(0x100, 1.0, is_error_frame=True))
-        assert wait_for(lambda: buses[0].counts.error_frames == 1 and buses[1].counts.received == 2)
+        time.sleep(0.3)
         assert buses.read(1.0) == [
             Frame(1_000_000_000, 1, 0x201, bytes(64), True),
             Frame(2_000_000_000, 0, 0x12345 | EXTENDED, bytes(8)),
             Frame(1_533_226_488_434_433_000, 1, 0x200, b"\x01"),
         ]
-        assert (buses[0].counts.received, buses[0].counts.remote) == (1, 1)
+        counts = buses[0].counts
+        assert (counts.received, counts.remote, counts.error_frames) == (1, 1, 1)
         assert buses.read(0.0) == []
 
 
@@ -91,27 +52,54 @@ def test_sent_frames_are_heard_by_others_only() -> None:
         assert (buses[0].counts.sent, buses[0].counts.send_failed) == (2, 0)
 
 
-def test_a_full_queue_drops_and_counts() -> None:
+def test_a_full_queue_drops_and_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader.ReaderPort.__init__, "__defaults__", (100,))
     settings = virtual()
-    with live(settings, capacity=100) as buses, peer(settings) as other:
+    with live(settings) as buses, peer(settings) as other:
         buses.open()
         for i in range(250):
             other.send(message(timestamp=float(i)))
         counts = buses[0].counts
-        assert wait_for(lambda: counts.received + counts.queue_full == 250)
-        assert (counts.received, counts.queue_full) == (100, 150)
+        time.sleep(0.3)
         assert [frame.time_ns // 10**9 for frame in buses.read(0.0)] == list(range(100))
+        assert (counts.received, counts.queue_full, counts.lost) == (100, 150, 150)
 
 
-def test_a_refused_frame_is_counted_with_those_behind_it() -> None:
+def test_what_is_refused_waits_and_newer_frames_take_its_place() -> None:
+    settings = virtual().model_copy(update={"send_timeout": 0.1})
+    with (
+        live(settings) as buses,
+        can.Bus(interface="virtual", channel=settings.channel, rx_queue_size=3, ignore_config=True) as other,
+    ):
+        buses.open()
+        assert buses.send(0, [Frame(0, 0, i, b"\x01") for i in range(10)]) == 3
+        assert buses[0].waiting == 7
+        assert buses.send(0, [Frame(0, 0, i, b"\x02") for i in range(9)]) == 0
+        counts = buses[0].counts
+        assert (counts.sent, counts.send_dropped, buses[0].waiting) == (3, 6, 10)
+        heard = [other.recv(0.0) for _ in range(3)]
+        buses.read(0.005)
+        heard += [other.recv(0.0) for _ in range(3)]
+        assert [(m.arbitration_id, m.data[0]) for m in heard if m] == [(0, 1), (1, 1), (2, 1), (9, 1), (0, 2), (1, 2)]
+        assert buses[0].waiting == 7
+        assert buses.read(0.2) == []
+        assert (counts.sent, counts.send_dropped, counts.send_failed, buses[0].waiting) == (9, 10, 0, 0)
+        assert counts.unsent == 10
+
+
+def test_draining_waits_for_room() -> None:
     settings = virtual()
     with (
         live(settings) as buses,
-        can.Bus(interface="virtual", channel=settings.channel, rx_queue_size=3, ignore_config=True),
+        can.Bus(interface="virtual", channel=settings.channel, rx_queue_size=3, ignore_config=True) as other,
     ):
         buses.open()
-        assert buses.send(0, [Frame(0, 0, i, b"") for i in range(10)]) == 3
-        assert (buses[0].counts.sent, buses[0].counts.send_failed) == (3, 7)
+        buses.send(0, [Frame(0, 0, i, b"") for i in range(6)])
+        assert not buses.drain(0.01)
+        heard = [other.recv(0.0) for _ in range(3)]
+        assert None not in heard
+        assert buses.drain(0.05)
+        assert buses[0].counts.sent == 6
 
 
 def test_closing_is_quick_and_leaves_nothing_open() -> None:
@@ -145,107 +133,65 @@ def test_a_bus_that_cannot_be_opened(settings: BusSettings, expected: str) -> No
         assert good.channel not in open_channels
 
 
-class FlakyPort:
-    """A port whose bus can be taken away.
+def test_a_driver_that_is_not_installed_ends_nothing(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def bus(**_options: object) -> can.BusABC:
+        raise NameError("name 'canGetNumberOfChannels' is not defined")
 
-    Attributes:
-        there: whether the bus exists.
-        opened: times that it was opened.
-    """
-
-    there = True
-    opened = 0
-
-    def __init__(self, request: PortRequest) -> None:
-        type(self).opened += 1
-        if not self.there:
-            raise OSError(19, "No such device")
-        self.index = request.index
-
-    def receive(self, timeout_s: float) -> list[Frame]:
-        if not self.there:
-            raise can.CanOperationError("Network is down")
-        time.sleep(min(timeout_s, 0.01))
-        return [Frame(1, self.index, 0x123, b"")]
-
-    def send(self, frames: Sequence[Frame]) -> int:
-        return len(frames) if self.there else 0
-
-    def close(self) -> None:
-        raise OSError(9, "Bad file descriptor")
-
-
-@pytest.fixture
-def flaky(monkeypatch: pytest.MonkeyPatch) -> type[FlakyPort]:
-    monkeypatch.setitem(PORTS, "flaky", FlakyPort)
-    monkeypatch.setattr(FlakyPort, "there", True)
-    monkeypatch.setattr(FlakyPort, "opened", 0)
-    return FlakyPort
-
-
-def test_a_bus_that_goes_away_comes_back(flaky: type[FlakyPort], caplog: pytest.LogCaptureFixture) -> None:
-    with live(BusSettings(interface="flaky", channel="x")) as buses:
-        buses.open()
-        assert read_all(buses, 1)
-        assert buses[0].state.up
-        flaky.there = False
-        assert wait_for(lambda: not buses[0].state.up)
-        down = buses[0].state
-        assert "Network is down" in down.error
-        assert buses.send(0, [Frame(0, 0, 1, b"")]) == 0
-        time.sleep(0.5)
-        assert 2 <= flaky.opened <= 5
-        assert buses[0].state.since_ns == down.since_ns
-        assert "No such device" in buses[0].state.error
-        flaky.there = True
-        assert wait_for(lambda: buses[0].state.up)
-        buses.read(0.0)
-        assert read_all(buses, 1)
-        counts = buses[0].counts
-        assert (counts.reconnects, counts.send_failed) == (1, 1)
-    assert [record.message for record in caplog.records if "is down" in record.message] == [
-        "bus 'bus0' is down: Network is down; it is opened again as soon as it can be"
-    ]
-
-
-def test_a_missing_bus_is_awaited_where_that_is_asked_for(flaky: type[FlakyPort]) -> None:
-    flaky.there = False
-    with live(BusSettings(interface="flaky", channel="x")) as buses:
+    monkeypatch.setattr("candaemon.bus.pythoncan.can.Bus", bus)
+    with live(BusSettings(interface="kvaser", channel="0", reopen_first=0.01)) as buses:
         buses.open(strict=False)
-        time.sleep(0.15)
-        assert not buses[0].state.up
-        flaky.there = True
-        assert read_all(buses, 1)
-        assert buses[0].state.up
+        assert buses.read(0.1) == []
+        assert "canGetNumberOfChannels" in buses[0].state.error
+    assert len([text for text in caplog.messages if "driver is installed" in text]) == 1
 
 
-def test_a_reader_that_fails_shows(flaky: type[FlakyPort], monkeypatch: pytest.MonkeyPatch) -> None:
-    def receive(_: FlakyPort, timeout_s: float) -> list[Frame]:
+def test_a_reader_that_fails_shows_and_is_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    def receive(_: PythonCanPort, limit: int, timeout_s: float) -> list[Frame]:
         raise RuntimeError(timeout_s)
 
-    monkeypatch.setattr(flaky, "receive", receive)
     monkeypatch.setattr("threading.excepthook", lambda _: None)
-    with live(BusSettings(interface="flaky", channel="x")) as buses:
+    with monkeypatch.context() as broken, live(virtual()) as buses:
+        broken.setattr(PythonCanPort, "receive", receive)
         buses.open()
-        assert wait_for(lambda: not buses[0].state.up)
-        assert buses[0].state.error == "its reader has failed"
+        assert turn_until(buses, lambda: "its reader has failed" in buses[0].state.error)
+        broken.undo()
+        assert turn_until(buses, lambda: buses[0].state.up)
 
 
-def test_the_queue_waits_no_longer_than_asked() -> None:
-    start = time.monotonic()
-    assert FrameQueue(10).take(0.05) == []
-    assert 0.04 < time.monotonic() - start < 1.0
+def test_eight_thousand_frames_a_second_are_all_heard() -> None:
+    settings = virtual()
+    rate, seconds = 8000, 5
+    messages = [message(0x100 + k % 64, k * 1e-3, bytes(8)) for k in range(rate * seconds)]
+
+    def send(other: can.BusABC) -> None:
+        start, sent = time.monotonic(), 0
+        while sent < len(messages):
+            due = min(int((time.monotonic() - start) * rate), len(messages))
+            for each in messages[sent:due]:
+                other.send(each)
+            sent = due
+            time.sleep(0.005)
+
+    with live(settings) as buses, peer(settings) as other:
+        buses.open()
+        sender = Thread(target=send, args=(other,))
+        sender.start()
+        frames = read_all(buses, len(messages), 3.0 * seconds)
+        sender.join()
+        assert len(frames) == len(messages)
+        assert [frame.time_ns for frame in frames] == [k * 1_000_000 for k in range(len(messages))]
+        assert buses[0].counts.lost == 0
 
 
-def test_kernel_filters() -> None:
-    settings = BusSettings(channel="can0")
-    request = PortRequest("radar", 0, settings, ports.BusCounts(), ids={0x210, 0x123 | EXTENDED})
-    assert ports._filters(request) == [
-        {"can_id": 0x210, "can_mask": 0x7FF, "extended": False},
-        {"can_id": 0x123, "can_mask": 0x1FFF_FFFF, "extended": True},
-    ]
-    assert ports._filters(PortRequest("radar", 0, settings, ports.BusCounts(), ids=range(513))) is None
-    assert ports._filters(PortRequest("radar", 0, virtual(), ports.BusCounts(), ids={1})) is None
+def test_reading_waits_no_longer_than_asked_and_idles() -> None:
+    with live(virtual()) as buses:
+        buses.open()
+        start, worked = time.monotonic(), time.thread_time()
+        assert buses.read(0.25) == []
+        assert 0.24 < time.monotonic() - start < 1.0
+        assert time.thread_time() - worked < 0.02
 
 
 @pytest.fixture

@@ -28,10 +28,12 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("output", "simulation", "evaluation"),
     ("cycle", "receiver"),
     ("pipeline", "papers", "smoother"),
-    ("summary", "recorder"),
+    ("summary", "recorder", "snapshot", "handover"),
+    ("recordings",),
     ("replayer", "service"),
     ("arguments", "terminal", "show"),
-    ("check", "demo"),
+    ("watch_view",),
+    ("check", "demo", "watch"),
     ("cli",),
     ("__main__",),
 )
@@ -54,9 +56,9 @@ IGNORANT = {
 """What a room must know nothing of, though it lies below it."""
 
 READS_NO_CLOCK = ("bus", "sensing", "tracking", "estimation", "binding", "config", "output", "pipeline")
-MAY_KNOW_TIME = {"bus.live", "bus.ports"}
+MAY_KNOW_TIME = {"bus.live", "bus.ports", "bus.socketcan", "bus.multicast"}
 
-HEAVY = {"scipy", "filterpy", "matplotlib", "rich"}
+HEAVY = {"scipy", "filterpy", "matplotlib", "rich", "prometheus_client"}
 
 
 def modules() -> dict[str, Path]:

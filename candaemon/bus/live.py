@@ -1,199 +1,35 @@
-"""Live buses: a reader thread each, one bounded queue for all, and reconnection without end.
+"""Live buses, all in the thread that calls: read, sent to, and opened again without end.
 
-A bus that goes away is closed and opened again after 0.1 s, then twice as long each time, up to 5 s; until then what is
-sent to it counts as `send_failed`. The waiting starts over once it has delivered steadily. Nothing here ends because a
-bus does; its state and its counters tell.
-
-Time stamps are those of python-can: float seconds, rounded as `messages.nanoseconds` says.
+Reading waits on the descriptors of all buses at once. A bus that goes away is opened again in the background; until
+then what is sent to it counts as `send_failed`. Nothing here ends because a bus does; its state and its counts tell.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+import time
+from bisect import bisect_right
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from math import inf
 from operator import itemgetter
-from threading import Condition, Event, Thread
+from selectors import DefaultSelector, SelectorKey
 from types import TracebackType
 from typing import Self
 
 from candaemon.bus.frame import Frame
-from candaemon.bus.ports import PORT_ERRORS, BusCounts, Port, PortRequest, open_port
+from candaemon.bus.livebus import LiveBus
+from candaemon.bus.ports import BusCounts, PortRequest
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
 
 logger = logging.getLogger(__name__)
 
-CAPACITY = 20_000
-"""Frames that wait for the daemon at most: two seconds of a full 1 Mbit/s bus."""
+LIMIT = 256
+"""Frames of one bus in one reading, more or less: no flood on one bus keeps the others waiting."""
 
-_POLL_S = 0.1
-_FIRST_DELAY_S = 0.1
-_LONGEST_DELAY_S = 5.0
-_STEADY_BATCHES = 50
-_CLOSE_S = 0.9
-
-
-@dataclass(frozen=True, slots=True)
-class BusState:
-    """Whether a bus is there.
-
-    Attributes:
-        up: whether it is open and can be read.
-        since_ns: since when, in the clock given to `LiveBuses`.
-        error: why it is down; empty where it is up.
-    """
-
-    up: bool
-    since_ns: int
-    error: str = ""
-
-
-class FrameQueue:
-    """Frames of all buses on their way to the daemon; bounded.
-
-    Args:
-        capacity: frames held at most.
-    """
-
-    def __init__(self, capacity: int) -> None:
-        self._capacity = capacity
-        self._frames: list[Frame] = []
-        self._filled = Condition()
-
-    def put(self, frames: Sequence[Frame]) -> int:
-        """Append frames as far as there is room; return how many found none."""
-        with self._filled:
-            room = self._capacity - len(self._frames)
-            self._frames.extend(frames[:room])
-            self._filled.notify()
-        return max(len(frames) - room, 0)
-
-    def take(self, timeout_s: float) -> list[Frame]:
-        """Wait up to `timeout_s` s for frames; return all there are, ordered by time."""
-        with self._filled:
-            if not self._frames:
-                self._filled.wait(timeout_s)
-            frames, self._frames = self._frames, []
-        frames.sort(key=itemgetter(0))
-        return frames
-
-
-class LiveBus:
-    """One configured bus, read by a thread of its own.
-
-    Args:
-        request: which bus.
-        queue: where its frames go.
-        clock: gives nanoseconds; for `BusState.since_ns` alone.
-
-    Attributes:
-        name: the bus's name in the configuration.
-        counts: what it carried and lost.
-        state: whether it is there.
-    """
-
-    def __init__(self, request: PortRequest, queue: FrameQueue, clock: Callable[[], int]) -> None:
-        self.name = request.name
-        self.counts = request.counts
-        self.state = BusState(False, clock(), "not opened yet")
-        self._request = request
-        self._queue = queue
-        self._clock = clock
-        self._port: Port | None = None
-        self._closing = Event()
-        self._thread = Thread(target=self._read, name=f"bus {self.name}", daemon=True)
-
-    def open(self) -> None:
-        """Open the bus.
-
-        Raises:
-            BusError: it cannot be opened; says why and what to do.
-        """
-        self._port = open_port(self._request)
-        self.state = BusState(True, self._clock())
-
-    def start(self) -> None:
-        """Start to read; opens the bus where it is not open, and again whenever it goes away."""
-        self._thread.start()
-
-    def send(self, frames: Sequence[Frame]) -> int:
-        """Send frames; return how many were sent. The others are counted."""
-        port = self._port
-        sent = 0 if port is None else port.send(frames)
-        self.counts.sent += sent
-        self.counts.send_failed += len(frames) - sent
-        return sent
-
-    def stop(self) -> None:
-        """Ask the reader to end; does not wait."""
-        self._closing.set()
-
-    def join(self, timeout_s: float) -> None:
-        """Wait up to `timeout_s` s for the reader to end, and close the bus."""
-        if self._thread.is_alive():
-            self._thread.join(timeout_s)
-        self._close_port()
-
-    def _read(self) -> None:
-        """Read until asked to end; reconnect as often as it takes."""
-        try:
-            self._read_and_reconnect()
-        finally:
-            self._close_port()
-            if not self._closing.is_set():
-                self.state = BusState(False, self._clock(), "its reader has failed")
-
-    def _read_and_reconnect(self) -> None:
-        delay_s = _FIRST_DELAY_S
-        steady = 0
-        while not self._closing.is_set():
-            try:
-                frames = self._receive()
-            except (BusError, *PORT_ERRORS) as error:
-                self._go_down(error)
-                self._closing.wait(delay_s)
-                delay_s = min(2 * delay_s, _LONGEST_DELAY_S)
-                steady = 0
-                continue
-            if not self.state.up:
-                self._come_up()
-            steady += 1
-            if steady == _STEADY_BATCHES:
-                delay_s = _FIRST_DELAY_S
-            if frames:
-                dropped = self._queue.put(frames)
-                self.counts.queue_full += dropped
-                self.counts.received += len(frames) - dropped
-
-    def _receive(self) -> list[Frame]:
-        """Return the frames of a short while; open the bus first where it is not."""
-        if self._port is None:
-            self._port = open_port(self._request)
-        return self._port.receive(_POLL_S)
-
-    def _come_up(self) -> None:
-        """Note that the bus is back."""
-        self.state = BusState(True, self._clock())
-        self.counts.reconnects += 1
-        logger.info("bus '%s' is up", self.name)
-
-    def _go_down(self, error: Exception) -> None:
-        """Close the bus and note why."""
-        self._close_port()
-        if self.state.up:
-            logger.warning("bus '%s' is down: %s; it is opened again as soon as it can be", self.name, error)
-            self.state = BusState(False, self._clock(), str(error))
-        else:
-            self.state = BusState(False, self.state.since_ns, str(error))
-
-    def _close_port(self) -> None:
-        """Close the bus if it is open; what fails then is of no use to anyone."""
-        port, self._port = self._port, None
-        if port is not None:
-            with suppress(*PORT_ERRORS):
-                port.close()
+_DRAIN_S = 0.001
+_time_of = itemgetter(0)
 
 
 class LiveBuses:
@@ -204,7 +40,7 @@ class LiveBuses:
         clock: gives nanoseconds, for `BusState.since_ns`.
         ids: identifiers wanted of a bus, with `EXTENDED`, by its name; all of a bus that it leaves out. An interface
             that can filter spares the others, so that they are not even counted.
-        capacity: frames that wait at most.
+        rates: frames/s expected of a bus, by its name; a full bus where it is left out.
     """
 
     def __init__(
@@ -213,14 +49,13 @@ class LiveBuses:
         *,
         clock: Callable[[], int],
         ids: Mapping[str, Collection[int]] | None = None,
-        capacity: int = CAPACITY,
+        rates: Mapping[str, float] | None = None,
     ) -> None:
-        self._queue = FrameQueue(capacity)
-        wanted = ids or {}
-        self._buses = tuple(
-            LiveBus(PortRequest(name, index, settings, BusCounts(), wanted.get(name)), self._queue, clock)
-            for index, (name, settings) in enumerate(buses.items())
-        )
+        self._clock = clock
+        self._selector = DefaultSelector()
+        self._held: list[Frame] = []
+        self._ahead: set[int] = set()
+        self._buses = tuple(self._bus(request) for request in _requests(buses, ids or {}, rates or {}))
 
     def __getitem__(self, index: int) -> LiveBus:
         return self._buses[index]
@@ -228,8 +63,11 @@ class LiveBuses:
     def __len__(self) -> int:
         return len(self._buses)
 
+    def __iter__(self) -> Iterator[LiveBus]:
+        return iter(self._buses)
+
     def open(self, *, strict: bool = True) -> None:
-        """Open every bus and start to read.
+        """Try to open every bus.
 
         Args:
             strict: whether a bus that cannot be opened is an error; otherwise it is tried again in the background.
@@ -237,30 +75,89 @@ class LiveBuses:
         Raises:
             BusError: strict, and a bus cannot be opened; none is left open then.
         """
-        if strict:
-            try:
-                for bus in self._buses:
-                    bus.open()
-            except BusError:
-                self.close()
-                raise
         for bus in self._buses:
-            bus.start()
+            try:
+                bus.open(time.monotonic())
+            except BusError as error:
+                if strict:
+                    self.close()
+                    raise
+                logger.warning("%s. It is tried again until it opens", error)
 
     def read(self, timeout_s: float) -> list[Frame]:
-        """Wait up to `timeout_s` s for frames; return all that have come, ordered by time."""
-        return self._queue.take(timeout_s)
+        """Wait up to `timeout_s` s for frames; return those that have come, ordered by time.
+
+        All else that is due is done meanwhile: what waits is sent, what is gone is opened again.
+        """
+        now_s = time.monotonic()
+        end_s = now_s + timeout_s
+        while True:
+            due_s = self._tend(now_s)
+            until_s = now_s if self._held else min(end_s, due_s)
+            ready = self._selector.select(max(until_s - now_s, 0.0))
+            now_s = time.monotonic()
+            frames = self._receive(ready, now_s) if ready or self._held else []
+            if frames or now_s >= end_s:
+                return frames
 
     def send(self, bus: int, frames: Sequence[Frame]) -> int:
-        """Send frames on the bus of that index; return how many were sent. The others are counted."""
-        return self._buses[bus].send(frames)
+        """Send frames on the bus of that index, without waiting.
+
+        What finds no room waits, and is tried again while buses are read. It is dropped for newer frames of the same
+        identifiers, or once it has waited for the bus's `send_timeout`.
+
+        Returns:
+            how many frames, these or those that waited before them, went out at once.
+        """
+        return self._buses[bus].send(frames, time.monotonic())
+
+    def drain(self, timeout_s: float) -> bool:
+        """Wait up to `timeout_s` s for what waits to be sent; return whether all of it was sent or given up."""
+        end_s = time.monotonic() + timeout_s
+        while (now_s := time.monotonic()) < end_s and any(bus.waiting for bus in self._buses):
+            for bus in self._buses:
+                bus.tend(now_s)
+            time.sleep(_DRAIN_S)
+        return not any(bus.waiting for bus in self._buses)
+
+    def change(
+        self,
+        buses: Mapping[str, BusSettings],
+        *,
+        ids: Mapping[str, Collection[int]] | None = None,
+        rates: Mapping[str, float] | None = None,
+    ) -> None:
+        """Take the buses of another configuration: those that are alike stay open, the others open in the background.
+
+        Counts go on where the name stays, and so does what has come and was not read yet.
+
+        Args:
+            buses: as for the constructor.
+            ids: likewise.
+            rates: likewise.
+        """
+        names = [bus.name for bus in self._buses]
+        before = dict(zip(names, self._buses, strict=True))
+        kept = []
+        for request in _requests(buses, ids or {}, rates or {}):
+            old = before.get(request.name)
+            if old is not None:
+                request = replace(request, counts=old.counts)
+                if request == old.request:
+                    kept.append(before.pop(request.name))
+                    continue
+            kept.append(self._bus(request))
+        for bus in before.values():
+            self._held += bus.leave()
+        self._buses = tuple(kept)
+        index = {bus.name: bus.index for bus in kept}
+        self._held = [frame._replace(bus=index[names[frame.bus]]) for frame in self._held if names[frame.bus] in index]
+        self._ahead.clear()
 
     def close(self) -> None:
-        """Close every bus; takes a second at most."""
+        """Close every bus; takes 0.2 s for one whose driver does not come back."""
         for bus in self._buses:
-            bus.stop()
-        for bus in self._buses:
-            bus.join(_CLOSE_S / len(self._buses))
+            bus.close()
 
     def __enter__(self) -> Self:
         return self
@@ -269,3 +166,46 @@ class LiveBuses:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _bus(self, request: PortRequest) -> LiveBus:
+        return LiveBus(request, self._clock, self._selector)
+
+    def _tend(self, now_s: float) -> float:
+        """Do what is due on every bus; return when something is due next."""
+        next_s = inf
+        for bus in self._buses:
+            if bus.due_s <= now_s:
+                self._held += bus.tend(now_s)
+            next_s = min(next_s, bus.due_s)
+        return next_s
+
+    def _receive(self, ready: Iterable[tuple[SelectorKey, int]], now_s: float) -> list[Frame]:
+        """Return what has come, in order of time.
+
+        A bus that gave all that it may in one reading has more, and older than what others have given: theirs is held
+        back behind its last frame, and they are not read before it has caught up.
+        """
+        frames, self._held = self._held, []
+        behind = []
+        for key, _ in ready:
+            bus: LiveBus = key.data
+            if bus.index not in self._ahead:
+                come = bus.receive(LIMIT, now_s)
+                frames += come
+                if len(come) >= LIMIT:
+                    behind.append(come[-1].time_ns)
+        frames.sort(key=_time_of)
+        self._ahead.clear()
+        if behind:
+            known = bisect_right(frames, min(behind), key=_time_of)
+            frames, self._held = frames[:known], frames[known:]
+            self._ahead.update(frame.bus for frame in self._held)
+        return frames
+
+
+def _requests(
+    buses: Mapping[str, BusSettings], ids: Mapping[str, Collection[int]], rates: Mapping[str, float]
+) -> Iterator[PortRequest]:
+    """Yield what each bus is opened from."""
+    for index, (name, settings) in enumerate(buses.items()):
+        yield PortRequest(name, index, settings, BusCounts(), ids.get(name), rates.get(name))

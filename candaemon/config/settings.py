@@ -13,6 +13,7 @@ from candaemon.config.buses import BusSettings
 from candaemon.config.ego import EgoSettings, InsSettings, StaticSettings
 from candaemon.config.output import OutputSettings
 from candaemon.config.sensors import SensorSettings
+from candaemon.config.service import ServiceSettings
 from candaemon.config.supervision import SupervisionSettings
 from candaemon.config.tracker import GroupSettings, TrackerSettings
 
@@ -59,6 +60,7 @@ class Config(Settings):
     supervision: SupervisionSettings = Field(
         default_factory=SupervisionSettings, description="when something counts as silent, lost, worrying"
     )
+    service: ServiceSettings = Field(default_factory=ServiceSettings, description="how `candaemon run` serves")
 
     @model_validator(mode="after")
     def _references_hold(self) -> Config:

@@ -1,4 +1,4 @@
-"""SIGTERM and SIGINT as a request to stop."""
+"""Signals as requests to the service."""
 
 from __future__ import annotations
 
@@ -7,17 +7,24 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-STOPPING = (signal.SIGTERM, signal.SIGINT)
-
 
 @contextmanager
-def stopping_on_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Call `stop` on SIGTERM and SIGINT while the context lasts; for the main thread only."""
+def service_signals(
+    *, stop: Callable[[], None], reload: Callable[[], None], mark: Callable[[], None]
+) -> Iterator[None]:
+    """Pass signals on while the context lasts; for the main thread only.
 
-    def handle(_number: int, _frame: FrameType | None) -> None:
-        stop()
+    Args:
+        stop: called on SIGTERM and SIGINT.
+        reload: called on SIGHUP.
+        mark: called on SIGUSR1.
+    """
+    handlers = {signal.SIGTERM: stop, signal.SIGINT: stop, signal.SIGHUP: reload, signal.SIGUSR1: mark}
 
-    before = {number: signal.signal(number, handle) for number in STOPPING}
+    def handle(number: int, _frame: FrameType | None) -> None:
+        handlers[signal.Signals(number)]()
+
+    before = {number: signal.signal(number, handle) for number in handlers}
     try:
         yield
     finally:
