@@ -7,10 +7,8 @@ from typing import TypeAlias
 
 import pytest
 
-from .timing import Timed
-
-Note: TypeAlias = Callable[[Timed], None]
-"""Keeps a result for the summary."""
+Note: TypeAlias = Callable[[object], None]
+"""Keeps a result, as it prints itself, for the summary."""
 
 _KEY = "benchmark"
 

@@ -1,0 +1,128 @@
+"""Configurations and DBC files with anything in them: refused by name and line, or they work."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import islice
+from pathlib import Path
+
+from candaemon.binding import bind
+from candaemon.bus.codec import compile_decoder, compile_encoder
+from candaemon.bus.database import load_database
+from candaemon.bus.frame import Frame
+from candaemon.config import load_config
+from candaemon.errors import ConfigError, DatabaseError
+from candaemon.pipeline import Pipeline
+
+from .drawn import Drawn
+from .invariants import Watch
+from .scratch import scratch
+
+_ROOT = Path(__file__).resolve().parents[2]
+_FRAMES = 200
+_START_NS = 1_700_000_000_000_000_000
+_YAML_WORDS = (b"0", b"-1", b"1e400", b".nan", b".inf", b"null", b"true", b"[]", b"{}", b"1", b"0.001", b"64",
+               b"1000000", b"&a ", b"*a", b"<<: *a", b"!!python/object:os.system ", b"'", b'"', b"\n", b"  ", b"- ",
+               b": ", b"#", b"\t", b"\xff", b"timeout", b"counter", b"imm", b"cv", b"odometry", b"-X",
+               b"{slot}", b"0x10")  # fmt: skip
+_DBC_WORDS = (b"0", b"1", b"-1", b"65", b"4294967295", b"1e309", b"0.1", b"@0-", b"@1+", b"M", b"m0", b"m1M", b'"',
+              b";", b"\nBO_ 1 X: 8 A\n", b'\n SG_ a : 0|8@1+ (1,0) [0|0] "" A\n', b"\nSIG_VALTYPE_ 1 a : 1;\n",
+              b'\nVAL_ 1 a 0 "x" ;\n', b"\nSG_MUL_VAL_ 1 a b 0-9;\n", b"//", b"\\", b"(0,0)", b"[1|0]", b"|", b":",
+              b'BA_ "GenMsgCycleTime" BO_ 1 x;\n', b"CM_ ", b"\xff", b"\0", b"\n\n")  # fmt: skip
+
+
+def fuzz_configuration(data: bytes) -> None:
+    """Load and bind a configuration; one that is accepted takes frames."""
+    drawn = Drawn(data)
+    text = drawn.edited(drawn.choice(_configurations()), _YAML_WORDS) if drawn.flag() else drawn.rest()
+    path = scratch() / "config.yaml"
+    path.write_bytes(text)
+    try:
+        bound = bind(load_config(path))
+    except ConfigError as error:
+        _hold_place(error)
+        return
+    pipeline, watch = Pipeline(bound), Watch(bound)
+    kinds = [
+        (bus.index, can_id, database.by_id[can_id].length)
+        for bus in bound.buses
+        for database in bus.databases
+        for can_id in sorted(bus.can_ids & database.by_id.keys())
+    ]
+    payload = drawn.rest().ljust(64, b"\x5a")
+    frames = [
+        Frame(_START_NS + k * 2_000_000, bus, can_id, (payload[k % 32 :] + payload)[:length])
+        for k, (bus, can_id, length) in enumerate(islice(kinds * _FRAMES, _FRAMES))
+    ]
+    for cycle in pipeline.run(frames):
+        watch.take(cycle)
+
+
+def fuzz_dbc(data: bytes) -> None:
+    """Load a DBC file; what is accepted decodes any payload, and is encoded or refused by name."""
+    drawn = Drawn(data)
+    text = drawn.edited(drawn.choice(_databases()), _DBC_WORDS) if drawn.flag() else drawn.rest()
+    path = scratch() / "file.dbc"
+    path.write_bytes(text)
+    try:
+        database = load_database(path)
+    except DatabaseError as error:
+        _hold_place(error)
+        return
+    lines = text.count(b"\n") + text.count(b"\r") + 1
+    assert all(0 <= warning.line <= lines for warning in database.warnings)
+    payload = (drawn.rest() or b"\x5a").ljust(64, b"\xc3")
+    for message in database.messages.values():
+        if message.length > 64:
+            continue  # no frame of CAN
+        values = compile_decoder(message)(payload[: message.length])
+        assert values is None or len(values) == len(message.signals)
+        try:
+            encoder = compile_encoder(message)
+        except ConfigError:
+            continue
+        sent, _ = encoder([1.5] * len(message.signals))
+        assert len(sent) == message.length
+
+
+def _hold_place(error: ConfigError) -> None:
+    """Hold that an error says in which file it is."""
+    assert error.file is not None, f"it does not say where: {error}"
+
+
+@cache
+def _configurations() -> tuple[bytes, ...]:
+    """Return the shipped configurations, with paths from anywhere."""
+    dbc = str(_ROOT / "dbc").encode()
+    return tuple(path.read_bytes().replace(b"../dbc", dbc) for path in sorted((_ROOT / "config").glob("*.yaml")))
+
+
+@cache
+def _databases() -> tuple[bytes, ...]:
+    """Return the heads of the shipped DBC files and one with all that is odd."""
+    heads = [path.read_bytes()[:3000] for path in sorted((_ROOT / "dbc").glob("*.dbc"))]
+    return (_ODD, *heads)
+
+
+_ODD = b"""VERSION ""
+BU_: A B
+BO_ 100 Mux: 8 A
+ SG_ mode M : 0|4@1+ (1,0) [0|15] "" B
+ SG_ x m0 : 8|16@1- (0.01,-5) [-300|300] "m" B
+ SG_ y m1M : 15|12@0+ (1,0) [0|0] "" B
+ SG_ z m2 : 32|32@1- (1,0) [0|0] "" B
+BO_ 2147483748 Long: 64 A
+ SG_ f : 0|32@1- (1,0) [-10|10] "m" B
+ SG_ far : 480|32@1+ (1,0) [0|0] "" B
+CM_ SG_ 100 x "a ; comment // with \\"all\\"
+over two lines";
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;
+BA_DEF_ SG_ "GenSigStartValue" FLOAT 0 1e9;
+BA_DEF_DEF_ "GenMsgCycleTime" 0;
+BA_DEF_DEF_ "GenSigStartValue" 0;
+BA_ "GenMsgCycleTime" BO_ 100 50;
+BA_ "GenSigStartValue" SG_ 100 x 7;
+VAL_ 100 mode 0 "near" 1 "far" ;
+SIG_VALTYPE_ 2147483748 f : 1;
+SG_MUL_VAL_ 100 z y 2-3, 5-5;
+"""

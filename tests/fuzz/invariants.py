@@ -1,0 +1,131 @@
+"""What holds of every cycle, whatever the frames were: numbers are numbers, frames as the DBC says, time goes on."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from functools import cache
+from math import isfinite
+from zlib import crc32
+
+import cantools
+import numpy as np
+from cantools.database.can import Database, Message
+
+from candaemon.binding import Binding
+from candaemon.bus.frame import EXTENDED
+from candaemon.cycle import Cycle
+from candaemon.sensing.pose import EgoPose
+from candaemon.tracking.obstacles import Obstacles
+
+_COLUMNS = tuple(field.name for field in fields(Obstacles))
+_NOT_NEGATIVE = ("sx", "sy", "svx", "svy", "age", "existence")
+
+
+class Watch:
+    """Holds what must be true of the cycles of one pipeline.
+
+    Args:
+        binding: of the pipeline.
+        sampled: of so many cycles, the frames of one are decoded by cantools; of the others only the lengths are held.
+
+    Attributes:
+        cycles: seen so far.
+        most: obstacles in one of them.
+        digest: of all that was sent.
+    """
+
+    def __init__(self, binding: Binding, sampled: int = 1) -> None:
+        self.cycles = 0
+        self.most = 0
+        self.digest = 0
+        self._sampled = sampled
+        self._limit = _limit(binding)
+        self._messages = _messages(binding)
+        self._output = binding.output
+        self._time_ns = 0
+
+    def take(self, cycle: Cycle) -> None:
+        """Hold one cycle.
+
+        Raises:
+            AssertionError: it is not as it must be.
+        """
+        assert cycle.time_ns >= self._time_ns, f"time went back from {self._time_ns} to {cycle.time_ns}"
+        self._time_ns = cycle.time_ns
+        hold_obstacles(cycle.obstacles)
+        _hold_pose(cycle.pose)
+        assert len(cycle.obstacles) <= self._limit, f"{len(cycle.obstacles)} obstacles"
+        self._hold_frames(cycle, decoded=self.cycles % self._sampled == 0)
+        self.most = max(self.most, len(cycle.obstacles))
+        self.cycles += 1
+
+    def _hold_frames(self, cycle: Cycle, *, decoded: bool) -> None:
+        """Hold that every frame is one of the output's DBC, and all its signals are numbers."""
+        if self._output is None:
+            assert not cycle.frames
+            return
+        for time_ns, bus, can_id, data, fd in cycle.frames:
+            message = self._messages[can_id]
+            assert (time_ns, bus) == (cycle.time_ns, self._output.bus)
+            assert len(data) == message.length, f"{message.name} of {len(data)} bytes"
+            assert fd == (can_id in self._output.fd_ids), message.name
+            self.digest = crc32(data, crc32(can_id.to_bytes(4, "little"), self.digest))
+            if decoded:
+                values = message.decode(data, decode_choices=False)
+                assert isinstance(values, dict)
+                for name, value in values.items():
+                    assert isinstance(value, int | float), f"{message.name}.{name} is {value}"
+                    assert isfinite(value), f"{message.name}.{name} is {value}"
+
+
+def hold_obstacles(obstacles: Obstacles) -> None:
+    """Hold that every column is finite, of one length, and possible.
+
+    Raises:
+        AssertionError: it is not.
+    """
+    count = len(obstacles)
+    for name in _COLUMNS:
+        column = getattr(obstacles, name)
+        if isinstance(column, np.ndarray):
+            assert np.isfinite(column).all(), f"{name}: {column}"
+            assert name.startswith("used_") or column.shape == (count,), name
+    if count:
+        assert len(set(obstacles.id.tolist())) == count, "an id is there twice"
+        assert all(getattr(obstacles, name).min() >= 0 for name in _NOT_NEGATIVE)
+        assert obstacles.existence.max() <= 1
+        assert set(obstacles.state.tolist()) <= {0, 1, 2}
+    if len(obstacles.used_row):
+        assert 0 <= obstacles.used_row.min() <= obstacles.used_row.max() < count
+
+
+def _hold_pose(pose: EgoPose) -> None:
+    for field in fields(EgoPose):
+        assert isfinite(getattr(pose, field.name)), f"own {field.name} is {getattr(pose, field.name)}"
+
+
+def _limit(binding: Binding) -> int:
+    """Return how many obstacles there may be: those of every group's tracker."""
+    config = binding.settings
+    grouped = {name for group in config.groups.values() for name in group.sensors}
+    ungrouped = any(sensor.name not in grouped for sensor in binding.sensors)
+    return sum(group.tracker.max_tracks for group in config.groups.values()) + ungrouped * config.tracker.max_tracks
+
+
+@cache
+def _database(path: str) -> Database:
+    loaded = cantools.database.load_file(path, strict=False)
+    assert isinstance(loaded, Database)
+    return loaded
+
+
+def _messages(binding: Binding) -> dict[int, Message]:
+    """Return what cantools knows of the messages that the output sends, by CAN id."""
+    output = binding.output
+    if output is None:
+        return {}
+    known = {
+        message.frame_id | (EXTENDED if message.is_extended_frame else 0): message
+        for message in _database(str(output.database.path)).messages
+    }
+    return {can_id: known[can_id] for can_id in output.can_ids}
