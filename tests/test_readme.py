@@ -7,11 +7,13 @@ import shlex
 import shutil
 import stat
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
+from beds.waiting import wait_until
 from conftest import ROOT
 from pydantic import TypeAdapter
 
@@ -109,6 +111,29 @@ def test_the_recorded_drive_is_replayed_as_written(
     assert "sensors.front.used: 38400" in capsys.readouterr().out
 
 
+def test_the_service_runs_as_written(tmp_path: Path) -> None:
+    (words,) = commands("run")
+    where = {"my_car.yaml": str(ROOT / "config" / "demo.yaml"), "/var/tmp/drive": str(tmp_path / "drive")}  # noqa: S108 - to be replaced
+    assert where.keys() <= set(words)
+    arguments = [where.get(word, word) for word in words]
+    with subprocess.Popen(
+        [sys.executable, "-m", "candaemon", *arguments], stderr=subprocess.PIPE, text=True
+    ) as service:
+        assert service.stderr is not None
+        assert any("serving" in line for line in service.stderr)
+        wait_until(lambda: any((tmp_path / "drive").glob("*.log")), 20, "a file of the ring")
+        service.terminate()
+        assert service.wait(10) == 0
+
+
+def test_the_unit_is_shown_as_written(capsys: pytest.CaptureFixture[str]) -> None:
+    (words,) = commands("install-service")
+    shown = [str(ROOT / "config" / "esr_ins.yaml") if word == "/etc/candaemon/front.yaml" else word for word in words]
+    assert shown != words
+    assert main(shown) == 0
+    assert "Type=notify" in capsys.readouterr().out
+
+
 def test_papers_run_as_written(capsys: pytest.CaptureFixture[str]) -> None:
     (words,) = commands("papers")
     assert main([*words, "003", "--runs", "2"]) == 0  # all of them and 100 runs take minutes
@@ -124,7 +149,7 @@ def test_filters_that_are_named_exist() -> None:
 
 
 def test_other_commands_are_known(capsys: pytest.CaptureFixture[str]) -> None:
-    named = set(re.findall(r"candaemon (\w+)", " ".join(re.findall(r"`([^`]+)`", TEXT) + [b for _, b in BLOCKS])))
+    named = set(re.findall(r"candaemon ([\w-]+)", " ".join(re.findall(r"`([^`]+)`", TEXT) + [b for _, b in BLOCKS])))
     for name in sorted(named):
         with pytest.raises(SystemExit) as stop:
             main([name, "--help"])
