@@ -8,9 +8,9 @@ import sys
 
 from conftest import ROOT
 
-FRAMES = 1_100_000
-WARM = 100_000
-"""Frames in which the recording's ring fills, and each size of everything has come once."""
+FRAMES = 1_370_000
+WARM = 350_000
+"""Frames in which the recording's ring has turned over three times, and the allocator has seen every size."""
 LIMIT = 1_000_000
 
 
