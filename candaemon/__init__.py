@@ -15,100 +15,113 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from candaemon._version import __version__ as __version__
+
 if TYPE_CHECKING:
-    from candaemon.binding import Binding, bind
-    from candaemon.bus.frame import Frame, Tick
-    from candaemon.config import json_schema, load_config
-    from candaemon.cycle import Cycle
-    from candaemon.estimation.adaptive import AdaptiveFilter, InnovationNoise
-    from candaemon.estimation.alignment import lagrange, mounting_rotation
-    from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
-    from candaemon.estimation.federated import Federated
-    from candaemon.estimation.imm import Imm
-    from candaemon.estimation.information import InformationFilter
-    from candaemon.estimation.manoeuvre import SwitchRule
-    from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel, Singer
-    from candaemon.estimation.radial import ModifiedLinearKalman
-    from candaemon.estimation.smoothing import FixedLag, Link, Step, smooth
-    from candaemon.estimation.switching import CvCsmSwitch
-    from candaemon.estimation.trilateration import Status, Trilateration, trilaterate
-    from candaemon.estimation.variational import NoiseScale, VariationalNoise
-    from candaemon.pipeline import Pipeline
-    from candaemon.replayer import Replayed, ReplayRequest, replay
-    from candaemon.summary import summarise
-    from candaemon.tracking.obstacles import Obstacles
-    from candaemon.tracking.tracker import Tracker
+    from candaemon.binding.bind import bind as bind
+    from candaemon.binding.bound import Binding as Binding
+    from candaemon.config.load import json_schema as json_schema
+    from candaemon.config.load import load_config as load_config
+    from candaemon.estimation.adaptive import AdaptiveFilter as AdaptiveFilter
+    from candaemon.estimation.adaptive import InnovationNoise as InnovationNoise
+    from candaemon.estimation.alignment import lagrange as lagrange
+    from candaemon.estimation.alignment import mounting_rotation as mounting_rotation
+    from candaemon.estimation.axis_filter import AxisFilter as AxisFilter
+    from candaemon.estimation.axis_filter import WhiteAxis as WhiteAxis
+    from candaemon.estimation.cv_csm_switch import CvCsmSwitch as CvCsmSwitch
+    from candaemon.estimation.federated import Federated as Federated
+    from candaemon.estimation.imm import Imm as Imm
+    from candaemon.estimation.information import InformationFilter as InformationFilter
+    from candaemon.estimation.manoeuvre import SwitchRule as SwitchRule
+    from candaemon.estimation.motion_models import CoordinatedTurn as CoordinatedTurn
+    from candaemon.estimation.motion_models import CurrentStatistical as CurrentStatistical
+    from candaemon.estimation.motion_models import LinearModel as LinearModel
+    from candaemon.estimation.motion_models import Singer as Singer
+    from candaemon.estimation.radial import ModifiedLinearKalman as ModifiedLinearKalman
+    from candaemon.estimation.smoothing import FixedLag as FixedLag
+    from candaemon.estimation.smoothing import Link as Link
+    from candaemon.estimation.smoothing import Step as Step
+    from candaemon.estimation.smoothing import smooth as smooth
+    from candaemon.estimation.trilateration import Status as Status
+    from candaemon.estimation.trilateration import Trilateration as Trilateration
+    from candaemon.estimation.trilateration import trilaterate as trilaterate
+    from candaemon.estimation.variational import NoiseScale as NoiseScale
+    from candaemon.estimation.variational import VariationalNoise as VariationalNoise
+    from candaemon.frames.frame import Frame as Frame
+    from candaemon.frames.frame import Tick as Tick
+    from candaemon.pipeline.cycle import Cycle as Cycle
+    from candaemon.pipeline.pipeline import Pipeline as Pipeline
+    from candaemon.replay.replay import Replayed as Replayed
+    from candaemon.replay.replay import ReplayRequest as ReplayRequest
+    from candaemon.replay.replay import replay as replay
+    from candaemon.replay.summary import summarise as summarise
+    from candaemon.tracking.obstacles import Obstacles as Obstacles
+    from candaemon.tracking.tracker import Tracker as Tracker
 
-__version__ = "0.1.0"
-
-_EXPORTS = {
-    "candaemon.binding": ("Binding", "bind"),
-    "candaemon.bus.frame": ("Frame", "Tick"),
-    "candaemon.config": ("json_schema", "load_config"),
-    "candaemon.cycle": ("Cycle",),
-    "candaemon.estimation.alignment": ("lagrange", "mounting_rotation"),
-    "candaemon.estimation.adaptive": ("AdaptiveFilter", "InnovationNoise"),
-    "candaemon.estimation.axis_filter": ("AxisFilter", "WhiteAxis"),
+_NAMES = {
+    "candaemon.binding.bind": ("bind",),
+    "candaemon.binding.bound": ("Binding",),
+    "candaemon.config.load": (
+        "json_schema",
+        "load_config",
+    ),
+    "candaemon.estimation.adaptive": (
+        "AdaptiveFilter",
+        "InnovationNoise",
+    ),
+    "candaemon.estimation.alignment": (
+        "lagrange",
+        "mounting_rotation",
+    ),
+    "candaemon.estimation.axis_filter": (
+        "AxisFilter",
+        "WhiteAxis",
+    ),
+    "candaemon.estimation.cv_csm_switch": ("CvCsmSwitch",),
     "candaemon.estimation.federated": ("Federated",),
     "candaemon.estimation.imm": ("Imm",),
     "candaemon.estimation.information": ("InformationFilter",),
     "candaemon.estimation.manoeuvre": ("SwitchRule",),
-    "candaemon.estimation.models": ("CoordinatedTurn", "CurrentStatistical", "LinearModel", "Singer"),
+    "candaemon.estimation.motion_models": (
+        "CoordinatedTurn",
+        "CurrentStatistical",
+        "LinearModel",
+        "Singer",
+    ),
     "candaemon.estimation.radial": ("ModifiedLinearKalman",),
-    "candaemon.estimation.smoothing": ("FixedLag", "Link", "Step", "smooth"),
-    "candaemon.estimation.switching": ("CvCsmSwitch",),
-    "candaemon.estimation.trilateration": ("Status", "Trilateration", "trilaterate"),
-    "candaemon.estimation.variational": ("NoiseScale", "VariationalNoise"),
-    "candaemon.pipeline": ("Pipeline",),
-    "candaemon.replayer": ("ReplayRequest", "Replayed", "replay"),
-    "candaemon.summary": ("summarise",),
+    "candaemon.estimation.smoothing": (
+        "FixedLag",
+        "Link",
+        "Step",
+        "smooth",
+    ),
+    "candaemon.estimation.trilateration": (
+        "Status",
+        "Trilateration",
+        "trilaterate",
+    ),
+    "candaemon.estimation.variational": (
+        "NoiseScale",
+        "VariationalNoise",
+    ),
+    "candaemon.frames.frame": (
+        "Frame",
+        "Tick",
+    ),
+    "candaemon.pipeline.cycle": ("Cycle",),
+    "candaemon.pipeline.pipeline": ("Pipeline",),
+    "candaemon.replay.replay": (
+        "ReplayRequest",
+        "Replayed",
+        "replay",
+    ),
+    "candaemon.replay.summary": ("summarise",),
     "candaemon.tracking.obstacles": ("Obstacles",),
     "candaemon.tracking.tracker": ("Tracker",),
 }
-_MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
+_MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
 
-__all__ = [
-    "AdaptiveFilter",
-    "AxisFilter",
-    "Binding",
-    "CoordinatedTurn",
-    "CurrentStatistical",
-    "CvCsmSwitch",
-    "Cycle",
-    "Federated",
-    "FixedLag",
-    "Frame",
-    "Imm",
-    "InformationFilter",
-    "InnovationNoise",
-    "LinearModel",
-    "Link",
-    "ModifiedLinearKalman",
-    "NoiseScale",
-    "Obstacles",
-    "Pipeline",
-    "ReplayRequest",
-    "Replayed",
-    "Singer",
-    "Status",
-    "Step",
-    "SwitchRule",
-    "Tick",
-    "Tracker",
-    "Trilateration",
-    "VariationalNoise",
-    "WhiteAxis",
-    "__version__",
-    "bind",
-    "json_schema",
-    "lagrange",
-    "load_config",
-    "mounting_rotation",
-    "replay",
-    "smooth",
-    "summarise",
-    "trilaterate",
-]
+__all__ = sorted([*_MODULE_OF, "__version__"])  # noqa: PLE0605  # one table of names, not two
 
 
 def __getattr__(name: str) -> Any:

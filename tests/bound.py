@@ -6,8 +6,9 @@ from functools import cache
 
 from conftest import ROOT
 
-from candaemon.binding import Binding, bind
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.config.load import load_config
 
 
 @cache

@@ -9,17 +9,15 @@ from math import cos, sin
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.config.tracker import TrackerSettings
+from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.measurement import Measurement
-from candaemon.sensing.detections import Detections
-from candaemon.sensing.mounting import View
-from candaemon.sensing.pose import EgoPose, EgoStatus
+from candaemon.radar.detections import Detections
+from candaemon.radar.mounting import SensorView
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.tracker import Tracker
-
-Floats = NDArray[np.float64]
 
 AT_REST: Floats = np.zeros(2)
 
@@ -133,7 +131,7 @@ class HandFed:
         *,
         slack: float = 0.0,
         ids: count[int] | None = None,
-        views: Sequence[View] = (),
+        views: Sequence[SensorView] = (),
         noise: tuple[float, float, float] = (0.1, 0.1, 0.06),
         **settings: Any,
     ) -> None:

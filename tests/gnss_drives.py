@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 from builders import known, ns
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.config.ego import InsSettings
-from candaemon.sensing.geodesy import TangentPlane
-from candaemon.sensing.ins import InsMotion
-from candaemon.sensing.placement import Placer
-
-Floats = NDArray[np.float64]
+from candaemon.ego.geodesy import TangentPlane
+from candaemon.ego.georeference import Georeferencer
+from candaemon.ego.ins import InsMotion
 
 HOME = np.radians(48.1), np.radians(11.6)
 MOTION = ("velocity_east", "velocity_north", "heading", "yaw_rate")
@@ -80,7 +78,7 @@ class Ins:
         self.settings = InsSettings.model_validate(told | more)
         self.motion = InsMotion(self.settings)
         assert self.settings.gnss is not None
-        self.placer = Placer(self.settings, self.settings.gnss, self.motion.history)
+        self.placer = Georeferencer(self.settings, self.settings.gnss, self.motion.history)
         self.home = TangentPlane(*HOME)
 
     def tell(self, time: float, names: Sequence[str], values: Sequence[float]) -> None:

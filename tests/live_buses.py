@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import can
 
-from candaemon.bus.frame import Frame
-from candaemon.bus.live import LiveBuses
+from candaemon.can_io.buses import LiveBuses
 from candaemon.config.buses import BusSettings
+from candaemon.frames.frame import Frame
 
 _numbers = itertools.count()
 

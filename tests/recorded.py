@@ -9,13 +9,12 @@ from pathlib import Path
 import can
 from conftest import ROOT
 
-from candaemon.binding import Binding
-from candaemon.bus.candump import candump_text
-from candaemon.bus.frame import Frame
-from candaemon.bus.messages import to_message
-from candaemon.replayer import ReplayRequest, replay
-from candaemon.service.daemon import Daemon
-from candaemon.service.observer import Observer, Told
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.candump import candump_text
+from candaemon.can_io.messages import to_message
+from candaemon.daemon.daemon import Daemon, Observer, Told
+from candaemon.frames.frame import Frame
+from candaemon.replay.replay import ReplayRequest, replay
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from candaemon.binding.bound import BoundSensor
 from candaemon.config.sensors import TimeoutScan, TriggerScan
-from candaemon.sensing.assembly import ScanAssembler
-from candaemon.sensing.closing import make_assembler
-from candaemon.sensing.scan import Scan
+from candaemon.radar.assembly import ScanAssembler, make_assembler
+from candaemon.radar.scan import Scan
 
 FRAME_NS = 100_000
 """Between two frames of a cycle."""

@@ -16,12 +16,12 @@ from typing import Self
 import can
 from conftest import ROOT
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.frame import Frame
-from candaemon.bus.messages import to_message
-from candaemon.config import load_config
-from candaemon.service.daemon import Daemon
-from candaemon.service.observer import Observer
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.messages import to_message
+from candaemon.config.load import load_config
+from candaemon.daemon.daemon import Daemon, Observer
+from candaemon.frames.frame import Frame
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from conftest import ROOT
 
-from candaemon.binding import bind
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.config.load import load_config
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.results import Evaluation
 from candaemon.evaluation.writers import TrackWriter
-from candaemon.pipeline import Pipeline
-from candaemon.replayer import track_columns
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.replay.replay import track_columns
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate

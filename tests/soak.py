@@ -23,17 +23,16 @@ from typing import Any
 from beds.service import config_on
 from vcan.drives import LAP_S, lap
 
-from candaemon.binding import bind
-from candaemon.bus.frame import Frame
-from candaemon.bus.opening import PORTS
-from candaemon.bus.ports import Controller, PortRequest
-from candaemon.config import load_config
-from candaemon.service.daemon import Daemon
-from candaemon.service.observe import Meter
-from candaemon.service.observer import Observer
-from candaemon.service.recording import Recording
-from candaemon.service.status import StatusLine
-from candaemon.service.statussocket import StatusSocket
+from candaemon.binding.bind import bind
+from candaemon.can_io.open import PORTS
+from candaemon.can_io.port import Controller, PortRequest
+from candaemon.config.load import load_config
+from candaemon.daemon.daemon import Daemon, Observer
+from candaemon.frames.frame import Frame
+from candaemon.recording.recorder import Recording
+from candaemon.status.health_summary import StatusLine
+from candaemon.status.meter import Meter
+from candaemon.status.socket import StatusSocket
 
 STEP_NS = 20_000_000
 SAMPLES = 20

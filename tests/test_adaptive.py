@@ -7,8 +7,8 @@ import pytest
 from builders import random_covariance
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation.adaptive import (
     CHI_SQUARE,
     AdaptiveFilter,
@@ -19,8 +19,6 @@ from candaemon.estimation.adaptive import (
     process_noise,
 )
 from candaemon.estimation.axis import white_axis
-
-Floats = NDArray[np.float64]
 
 DT = 0.05
 CA = white_axis(DT, 0.1, order=2)

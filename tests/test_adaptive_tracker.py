@@ -7,11 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import CYCLE, HandFed, Seen, car, place, states, times
-from numpy.typing import NDArray
 
 from candaemon.tracking.obstacles import Obstacles
-
-Floats = NDArray[np.float64]
 
 DEVIATION = 0.2
 BAD = range(200, 400)

@@ -10,11 +10,9 @@ import pytest
 from builders import rotation
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation.alignment import lagrange, mounted, mounting_rotation
-
-Floats = NDArray[np.float64]
 
 ANGLES = st.floats(-1.5, 1.5)
 

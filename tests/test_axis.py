@@ -7,13 +7,11 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 from filterpy.common import Q_continuous_white_noise, van_loan_discretization
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from test_models import DECAYS, continuous
 
+from candaemon.arrays import Floats
 from candaemon.estimation.axis import decaying_axis, white_axis
-
-Floats = NDArray[np.float64]
 
 
 @pytest.mark.parametrize("order", [1, 2])

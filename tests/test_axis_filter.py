@@ -8,14 +8,12 @@ from builders import random_covariance
 from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation.axis import decaying_axis, white_axis
 from candaemon.estimation.axis_filter import AxisFilter, AxisModel, WhiteAxis
-from candaemon.estimation.models import CurrentStatistical, Singer
+from candaemon.estimation.motion_models import CurrentStatistical, Singer
 from candaemon.papers.profiles import Pieces, motion
-
-Floats = NDArray[np.float64]
 
 SEEDS = st.integers(0, 2**32 - 1)
 MODELS = st.one_of(

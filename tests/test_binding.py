@@ -10,16 +10,16 @@ from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.binding import Traffic, bind, bus_load
-from candaemon.binding.conditions import compile_condition, on_grid, value_limits
-from candaemon.binding.load import frame_time
-from candaemon.binding.signals import bind_signal, normalised
-from candaemon.binding.where import Where
-from candaemon.bus.frame import EXTENDED
-from candaemon.bus.spec import SignalSpec
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.binding.bus_load import Traffic, bus_load, frame_time
+from candaemon.binding.location import SettingLocation
 from candaemon.config.base import Condition, SignalRef
+from candaemon.config.load import load_config
+from candaemon.dbc.types import SignalSpec
 from candaemon.errors import ConfigError
+from candaemon.frames.frame import EXTENDED
+from candaemon.objects.conditions import compile_condition, on_grid, value_limits
+from candaemon.objects.signals import bind_signal, normalised
 
 CONFIGS = sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
 
@@ -159,7 +159,7 @@ def test_a_sensor_that_cannot_be_written_is_only_warned_of(tmp_path: Path, old: 
 )
 def test_units_as_vendors_write_them(unit: str, quantity: str, gain: float) -> None:
     signal = SignalSpec(name="S", start=0, length=8, unit=unit)
-    bound = bind_signal(quantity, SignalRef(signal="S", scale=-2.0, offset=3.0), signal, Where())
+    bound = bind_signal(quantity, SignalRef(signal="S", scale=-2.0, offset=3.0), signal, SettingLocation())
     assert bound.gain == pytest.approx(-2 * gain)
     assert bound.bias == pytest.approx(3 * gain)
 
@@ -176,7 +176,7 @@ def test_units_as_vendors_write_them(unit: str, quantity: str, gain: float) -> N
 def test_units_that_do_not_fit(unit: str, quantity: str, told: str) -> None:
     signal = SignalSpec(name="S", start=0, length=8, unit=unit)
     with pytest.raises(ConfigError) as caught:
-        bind_signal(quantity, SignalRef(signal="S"), signal, Where())
+        bind_signal(quantity, SignalRef(signal="S"), signal, SettingLocation())
     assert told in caught.value.message
     assert "unit: …" in caught.value.message
     assert normalised(" Meters / Sec ") == "meter/s"
@@ -195,7 +195,7 @@ def test_conditions_hold_for_numbers_as_one_writes_them(scale: float, offset: fl
 
     def holds(**test: object) -> bool:
         condition = Condition.model_validate({"signal": "S", **test})
-        return bool(compile_condition(condition, signal, Where())(decoded))
+        return bool(compile_condition(condition, signal, SettingLocation())(decoded))
 
     rising = scale > 0
     assert holds(**{"in": [bound]}) == (raw == other)

@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-import numpy.typing as npt
 import pytest
 from bound import binding
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.binding import BoundSensor, ObjectWriter
-from candaemon.binding.batch import ObjectBatch
-from candaemon.binding.conditions import value_limits
+from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.binding.bound import BoundSensor
+from candaemon.objects.batch import ObjectBatch
+from candaemon.objects.conditions import value_limits
+from candaemon.objects.writer import ObjectWriter
 
 SENSORS = ("toyota_rav4", "esr_ins", "gm_lrr", "tesla_continental", "ars408")
-Numbers: TypeAlias = npt.NDArray[np.float64]
-Integers: TypeAlias = npt.NDArray[np.int64]
-Booleans: TypeAlias = npt.NDArray[np.bool_]
 
 
 def written(
     sensor: BoundSensor, seed: int, count: int
-) -> tuple[ObjectWriter, ObjectBatch, dict[str, Numbers], Integers, Booleans, Booleans]:
+) -> tuple[ObjectWriter, ObjectBatch, dict[str, Floats], Integers, Booleans, Booleans]:
     """Write random objects within the sensor's ranges, some slots empty, and read them."""
     rng = np.random.default_rng(seed)
     reader, writer = sensor.reader, sensor.writer()

@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-from candaemon.cli import main
-from candaemon.config import json_schema
+from candaemon.cli.main import main
+from candaemon.config.load import json_schema
 
 CONFIGS = sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
 COMMAND = [sys.executable, "-m", "candaemon"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from bound import binding
 
-from candaemon.bus.frame import Frame, Tick
-from candaemon.service.clockwatch import ClockWatch, since_boot_ns
-from candaemon.service.daemon import Daemon
+from candaemon.daemon.clockwatch import ClockWatch, since_boot_ns
+from candaemon.daemon.daemon import Daemon
+from candaemon.frames.frame import Frame, Tick
 
 SECOND_NS = 1_000_000_000
 TURN_NS = SECOND_NS // 100

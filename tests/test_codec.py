@@ -15,10 +15,10 @@ from conftest import DATA, ROOT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from candaemon.bus import layout
-from candaemon.bus.codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder
-from candaemon.bus.database import load_database
-from candaemon.bus.spec import MessageSpec, SignalSpec
+from candaemon.dbc import bits
+from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder
+from candaemon.dbc.database import load_database
+from candaemon.dbc.types import MessageSpec, SignalSpec
 
 FILES = sorted([*(DATA / "dbc").glob("*.dbc"), *(ROOT / "dbc").glob("*.dbc")])
 SCALINGS = [(1, 0), (1, -40), (0.1, 0), (0.04, -5.12), (-0.5, 3), (2, 1), (0.001, 1e4), (1e-7, 0), (3.0, 0.5)]
@@ -76,7 +76,7 @@ def check_decoding(spec: MessageSpec, message: Message, payloads: list[bytes]) -
 
 def in_range(chance: random.Random, signal: SignalSpec) -> float:
     """Draw a value whose float is within what may be sent, between two raw steps as often as on one."""
-    low, high = layout.raw_limits(signal)
+    low, high = bits.raw_limits(signal)
     if signal.is_float:
         return (
             max(low, min(high, chance.choice([0.0, 1.5, -2.25, 1e3 * chance.random()]))) * signal.scale + signal.offset
@@ -84,21 +84,19 @@ def in_range(chance: random.Random, signal: SignalSpec) -> float:
     raw = float(chance.randint(math.ceil(low * 0.99), math.floor(high * 0.99)))
     raw += chance.choice([0.0, 0.0, 0.5, chance.random() - 0.5])
     value = raw * signal.scale + signal.offset
-    return (
-        value if low <= round(layout.to_raw(signal, value)) <= high else math.floor(raw) * signal.scale + signal.offset
-    )
+    return value if low <= round(bits.to_raw(signal, value)) <= high else math.floor(raw) * signal.scale + signal.offset
 
 
 def present(spec: MessageSpec, signal: SignalSpec, values: dict[str, float]) -> bool:
-    chain = layout.gates(spec, signal)
+    chain = bits.gates(spec, signal)
     return chain is not None and all(int(values[gate.multiplexer]) in gate.ids for gate in chain)
 
 
 def draw_values(chance: random.Random, spec: MessageSpec) -> dict[str, float]:
     """Draw in-range values of a whole frame, with multiplexers at values the DBC knows."""
     values = {signal.name: in_range(chance, signal) for signal in spec.signals}
-    for selector in layout.multiplexers(spec):
-        fitting = [each for each in layout.known_ids(spec, selector) if each <= layout.raw_limits(selector)[1]]
+    for selector in bits.multiplexers(spec):
+        fitting = [each for each in bits.known_ids(spec, selector) if each <= bits.raw_limits(selector)[1]]
         values[selector.name] = float(chance.choice(sorted(fitting)))
     return values
 
@@ -202,7 +200,7 @@ SG_MUL_VAL_ 291 C INNER 3-3;
 VAL_ 291 OUTER 4 "nothing more";
 """
     spec, message = both(tmp_path, text)
-    assert [len(layout.gates(spec, spec.signal(name)) or ()) for name in ("OUTER", "INNER", "A", "C")] == [0, 1, 1, 2]
+    assert [len(bits.gates(spec, spec.signal(name)) or ()) for name in ("OUTER", "INNER", "A", "C")] == [0, 1, 1, 2]
     check_decoding(spec, message, [bytes([first, 0xA7]) for first in range(256)])
 
 
@@ -225,9 +223,9 @@ def test_any_value_is_saturated_alike_and_never_nan(tmp_path: Path, text: str, d
         sent = dict(zip((s.name for s in spec.signals), decode(payload) or (), strict=False))
         for signal in spec.signals:
             if signal.name in sent and present(spec, signal, sent):
-                low, high = layout.raw_limits(signal)
+                low, high = bits.raw_limits(signal)
                 slack = 0.01 + (1e-3 if signal.is_float else 1e-6) * max(abs(low), abs(high))
-                assert low - slack <= layout.to_raw(signal, sent[signal.name]) <= high + slack
+                assert low - slack <= bits.to_raw(signal, sent[signal.name]) <= high + slack
 
 
 @settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])

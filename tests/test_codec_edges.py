@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from candaemon.bus import layout
-from candaemon.bus.codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder, same_layout
-from candaemon.bus.database import load_database
-from candaemon.bus.spec import MessageSpec, SignalSpec
+from candaemon.dbc import bits
+from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder, same_layout
+from candaemon.dbc.database import load_database
+from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
 
 
@@ -50,7 +50,7 @@ def test_saturation_at_the_bits_and_nan_at_the_start_value() -> None:
 
 
 def test_a_range_its_bits_cannot_reach_is_left_out() -> None:
-    assert layout.raw_limits(replace(DISTANCE, minimum=-9.0, maximum=-2.0)) == (0, 4095)
+    assert bits.raw_limits(replace(DISTANCE, minimum=-9.0, maximum=-2.0)) == (0, 4095)
 
 
 def test_signals_not_given_are_zero_and_order_is_the_callers() -> None:

@@ -10,8 +10,9 @@ import pytest
 import yaml
 from conftest import ROOT
 
-from candaemon.config import Config, LoadedConfig, json_schema, load_config
 from candaemon.config.buses import BusSettings
+from candaemon.config.load import LoadedConfig, json_schema, load_config
+from candaemon.config.settings import Config
 from candaemon.config.yaml_text import read_yaml
 from candaemon.errors import ConfigError
 
@@ -178,7 +179,7 @@ def test_settings_are_frozen_and_compared_without_a_file() -> None:
 def test_schema_file_is_up_to_date() -> None:
     stored = (ROOT / "config" / "candaemon.schema.json").read_text(encoding="utf-8")
     assert json.loads(stored) == json_schema(), (
-        "write it again: python -c 'import json; from candaemon.config import json_schema; "
+        "write it again: python -c 'import json; from candaemon.config.load import json_schema; "
         "print(json.dumps(json_schema(), indent=2, ensure_ascii=False))' > config/candaemon.schema.json"
     )
 

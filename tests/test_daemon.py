@@ -14,21 +14,21 @@ import can
 import pytest
 from conftest import ROOT
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.frame import Frame
-from candaemon.bus.messages import to_frame, to_message
-from candaemon.config import load_config
-from candaemon.cycle import Cycle
-from candaemon.demo import Drive
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.messages import to_frame, to_message
+from candaemon.cli.demo import DemoDrive
+from candaemon.config.load import load_config
+from candaemon.daemon.daemon import Daemon, Observer, Told
 from candaemon.errors import ConfigError
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.writers import TrackWriter
-from candaemon.receiver import Received, Receiver
-from candaemon.recorder import write_truth
-from candaemon.service.daemon import Daemon
-from candaemon.service.observer import Observer, Told
+from candaemon.frames.frame import Frame
+from candaemon.output.decoder import DecodedCycle, OutputDecoder
+from candaemon.pipeline.cycle import Cycle
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import Simulation, simulate
+from candaemon.simulation.write import write_truth
 from candaemon.tracking.obstacles import COASTING
 
 SECOND_NS = 1_000_000_000
@@ -103,7 +103,7 @@ class Fed:
 def test_a_drive_through_the_buses_meets_its_truth(binding: Binding, tmp_path: Path) -> None:
     simulation = drive(binding, 5.0)
     with TrackWriter(tmp_path / "tracks.csv") as table:
-        told = list(Drive(binding, simulation))
+        told = list(DemoDrive(binding, simulation))
         for cycle in told:
             table.write_cycle(cycle.time_ns, cycle.columns())
     write_truth(simulation, tmp_path / "truth.csv")
@@ -118,18 +118,18 @@ def test_a_drive_through_the_buses_meets_its_truth(binding: Binding, tmp_path: P
 def test_a_drive_needs_virtual_buses() -> None:
     other = bind(load_config(ROOT / "config" / "esr_ins.yaml"))
     with pytest.raises(ConfigError, match="virtual"):
-        Drive(other, drive(other, 1.0))
+        DemoDrive(other, drive(other, 1.0))
 
 
 def test_the_last_frame_of_a_scan_brings_the_obstacles_at_once(binding: Binding, sides: list[can.BusABC]) -> None:
     fed = Fed(binding, sides)
     with fed.daemon:
         fed.feed(list(drive(binding, 1.0).frames()))
-    receiver = Receiver(binding.output) if binding.output is not None else None
+    receiver = OutputDecoder(binding.output) if binding.output is not None else None
     assert receiver is not None
     wire = [cycle for frame in heard(sides[2]) for cycle in receiver.push(frame.can_id, frame.data)]
     assert len(fed.cycles) == 20
-    assert isinstance(wire[-1], Received)
+    assert isinstance(wire[-1], DecodedCycle)
     assert {int(each) for each in wire[-1].quantities["id"]} <= {int(each) for each in fed.cycles[-1].obstacles.id}
     assert len(wire[-1].quantities["id"]) >= 3
     # Told when the scan is complete, not a cycle or a time-out later.

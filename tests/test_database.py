@@ -12,9 +12,9 @@ from conftest import DATA, ROOT
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from candaemon.bus.database import Database, load_database
-from candaemon.bus.frame import EXTENDED
+from candaemon.dbc.database import Database, load_database
 from candaemon.errors import ConfigError, DatabaseError
+from candaemon.frames.frame import EXTENDED
 
 FILES = sorted([*(DATA / "dbc").glob("*.dbc"), *(ROOT / "dbc").glob("*.dbc")])
 

@@ -18,15 +18,14 @@ from cantools.database.can import Database
 from conftest import ROOT
 from numpy.typing import NDArray
 
-from candaemon.cli import main
+from candaemon.arrays import Floats
+from candaemon.cli.main import main
 
 CYCLES, SLOTS = 1200, 16
 MOUNT = 3.6  # m, the radar ahead of the rear axle, as configured
 LONG = 3.0  # s, radar tracks that count
 LOGS = {"toyota_rav4_ins": "drive_with_ins.log.gz", "toyota_rav4": "drive.log.gz"}
 PREDICTED = {0.5: (0.20, 0.27), 1.0: (0.30, 0.37)}  # m, largest RMSE along and across, with the INS
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,20 +15,21 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from test_pipeline import drive
 
-from candaemon.binding import Binding, bind
-from candaemon.binding.protection import guard_plan
-from candaemon.binding.where import Where
-from candaemon.binding.writer import ObjectWriter
-from candaemon.bus.database import load_database
-from candaemon.bus.frame import Frame
-from candaemon.bus.protect_e2e import E2eProtector
-from candaemon.bus.protect_sequence import FrameFaults, FrameGuard
-from candaemon.bus.spec import MessageSpec
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.binding.bind_protection import guard_plan
+from candaemon.binding.bound import Binding
+from candaemon.binding.location import SettingLocation
+from candaemon.config.load import load_config
 from candaemon.config.protection import E2eSettings, InputProtectionSettings
 from candaemon.config.sensors import ObjectFormat
+from candaemon.dbc.database import load_database
+from candaemon.dbc.types import MessageSpec
 from candaemon.errors import ConfigError
-from candaemon.pipeline import Pipeline
+from candaemon.frames.frame import Frame
+from candaemon.objects.writer import ObjectWriter
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.protection.e2e import E2eProtector
+from candaemon.protection.monitor import FrameFaults, FrameGuard
 
 ADAPTER: TypeAdapter[Any] = TypeAdapter(E2eSettings)
 IDS = bytes(range(1, 17))
@@ -124,7 +125,7 @@ def test_what_is_written_goes_on_for_the_reader(profile: int, tmp_path: Path) ->
         {"counter": "Count", "checksum": "Crc", "e2e": PROFILES[profile] | more, "max_step": 1}
     )
     writer = ObjectWriter(FORM, {}, database, protection)
-    plan = guard_plan(writer.parts[0].messages, protection, Where(), cycle_time=0.05)
+    plan = guard_plan(writer.parts[0].messages, protection, SettingLocation(), cycle_time=0.05)
     assert plan is not None
     guard = FrameGuard(plan, FrameFaults())
     for cycle in range(600):

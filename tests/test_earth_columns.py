@@ -16,24 +16,22 @@ import numpy as np
 import pytest
 from cantools.database.can import Database
 from conftest import ROOT
-from numpy.typing import NDArray
 from simulated import scenario
 
-from candaemon.binding import bind
-from candaemon.bus.frame import Frame
-from candaemon.check import check_report
-from candaemon.cli import main
-from candaemon.config import load_config
-from candaemon.cycle import Cycle
+from candaemon.arrays import Floats
+from candaemon.binding.bind import bind
+from candaemon.cli.check import check_report
+from candaemon.cli.main import main
+from candaemon.config.load import load_config
 from candaemon.errors import ConfigError
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.tables import COLUMNS, read_tracks
 from candaemon.evaluation.writers import TrackWriter
-from candaemon.pipeline import Pipeline
-from candaemon.replayer import track_columns
+from candaemon.frames.frame import Frame
+from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.replay.replay import track_columns
 from candaemon.simulation.simulate import simulate
-
-Floats = NDArray[np.float64]
 
 EARTH_RADIUS, FLATTENING = 6_378_137.0, 1 / 298.257_223_563
 NOT_KNOWN = (90.000_000_1, 180.000_000_1)

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.config.ego import InsSettings
-from candaemon.sensing.ego import MotionHistory
-from candaemon.sensing.ins import InsMotion
-from candaemon.sensing.pose import EgoStatus
-from candaemon.sensing.sources import make_ego
+from candaemon.ego.factory import make_ego
+from candaemon.ego.ins import InsMotion
+from candaemon.ego.motion import MotionHistory
+from candaemon.ego.pose import EgoStatus
 
 INS_NAMES = ("heading", "velocity_east", "velocity_north")
 

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from candaemon.config.estimators import CaEstimatorSettings, EstimatorSettings, SwitchingEstimatorSettings
 from candaemon.config.gnss import SwitchingFilterSettings
-from candaemon.tracking.estimators import make_estimator
+from candaemon.tracking.estimator_factory import make_estimator
 
 ADAPTER: TypeAdapter[EstimatorSettings] = TypeAdapter(EstimatorSettings)
 KEYS = ("first_acceleration", "first_turn_rate", "first_jerk")

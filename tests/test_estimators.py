@@ -11,19 +11,18 @@ from builders import AT_REST, random_covariance
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from candaemon.arrays import Floats
 from candaemon.config.estimators import EstimatorSettings
-from candaemon.estimation.bank import Bank
 from candaemon.estimation.federated_tracks import FederatedTracks
+from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import Imm
 from candaemon.estimation.kalman import update
 from candaemon.estimation.measurement import Measurement, Projection
-from candaemon.estimation.models import LinearModel
+from candaemon.estimation.motion_models import LinearModel
 from candaemon.estimation.sensor_noise import SensorNoise
 from candaemon.estimation.switching_tracks import SwitchingTracks
 from candaemon.estimation.variational import NoiseScale, WindowedScale
-from candaemon.tracking.estimators import make_estimator
-
-Floats = NDArray[np.float64]
+from candaemon.tracking.estimator_factory import make_estimator
 
 DT = 0.05
 
@@ -39,12 +38,12 @@ class JointTracks(Imm):
         return fit.nis[:, None], fit.log_likelihood[:, None]
 
 
-def made(**settings: Any) -> Bank:
+def made(**settings: Any) -> FilterBank:
     parsed: EstimatorSettings = TypeAdapter(EstimatorSettings).validate_python(settings)
     return make_estimator(parsed)
 
 
-def spawned(bank: Bank, count: int = 1) -> Bank:
+def spawned(bank: FilterBank, count: int = 1) -> FilterBank:
     """Give a filter tracks at the origin that may have any speed."""
     spread = np.tile(np.eye(2), (count, 1, 1))
     bank.spawn(np.zeros((count, 2)), 0.1 * spread, np.zeros((count, 2)), 400.0 * spread)
@@ -56,7 +55,7 @@ def seen(position: Floats, deviation: float = 0.2, sensor: int = 0) -> Measureme
     return Measurement(position, noise, AT_REST, AT_REST, sensor=sensor)
 
 
-def follow(bank: Bank, positions: Floats, deviation: float = 0.2) -> None:
+def follow(bank: FilterBank, positions: Floats, deviation: float = 0.2) -> None:
     """Let all tracks follow measured positions (steps, n, 2)."""
     rows, direction = np.arange(len(bank)), np.tile([1.0, 0.0], (len(bank), 1))
     for position in positions:

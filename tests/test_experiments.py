@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from candaemon.cli import main
+from candaemon.cli.main import main
 from candaemon.papers import registry
 from candaemon.papers.experiment import Advance, Experiment, Figure, Result, Row
 

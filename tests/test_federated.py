@@ -8,14 +8,11 @@ from builders import random_covariance
 from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from candaemon.estimation.adaptive import InnovationNoise
 from candaemon.estimation.axis import white_axis
 from candaemon.estimation.federated import Federated, fused, information_shares
 from candaemon.estimation.variational import VariationalNoise
-
-Floats = NDArray[np.float64]
 
 ALONE = np.arange(1)
 

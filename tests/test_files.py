@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from candaemon.errors import InputError
-from candaemon.files import check_writable, make_folder, write_whole
+from candaemon.files.atomic import check_writable, make_folder, write_whole
 
 
 def test_a_file_is_replaced_and_nothing_is_left_beside_it(tmp_path: Path) -> None:

@@ -8,13 +8,11 @@ from builders import random_covariance
 from filterpy.kalman import ExtendedKalmanFilter, IMMEstimator, KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation.axis import white_axis
 from candaemon.estimation.kalman import predict, update
 from candaemon.estimation.mixing import mix, moments, posterior
-
-Floats = NDArray[np.float64]
 
 SEEDS = st.integers(0, 2**32 - 1)
 CLOSE = 1e-9

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from candaemon.sensing.geodesy import TangentPlane, ecef
-
-Floats = NDArray[np.float64]
+from candaemon.arrays import Floats
+from candaemon.ego.geodesy import TangentPlane, ecef
 
 A, INVERSE_FLATTENING = 6_378_137.0, 298.257_223_563
 LATITUDES, LONGITUDES = st.floats(-90.0, 90.0), st.floats(-180.0, 180.0)

@@ -11,12 +11,13 @@ import pytest
 import yaml
 from conftest import ROOT
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.frame import Frame
-from candaemon.config import load_config
-from candaemon.cycle import Cycle
-from candaemon.handover import Kept, hand_over
-from candaemon.pipeline import Pipeline
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.config.load import load_config
+from candaemon.frames.frame import Frame
+from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.handover import Kept, hand_over
+from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 

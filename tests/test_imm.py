@@ -11,13 +11,11 @@ from builders import AT_REST, random_covariance, rotation
 from filterpy.kalman import IMMEstimator, KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation.imm import Imm
 from candaemon.estimation.measurement import Measurement, Projection
-from candaemon.estimation.models import CoordinatedTurn, LinearModel, MotionModel
-
-Floats = NDArray[np.float64]
+from candaemon.estimation.motion_models import CoordinatedTurn, LinearModel, MotionModel
 
 DT, RATE = 0.1, 0.8
 WEAK, STRONG = LinearModel(2, (0.05, 0.02), (20.0, 0.8), (0.001, 0.02)), LinearModel(2, (5.0, 5.0))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from candaemon.papers.automotive_set import DRIVES, DT, EXPERIMENTS
 from candaemon.papers.experiment import Result
-from candaemon.papers.paper000_automotive import DRIVES, DT, EXPERIMENTS
 
 
 @pytest.fixture(scope="module")

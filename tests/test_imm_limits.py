@@ -8,18 +8,16 @@ import numpy as np
 from builders import AT_REST, random_covariance
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from candaemon.arrays import Floats
 from candaemon.config.estimators import EstimatorSettings
-from candaemon.estimation.bank import Bank
+from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import Form, Imm
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.estimation.mixing import mix, posterior
-from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel
-from candaemon.tracking.estimators import make_estimator
-
-Floats = NDArray[np.float64]
+from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel
+from candaemon.tracking.estimator_factory import make_estimator
 
 SEEDS = st.integers(0, 2**32 - 1)
 CV, CA, JERK = (LinearModel(order, (noise, noise)) for order, noise in ((1, 1e-3), (2, 5.0), (3, 20.0)))
@@ -66,7 +64,7 @@ class Extremes:
         )
 
 
-def drive(bank: Bank, seed: int, *, regular: bool) -> None:
+def drive(bank: FilterBank, seed: int, *, regular: bool) -> None:
     """Track two targets through extremes, warnings being errors; hold that everything stays finite."""
     extremes = Extremes(seed)
     position, velocity = (extremes.size(10) * extremes.rng.normal(size=(2, 2)) for _ in range(2))

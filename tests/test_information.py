@@ -10,12 +10,10 @@ from builders import random_covariance
 from filterpy.kalman import InformationFilter as Oracle
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation import information, kalman
 from candaemon.estimation.information import InformationFilter, contribution
-
-Floats = NDArray[np.float64]
 
 SEEDS = st.integers(0, 2**32 - 1)
 CONSTANT_VELOCITY = np.array([[[1.0, 0.1], [0.0, 1.0]]])

@@ -8,12 +8,11 @@ from builders import random_covariance
 from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
+from candaemon.arrays import Floats
 from candaemon.estimation.kalman import line_of_sight, symmetrise, update_position, update_scalar
 
-Floats = NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
 
 

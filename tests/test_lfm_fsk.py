@@ -12,25 +12,26 @@ import yaml
 from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from candaemon.binding import Binding, bind
-from candaemon.config import Config, load_config
+from candaemon.arrays import Floats
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.config.load import load_config
 from candaemon.config.sensors import LfmFskSettings
-from candaemon.pipeline import Pipeline
-from candaemon.simulation.lfm_fsk import LfmFsk, Peaks, Receiver
+from candaemon.config.settings import Config
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.simulation.lfm_fsk import LfmFsk, LfmFskReceiver, Peaks
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 
-Floats = NDArray[np.float64]
 DEFAULT = LfmFskSettings(kind="lfm_fsk")
 WAVEFORM = LfmFsk(DEFAULT)
 
 
 def received(distance: list[float], rate: list[float], azimuth: list[float] | None = None, **more: float) -> Peaks:
     """Return the peaks of echoes without noise."""
-    receiver = Receiver(LfmFskSettings(kind="lfm_fsk", oversampling=1024, **more))
+    receiver = LfmFskReceiver(LfmFskSettings(kind="lfm_fsk", oversampling=1024, **more))
     return receiver.receive(
         np.array(distance), np.array(rate), np.array(azimuth or [0.0] * len(distance)), np.zeros((2, len(distance)))
     )
@@ -115,7 +116,7 @@ def test_range_and_speed_that_make_up_for_each_other_are_not_told_apart() -> Non
 def test_errors_are_those_of_the_cramer_rao_bound() -> None:
     """50 dB at 50 m; of one measurement each: targets far apart in beat frequency."""
     rng = np.random.default_rng(3)
-    receiver = Receiver(LfmFskSettings(kind="lfm_fsk", snr_db=50.0))
+    receiver = LfmFskReceiver(LfmFskSettings(kind="lfm_fsk", snr_db=50.0))
     distance, rate = np.full(4000, 50.0), np.linspace(-60.0, 60.0, 4000)
     told = [
         receiver.receive(d, r, np.zeros(1), rng.standard_normal((2, 1)))
@@ -136,7 +137,7 @@ def test_errors_are_those_of_the_cramer_rao_bound() -> None:
 def test_what_is_too_weak_is_not_seen_and_errors_grow_with_range() -> None:
     assert received([50.0, 700.0], [0.0, 3.0], threshold_db=20.0).strongest.tolist() == [0]
     rng = np.random.default_rng(4)
-    receiver = Receiver(DEFAULT)
+    receiver = LfmFskReceiver(DEFAULT)
 
     def spread(distance: float) -> float:
         still = np.zeros(1)

@@ -11,11 +11,11 @@ import pytest
 from can.interfaces.virtual import channels as open_channels
 from live_buses import live, message, peer, read_all, turn_until, virtual
 
-from candaemon.bus import reader
-from candaemon.bus.frame import EXTENDED, Frame
-from candaemon.bus.pythoncan import PythonCanPort
+from candaemon.can_io import threaded_port as reader
+from candaemon.can_io.python_can import PythonCanPort
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
+from candaemon.frames.frame import EXTENDED, Frame
 
 
 def test_frames_of_two_buses_come_in_order_of_time() -> None:
@@ -139,7 +139,7 @@ def test_a_driver_that_is_not_installed_ends_nothing(
     def bus(**_options: object) -> can.BusABC:
         raise NameError("name 'canGetNumberOfChannels' is not defined")
 
-    monkeypatch.setattr("candaemon.bus.pythoncan.can.Bus", bus)
+    monkeypatch.setattr("candaemon.can_io.python_can.can.Bus", bus)
     with live(BusSettings(interface="kvaser", channel="0", reopen_first=0.01)) as buses:
         buses.open(strict=False)
         assert buses.read(0.1) == []

@@ -12,12 +12,12 @@ import can
 import pytest
 from live_buses import live, message, peer, read_all, turn_until, virtual
 
-from candaemon.bus.frame import Frame
-from candaemon.bus.live import LIMIT
-from candaemon.bus.notices import MOST, Notices
-from candaemon.bus.opening import PORTS
-from candaemon.bus.ports import Controller, PortRequest
+from candaemon.can_io.bus import MOST, Notices
+from candaemon.can_io.buses import LIMIT
+from candaemon.can_io.open import PORTS
+from candaemon.can_io.port import Controller, PortRequest
 from candaemon.config.buses import BusSettings
+from candaemon.frames.frame import Frame
 
 FLAKY = BusSettings(interface="flaky", channel="x")
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from candaemon.bus.candump import candump_text
-from candaemon.bus.frame import EXTENDED, Frame
-from candaemon.bus.logs import read_log
-from candaemon.bus.logstream import ChannelMap, LogCounts
-from candaemon.bus.logwriters import open_log_writer
+from candaemon.can_io.logs.candump import candump_text
+from candaemon.can_io.logs.read import read_log
+from candaemon.can_io.logs.stream import ChannelMap, LogCounts
+from candaemon.can_io.logs.write import open_log_writer
 from candaemon.errors import InputError
+from candaemon.frames.frame import EXTENDED, Frame
 
 NAMES = ["can0", "can1"]
 CHANNELS = {"can0": 0, "can1": 1}

@@ -15,12 +15,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.bus.candump import candump_text, read_candump, read_candump_blocks
-from candaemon.bus.frame import EXTENDED, Frame
-from candaemon.bus.logs import read_log
-from candaemon.bus.logstream import ChannelMap, LogCounts
-from candaemon.bus.logwriters import open_log_writer
+from candaemon.can_io.logs.candump import candump_text, read_candump, read_candump_blocks
+from candaemon.can_io.logs.read import read_log
+from candaemon.can_io.logs.stream import ChannelMap, LogCounts
+from candaemon.can_io.logs.write import open_log_writer
 from candaemon.errors import InputError
+from candaemon.frames.frame import EXTENDED, Frame
 
 CHANNELS = {"can0": 0, "can1": 1}
 START = 1_533_226_488_434_433_000

@@ -8,18 +8,16 @@ from math import radians
 import numpy as np
 import pytest
 from builders import AT_REST, polar_measurement
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from candaemon.arrays import Floats
 from candaemon.config.estimators import EstimatorSettings
 from candaemon.estimation.adaptive import AdaptiveFilter, InnovationNoise
 from candaemon.estimation.axis import white_axis
-from candaemon.estimation.bank import Bank
+from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.measurement import Measurement
-from candaemon.estimation.models import LinearModel, MotionModel
-from candaemon.tracking.estimators import make_estimator
-
-Floats = NDArray[np.float64]
+from candaemon.estimation.motion_models import LinearModel, MotionModel
+from candaemon.tracking.estimator_factory import make_estimator
 
 DT, CYCLES = 0.05, 60_000
 NOISE = (0.25, radians(0.5), 0.12)
@@ -93,7 +91,7 @@ def assert_sound(mean: Floats, covariance: Floats, components: tuple[int, ...]) 
     assert np.linalg.eigvalsh(correlation[own]).min() > 1e-12
 
 
-def assert_bank_sound(bank: Bank) -> None:
+def assert_bank_sound(bank: FilterBank) -> None:
     for j, model in enumerate(bank._models):
         assert_sound(bank.mean[:, j], bank.covariance[:, j], uncertain(model))
 

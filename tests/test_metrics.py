@@ -13,12 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
+from candaemon.arrays import Floats
 from candaemon.errors import InputError
 from candaemon.evaluation.matching import assign, gospa, resample
 from candaemon.evaluation.metrics import compare, evaluate
-from candaemon.evaluation.report import print_evaluation
 from candaemon.evaluation.results import Evaluation, Options
-from candaemon.evaluation.tables import NUMBERS, STATES, Floats, TrackTable
+from candaemon.evaluation.tables import NUMBERS, STATES, TrackTable
+from candaemon.evaluation.text import print_evaluation
 from candaemon.evaluation.writers import TrackWriter
 
 CYCLE = 0.05

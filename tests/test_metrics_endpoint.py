@@ -18,11 +18,11 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.parser import text_string_to_metric_families
 from served import Served, bound, drive, wait_until
 
-from candaemon.binding import Binding
-from candaemon.service import scrape
-from candaemon.service.metrics import MetricsEndpoint
-from candaemon.service.observe import Meter
-from candaemon.service.observer import Observer
+from candaemon.binding.bound import Binding
+from candaemon.daemon.daemon import Observer
+from candaemon.status import http as scrape
+from candaemon.status.endpoint import MetricsEndpoint
+from candaemon.status.meter import Meter
 
 
 @pytest.fixture
@@ -128,7 +128,8 @@ def test_without_a_port_nothing_listens_and_nothing_is_loaded(tmp_path: Path) ->
         meter.wait_for_figures(5.0)
         assert endpoint.port is None
     code = (
-        "import sys\nfrom candaemon.service import serve, metrics, observe, statussocket\n"
+        "import sys\nimport candaemon.cli.run, candaemon.status.endpoint, candaemon.status.meter\n"
+        "import candaemon.status.socket\n"
         "sys.exit('prometheus_client' in sys.modules or 'http.server' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

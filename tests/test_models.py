@@ -9,12 +9,10 @@ import pytest
 from filterpy.common import Q_continuous_white_noise, van_loan_discretization
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation.axis import decaying_axis, white_axis
-from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
-
-Floats = NDArray[np.float64]
+from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
 
 DECAYS = (1e-5, 1e-4, 8e-4, 1e-3, 0.01, 0.099, 0.101, 0.5, 1.0, 2.0, 3.0)
 """αT, over the whole range that the papers and a radar need."""

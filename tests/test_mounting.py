@@ -10,15 +10,13 @@ import pytest
 from builders import pose, rotation
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.config.sensors import FieldOfView, Mount, SensorSettings
+from candaemon.ego.pose import EgoPose
 from candaemon.estimation.kalman import line_of_sight
-from candaemon.sensing.mounting import Mounting, View
-from candaemon.sensing.pose import EgoPose
-from candaemon.sensing.scan import Scan
-
-Floats = NDArray[np.float64]
+from candaemon.radar.mounting import Mounting, SensorView
+from candaemon.radar.scan import Scan
 
 NOISE = {"range": 0.3, "azimuth_deg": 1.0, "range_rate": 0.1, "x": 0.2, "y": 0.5, "vx": 0.1, "vy": 0.4}
 MOUNT = (3.6, -0.7, radians(-35.0))
@@ -187,7 +185,7 @@ def test_a_scan_keeps_its_identities_and_may_be_empty() -> None:
 
 
 def test_a_view_is_a_sector_from_the_mount() -> None:
-    rear = View(Mount(x=-1.0, y=0.5, yaw_deg=170.0), FieldOfView(range=80, min_range=2, azimuth_deg=30))
+    rear = SensorView(Mount(x=-1.0, y=0.5, yaw_deg=170.0), FieldOfView(range=80, min_range=2, azimuth_deg=30))
     distance = np.array([10.0, 10.0, 10.0, 10.0, 81.0, 79.0, 1.0])
     bearing = np.radians([170.0, 141.0, -161.0, -159.0, 170.0, 170.0, 170.0])
     points = np.array([-1.0, 0.5]) + distance[:, None] * rotation(bearing)[:, :, 0]

@@ -15,13 +15,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from candaemon.bus.frame import EXTENDED, Frame
-from candaemon.bus.ports import BusCounts, PortRequest
+from candaemon.can_io.port import PortCounts, PortRequest
 from candaemon.config.buses import BusSettings
+from candaemon.frames.frame import EXTENDED, Frame
 
 msgpack = pytest.importorskip("msgpack", reason="udp_multicast needs msgpack")
 
-from candaemon.bus.multicast import MulticastPort  # noqa: E402  # not without msgpack
+from candaemon.can_io.multicast import MulticastPort  # noqa: E402  # not without msgpack
 
 GROUP = "239.74.163.2"
 
@@ -45,7 +45,7 @@ class Bench:
 
     def open(self, *, index: int = 0, fd: bool = True, group: str = GROUP, **request: Any) -> MulticastPort:
         bus = BusSettings(interface="udp_multicast", channel=group, fd=fd, options={"port": self.udp})
-        self.counts = BusCounts()
+        self.counts = PortCounts()
         port = MulticastPort(PortRequest("bench", index, bus, self.counts, **request))
         self._opened.callback(port.close)
         return port
@@ -215,4 +215,4 @@ def test_any_bytes_are_a_frame_or_counted(bench: Bench, content: bytes) -> None:
 def test_what_cannot_be_opened(channel: str, options: dict[str, int], expected: type[Exception]) -> None:
     bus = BusSettings(interface="udp_multicast", channel=channel, options=options)
     with pytest.raises(expected):
-        MulticastPort(PortRequest("bench", 0, bus, BusCounts()))
+        MulticastPort(PortRequest("bench", 0, bus, PortCounts()))

@@ -9,14 +9,12 @@ import pytest
 from builders import random_covariance
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation import kalman
 from candaemon.estimation.information import InformationFilter
 from candaemon.estimation.kalman import line_of_sight
-from candaemon.estimation.models import TURN, CoordinatedTurn, LinearModel, MotionModel
-
-Floats = NDArray[np.float64]
+from candaemon.estimation.motion_models import TURN, CoordinatedTurn, LinearModel, MotionModel
 
 TURNING = [0, 1, 2, 3, TURN]
 

@@ -14,18 +14,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from served import Served, bound, drive
 
-from candaemon.bus.ports import BusCounts
+from candaemon.can_io.port import PortCounts
 from candaemon.config.metrics import MetricsSettings
-from candaemon.cycle import Cycle
+from candaemon.daemon.daemon import Observer, Told
+from candaemon.ego.motion_plausibility import MotionFaults
 from candaemon.errors import ConfigError
-from candaemon.sensing.motion_plausibility import MotionFaults
-from candaemon.sensing.scan import ScanCounts
-from candaemon.service.figures import Figures
-from candaemon.service.gather import LOST, MOTION_UNUSABLE, UNSENT, UNUSABLE
-from candaemon.service.histogram import Histogram
-from candaemon.service.measured import NisSums, Rates
-from candaemon.service.observe import Meter
-from candaemon.service.observer import Observer, Told
+from candaemon.pipeline.cycle import Cycle
+from candaemon.radar.scan import ScanCounts
+from candaemon.status.collect import LOST, MOTION_UNUSABLE, UNSENT, UNUSABLE
+from candaemon.status.histogram import Histogram
+from candaemon.status.measured import NisSums, Rates
+from candaemon.status.meter import Meter
+from candaemon.status.model import Figures
 from candaemon.tracking.update import Update
 
 BOUNDS = (0.001, 0.01, 0.1)
@@ -157,9 +157,9 @@ def test_own_motions_counts_are_either_frames_or_not(name: str) -> None:
     assert MotionFaults(**{name: 1}).refused == (name in MOTION_UNUSABLE)
 
 
-@pytest.mark.parametrize("name", [field.name for field in fields(BusCounts)])
+@pytest.mark.parametrize("name", [field.name for field in fields(PortCounts)])
 def test_a_buss_counts_are_either_losses_or_not(name: str) -> None:
-    counts = BusCounts(**{name: 1})
+    counts = PortCounts(**{name: 1})
     assert counts.lost == (name in LOST)
     assert counts.unsent == (name in UNSENT)
 

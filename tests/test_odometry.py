@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.config.ego import BiasSettings, OdometrySettings
-from candaemon.pipeline import Pipeline
-from candaemon.sensing.bias import MotionBias
-from candaemon.sensing.ego import StationaryReturns
-from candaemon.sensing.odometry import OdometryMotion
-from candaemon.sensing.pose import EgoStatus
+from candaemon.ego.bias import MotionBias
+from candaemon.ego.motion import StationaryReturns
+from candaemon.ego.odometry import OdometryMotion
+from candaemon.ego.pose import EgoStatus
+from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.simulate import simulate
 

@@ -18,13 +18,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.binding.bound import BoundOutput, BoundSensor
-from candaemon.bus.protect import crc8_sae_j1850
 from candaemon.config.sensors import Mount
+from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.output.encoder import OutputEncoder, OutputStatus
-from candaemon.output.quantities import OwnAcceleration, View
-from candaemon.sensing.closing import make_assembler
-from candaemon.sensing.pose import EgoPose, EgoStatus
-from candaemon.sensing.scan import Scan
+from candaemon.output.quantities import MountView, OwnAcceleration
+from candaemon.protection.checksums import crc8_sae_j1850
+from candaemon.radar.assembly import make_assembler
+from candaemon.radar.scan import Scan
 from candaemon.tracking.obstacles import COASTING, CONFIRMED, TENTATIVE, Obstacles
 
 POSE = EgoPose(0, 5.0, 6.0, 0.0, 20.0, 0.0, 0.0, 0.01, EgoStatus.VALID)
@@ -204,7 +204,7 @@ def test_written_as_esr_targets_obstacles_read_back(seed: int, n: int) -> None:
     )
     assert sorted(nearest.tolist()) == list(range(n))
     assert np.hypot(x - seen.x[nearest], y - seen.y[nearest]) == pytest.approx(0, abs=0.15)
-    view = View(seen, nearest, bound.settings.mount, pose)
+    view = MountView(seen, nearest, bound.settings.mount, pose)
     assert rows["range_rate"] == pytest.approx(view.quantity("range_rate", polar=True), abs=0.006)
 
 
@@ -220,13 +220,13 @@ def test_written_as_ars408_objects_obstacles_read_back(seed: int, n: int) -> Non
     (scan,) = scans(sensor("ars408"), frames)
     assert scan.complete
     rows = dict(zip(sensor("ars408").reader.quantities, scan.values, strict=True))
-    everyone = View(seen, np.arange(len(seen)), bound.settings.mount, pose)
+    everyone = MountView(seen, np.arange(len(seen)), bound.settings.mount, pose)
     places = [everyone.quantity(name, polar=False) for name in ("x", "y")]
     told = np.array(
         [np.argmin(np.hypot(places[0] - x, places[1] - y)) for x, y in zip(rows["x"], rows["y"], strict=True)], int
     )
     assert len(set(told.tolist())) == n
-    view = View(seen, told, bound.settings.mount, pose)
+    view = MountView(seen, told, bound.settings.mount, pose)
     for name, quantity, step in (("x", "x", 0.2), ("y", "y", 0.2), ("vx", "rel_vx", 0.25), ("vy", "rel_vy", 0.25)):
         assert rows[name] == pytest.approx(view.quantity(quantity, polar=False), abs=0.51 * step)
     again = encoder.encode(obstacles(1), STATUS, pose)
@@ -260,7 +260,7 @@ def test_relative_quantities_are_the_rates_of_what_the_mount_sees(
 
     rate = (at(step) - at(-step)) / (2 * step)
     pose = EgoPose(0, 0.0, 0.0, heading, own.real, own.imag, turn, 0.01, EgoStatus.VALID)
-    view = View(obstacles(1, x=[x], y=[y], vx=[vx], vy=[vy]), np.array([0]), mount, pose)
+    view = MountView(obstacles(1, x=[x], y=[y], vx=[vx], vy=[vy]), np.array([0]), mount, pose)
     assert complex(view.position[0]) == pytest.approx(at(0.0), abs=1e-9)
     assert view.quantity("rel_vx", polar=False)[0] == pytest.approx(rate.real, abs=1e-4)
     assert view.quantity("rel_vy", polar=False)[0] == pytest.approx(rate.imag, abs=1e-4)
@@ -271,7 +271,7 @@ def test_relative_quantities_are_the_rates_of_what_the_mount_sees(
 
 def test_deviations_turn_with_the_mount() -> None:
     seen = obstacles(1, sx=[0.5], sy=[0.2], svx=[1.0], svy=[0.0])
-    view = View(seen, np.array([0]), Mount(yaw_deg=90), POSE)
+    view = MountView(seen, np.array([0]), Mount(yaw_deg=90), POSE)
     assert [view.quantity(name, polar=False)[0] for name in ("sx", "sy", "svx", "svy")] == pytest.approx(
         [0.2, 0.5, 0, 1]
     )

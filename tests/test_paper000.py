@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from candaemon.papers.experiment import Result, Row
-from candaemon.papers.paper000 import EXPERIMENTS
-from candaemon.papers.paper000_set import EXPERIMENTS as SET
+from candaemon.papers.han import EXPERIMENTS
+from candaemon.papers.manoeuvre_set import EXPERIMENTS as SET
 
 RUNS = 10
 QUANTITIES = ("position x", "position y", "velocity x", "velocity y", "acceleration x", "acceleration y")

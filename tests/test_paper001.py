@@ -7,14 +7,11 @@ from itertools import product
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from candaemon.papers.baseline_ekf import range_ekf
+from candaemon.papers.avatirak import EXPERIMENTS
+from candaemon.papers.avatirak_scenario import SENSORS, STEP, LeftTurn
 from candaemon.papers.experiment import Result
-from candaemon.papers.paper001 import EXPERIMENTS
-from candaemon.papers.paper001_scenario import SENSORS, STEP, LeftTurn
-
-Floats = NDArray[np.float64]
+from candaemon.papers.range_ekf import range_ekf
 
 RUNS = 8
 TURNS = (LeftTurn(11.0, 15.0, 0.8), LeftTurn(30.0, 10.0, 0.4), LeftTurn(20.0, 15.0, 0.6))

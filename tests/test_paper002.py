@@ -6,16 +6,13 @@ from math import radians
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from candaemon.estimation.imm import Imm
-from candaemon.estimation.models import CoordinatedTurn, LinearModel
+from candaemon.estimation.motion_models import CoordinatedTurn, LinearModel
 from candaemon.papers.experiment import Experiment, Result
-from candaemon.papers.paper002 import EXPERIMENTS
-from candaemon.papers.paper002_drives import DT, Turns, bound, drive
+from candaemon.papers.kim_hong import EXPERIMENTS
+from candaemon.papers.kim_hong_drives import DT, Turns, bound, drive
 from candaemon.papers.tracking import follow, rmse
-
-Floats = NDArray[np.float64]
 
 RUNS, SEED = 40, 0
 NAMES = ("002-straight-and-curve", "002-cut", "002-u-turn", "002-interchange")

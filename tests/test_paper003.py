@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from candaemon.papers.experiment import Experiment, Result, Row
-from candaemon.papers.paper003 import EXPERIMENTS
+from candaemon.papers.zhang import EXPERIMENTS
 
 RUNS = 300
 SHARES: dict[str, list[float]] = {}

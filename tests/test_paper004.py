@@ -8,16 +8,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation.variational import VariationalNoise
 from candaemon.papers.experiment import Advance, Result
-from candaemon.papers.paper004 import EXPERIMENTS
-from candaemon.papers.paper004_drives import FIRST, SECOND, THIRD, Drive
-from candaemon.papers.paper004_filters import METHODS, NOMINAL, STEADY, bound, conventional, joint, record
-from candaemon.papers.paper004_sweeps import ACCELERATIONS, VARIANCES, acceleration_sweep, noise_sweep
-
-Floats = NDArray[np.float64]
+from candaemon.papers.gao import EXPERIMENTS
+from candaemon.papers.gao_drives import FIRST, SECOND, THIRD, LidarRadarDrive
+from candaemon.papers.gao_filters import METHODS, NOMINAL, STEADY, bound, conventional, joint, record
+from candaemon.papers.gao_sweeps import ACCELERATIONS, VARIANCES, acceleration_sweep, noise_sweep
 
 COMPONENTS = ("displacement", "velocity", "acceleration")
 
@@ -113,7 +111,7 @@ def test_third_drive_needs_a_wider_q() -> None:
 
 
 @pytest.mark.parametrize("drive", [FIRST, SECOND, THIRD])
-def test_stand_ins_move_as_the_paper_says(drive: Drive) -> None:
+def test_stand_ins_move_as_the_paper_says(drive: LidarRadarDrive) -> None:
     """Variances are the printed ones; each component is the next one summed up."""
     printed = np.mean(drive.printed[3:], axis=1)
     found = drive.truth.var(axis=0)

@@ -17,11 +17,11 @@ import pytest
 from conftest import ROOT
 from rich.console import Console
 
-from candaemon.cli import main
+from candaemon.cli.main import main
 from candaemon.papers import registry
 from candaemon.papers.experiment import Advance, Experiment, Figure, Line, Panel, Result, Row
 from candaemon.papers.plots import draw
-from candaemon.papers.report import print_result, significant
+from candaemon.papers.text import print_result, significant
 
 pytestmark = pytest.mark.usefixtures("logging_as_it_was")
 

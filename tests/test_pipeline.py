@@ -14,10 +14,10 @@ from bound import binding
 from builders import assert_sane, ns
 from conftest import ROOT
 
-from candaemon.bus.frame import EXTENDED, Frame, Tick
-from candaemon.cycle import Cycle
-from candaemon.pipeline import Pipeline
-from candaemon.sensing.pose import EgoStatus
+from candaemon.ego.pose import EgoStatus
+from candaemon.frames.frame import EXTENDED, Frame, Tick
+from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate

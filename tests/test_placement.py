@@ -12,8 +12,8 @@ from gnss_drives import HOME, MOTION, PLACE, Drive, Ins, city
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.sensing.geodesy import TangentPlane
-from candaemon.sensing.placement import MOST_WAITING
+from candaemon.ego.geodesy import TangentPlane
+from candaemon.ego.georeference import MOST_WAITING
 
 FILTERS = ("drift", "switching", "imm")
 EAST = np.array([1.0, 0.0])

@@ -7,17 +7,14 @@ import pytest
 from builders import polar_measurement, random_covariance
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from candaemon.estimation.bank import Bank
+from candaemon.arrays import Floats, Indices
+from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import Imm
 from candaemon.estimation.measurement import Measurement, Projection
-from candaemon.estimation.models import CurrentStatistical, Singer
+from candaemon.estimation.motion_models import CurrentStatistical, Singer
+from candaemon.estimation.packed_symmetric import PackedSymmetric
 from candaemon.estimation.plane_filter import PlaneFilter
-from candaemon.estimation.triangle import Triangle
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 SEEDS = st.integers(0, 2**32 - 1)
 MODELS = (Singer(0.5, 2.0), CurrentStatistical(0.5, 10.0, 1.0), CurrentStatistical(0.2, 8.0, 0.1, 1.0))
@@ -34,7 +31,7 @@ def both(model: Singer | CurrentStatistical, rng: np.random.Generator, tracks: i
     return plane, bank
 
 
-def detections(bank: Bank, rows: Rows, rng: np.random.Generator, speeds: int) -> Measurement:
+def detections(bank: FilterBank, rows: Indices, rng: np.random.Generator, speeds: int) -> Measurement:
     """Return detections near tracks: of positions, of range rates that may lack, of velocity components."""
     place = bank.combined()[0][rows, :2] + rng.normal(size=(len(rows), 2))
     rate = rng.normal(size=len(rows)) * 10.0 if speeds else None
@@ -50,7 +47,7 @@ def detections(bank: Bank, rows: Rows, rng: np.random.Generator, speeds: int) ->
     )
 
 
-def assert_same(plane: Bank, bank: Bank) -> None:
+def assert_same(plane: FilterBank, bank: FilterBank) -> None:
     for mine, other in zip(plane.combined(), bank.combined(), strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-9, atol=1e-9)
     covariance = plane.combined()[1]
@@ -115,7 +112,7 @@ def test_without_tracks_it_does_nothing() -> None:
 @pytest.mark.parametrize("size", [1, 2, 3, 6])
 def test_triangles_are_the_matrices(size: int) -> None:
     rng = np.random.default_rng(size)
-    triangle, matrices, f = Triangle(size), random_covariance(rng, size, 7), rng.normal(size=(size, size))
+    triangle, matrices, f = PackedSymmetric(size), random_covariance(rng, size, 7), rng.normal(size=(size, size))
     packed = triangle.pack(matrices)
     assert packed.shape == (triangle.entries, 7)
     np.testing.assert_allclose(triangle.unpack(packed), matrices, rtol=1e-12)

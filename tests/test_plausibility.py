@@ -16,17 +16,18 @@ from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.binding import BoundSensor, bind
-from candaemon.binding.signals import SignalBinding
-from candaemon.bus.logs import read_log
-from candaemon.bus.logstream import LogCounts
-from candaemon.bus.spec import SignalSpec
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import BoundSensor
+from candaemon.can_io.logs.read import read_log
+from candaemon.can_io.logs.stream import LogCounts
+from candaemon.config.load import load_config
 from candaemon.config.protection import MotionPlausibilitySettings, PlausibilitySettings
-from candaemon.pipeline import Pipeline
-from candaemon.sensing.motion_plausibility import MotionFaults, MotionPlausibility
-from candaemon.sensing.plausibility import ObjectPlausibility, dbc_range
-from candaemon.sensing.scan import ScanCounts
+from candaemon.dbc.types import SignalSpec
+from candaemon.ego.motion_plausibility import MotionFaults, MotionPlausibility
+from candaemon.objects.signals import SignalBinding, dbc_range
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.radar.plausibility import ObjectPlausibility
+from candaemon.radar.scan import ScanCounts
 
 CYCLE = 0.05
 

@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_buses import virtual
 
-from candaemon.bus import opening
-from candaemon.bus.frame import Frame
-from candaemon.bus.opening import PORTS, Opening
-from candaemon.bus.ports import BusCounts, Port, PortRequest
-from candaemon.bus.reader import ReaderPort
-from candaemon.bus.sending import SendQueue
+from candaemon.can_io import open as opening
+from candaemon.can_io.open import PORTS, Opening
+from candaemon.can_io.port import Port, PortCounts, PortRequest
+from candaemon.can_io.threaded_port import ReaderPort
+from candaemon.can_io.tx_queue import TxQueue
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
+from candaemon.frames.frame import Frame
 
 
 def frame(can_id: int, content: int = 0) -> Frame:
@@ -33,7 +33,7 @@ steps = st.lists(st.tuples(st.lists(st.integers(0, 9), max_size=8), st.integers(
 def test_every_frame_is_sent_or_dropped_once_and_the_newest_wins(
     steps: list[tuple[list[int], int]], capacity: int
 ) -> None:
-    queue = SendQueue(capacity, 3.5)
+    queue = TxQueue(capacity, 3.5)
     put = dropped = 0
     sent: list[Frame] = []
     for cycle, (ids, room) in enumerate(steps):
@@ -83,7 +83,7 @@ def is_readable(port: ReaderPort, timeout_s: float = 0.0) -> bool:
 
 def test_a_reader_is_readable_while_something_waits() -> None:
     slow = SlowPort([[frame(k) for k in range(5)], [frame(5)]])
-    counts = BusCounts()
+    counts = PortCounts()
     port = ReaderPort(slow, "slow", counts, capacity=5)
     assert slow.hangs.wait(2.0)
     assert is_readable(port)
@@ -100,7 +100,7 @@ def test_a_reader_is_readable_while_something_waits() -> None:
 
 
 def test_the_frames_before_an_error_come_first() -> None:
-    port = ReaderPort(SlowPort([[frame(1)], OSError(19, "No such device")]), "slow", BusCounts())
+    port = ReaderPort(SlowPort([[frame(1)], OSError(19, "No such device")]), "slow", PortCounts())
     assert is_readable(port, 2.0)
     time.sleep(0.05)
     assert len(port.receive(10)) == 1
@@ -112,7 +112,7 @@ def test_the_frames_before_an_error_come_first() -> None:
 
 
 def request(settings: BusSettings) -> PortRequest:
-    return PortRequest("bus", 0, settings, BusCounts())
+    return PortRequest("bus", 0, settings, PortCounts())
 
 
 def wait(opened: Opening) -> None:

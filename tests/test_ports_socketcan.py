@@ -9,13 +9,12 @@ import time
 import numpy as np
 import pytest
 
-from candaemon.bus.errorframes import take_error
-from candaemon.bus.frame import EXTENDED
-from candaemon.bus.ports import BusCounts, Controller
-from candaemon.bus.recvmmsg import Datagrams
-from candaemon.bus.socketcan import filters
-from candaemon.bus.timestamps import HardwareClock
+from candaemon.can_io.port import Controller, PortCounts
+from candaemon.can_io.recvmmsg import Datagrams
+from candaemon.can_io.socketcan import filters, take_error
+from candaemon.can_io.timestamps import HardwareClock
 from candaemon.config.buses import BusSettings
+from candaemon.frames.frame import EXTENDED
 
 SECOND_NS = 1_000_000_000
 MS_NS = 1_000_000
@@ -45,10 +44,10 @@ def test_a_filter_names_one_identifier_of_one_length() -> None:
 def test_error_frames(
     classes: int, detail: int, before: Controller, after: Controller, counted: dict[str, int]
 ) -> None:
-    counts = BusCounts()
+    counts = PortCounts()
     data = bytes([0, detail, 0, 0, 0, 0, 0, 0])
     assert take_error(0x2000_0000 | classes, data, counts, before) == after
-    assert counts == BusCounts(error_frames=1, **counted)
+    assert counts == PortCounts(error_frames=1, **counted)
 
 
 def test_hardware_time_is_free_of_the_way_to_the_kernel() -> None:

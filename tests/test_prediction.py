@@ -8,15 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from candaemon.arrays import Booleans, Integers
 from candaemon.evaluation.duplicates import DuplicateScore, duplicated
-from candaemon.evaluation.prediction import (
-    NisScore,
-    PredictionScore,
-    StationarySpeed,
-    chi2_quantile,
-)
+from candaemon.evaluation.prediction import NisScore, PredictionScore, StationarySpeed, chi2_quantile
 from candaemon.evaluation.runs import ObjectRuns
-from candaemon.evaluation.tables import Booleans, Integers
 
 CYCLE_NS = 50_000_000
 

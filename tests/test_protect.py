@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.bus.frame import EXTENDED
-from candaemon.bus.protect import Kind, Protector, crc8_sae_j1850
-from candaemon.bus.spec import MessageSpec, SignalSpec
+from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
+from candaemon.frames.frame import EXTENDED
+from candaemon.protection.checksums import Kind, Protector, crc8_sae_j1850
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 

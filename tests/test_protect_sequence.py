@@ -13,7 +13,7 @@ from builders import ns
 from hypothesis import given
 from hypothesis import strategies as st
 
-from candaemon.bus.protect_sequence import FrameFaults, FrameGuard, GuardPlan
+from candaemon.protection.monitor import FrameFaults, FrameGuard, GuardPlan
 
 ID = 0x123
 CYCLE_NS = ns(0.05)

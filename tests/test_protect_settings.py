@@ -10,12 +10,13 @@ from conftest import ROOT
 from e2e.p01 import e2e_p01_check
 from test_pipeline import drive
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.frame import Frame
-from candaemon.check import check_report
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.cli.check import check_report
+from candaemon.config.load import load_config
 from candaemon.errors import ConfigError
-from candaemon.pipeline import Pipeline
+from candaemon.frames.frame import Frame
+from candaemon.pipeline.pipeline import Pipeline
 
 PLAIN = "protection: {counter: Counter, checksum: Crc, kind: crc8_sae_j1850}"
 

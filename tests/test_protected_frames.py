@@ -14,20 +14,20 @@ from scan_frames import cycle, run, sensor, timed
 from test_pipeline import drive as simulated
 from test_pipeline import status
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.frame import Frame
-from candaemon.bus.logs import read_log
-from candaemon.bus.logstream import LogCounts
-from candaemon.bus.protect import Protector
-from candaemon.bus.protect_sequence import GuardPlan
-from candaemon.bus.spec import MessageSpec, SignalSpec
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.read import read_log
+from candaemon.can_io.logs.stream import LogCounts
+from candaemon.config.load import load_config
+from candaemon.dbc.types import MessageSpec, SignalSpec
+from candaemon.ego.motion_plausibility import MotionFaults
 from candaemon.errors import ConfigError
-from candaemon.pipeline import Pipeline
-from candaemon.sensing.assembly import ScanAssembler
-from candaemon.sensing.closing import make_assembler
-from candaemon.sensing.motion_plausibility import MotionFaults
-from candaemon.sensing.scan import ScanCounts
+from candaemon.frames.frame import Frame
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.protection.checksums import Protector
+from candaemon.protection.monitor import GuardPlan
+from candaemon.radar.assembly import ScanAssembler, make_assembler
+from candaemon.radar.scan import ScanCounts
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 

@@ -8,12 +8,11 @@ from builders import random_covariance
 from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
+from candaemon.arrays import Floats
 from candaemon.estimation.radial import ModifiedLinearKalman, radial, radial_jacobian
 
-Floats = NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
 SENSORS = np.array([(3.6, 0.8), (3.6, -0.8), (0.0, 0.9)])
 VARIANCES = np.array([0.05, 0.02, 1.0]) ** 2

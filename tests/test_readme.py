@@ -17,9 +17,9 @@ from beds.waiting import wait_until
 from conftest import ROOT
 from pydantic import TypeAdapter
 
-from candaemon.cli import main
-from candaemon.config import load_config
+from candaemon.cli.main import main
 from candaemon.config.estimators import EstimatorSettings
+from candaemon.config.load import load_config
 
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
@@ -63,7 +63,7 @@ def test_what_the_two_commands_install_exists() -> None:
     dev = " ".join(project["optional-dependencies"]["dev"])
     for tool in ("pytest", "pytest-xdist", "hypothesis", "ruff", "mypy"):
         assert tool in dev
-    assert project["scripts"]["candaemon"] == "candaemon.cli:main"
+    assert project["scripts"]["candaemon"] == "candaemon.cli.main:main"
 
 
 def test_the_ten_lines_are_a_radar(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,13 +12,14 @@ import pytest
 from bound import binding
 from recorded import as_log, driven, highway, replayed
 
-from candaemon.binding import Binding, bind
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.config.load import load_config
 from candaemon.config.recording import RecordingSettings
+from candaemon.daemon.reload import Reloader
 from candaemon.errors import InputError
-from candaemon.recordings import header_beside, logs_in
-from candaemon.service.recording import Recording
-from candaemon.service.reload import Reloader
+from candaemon.recording.recorder import Recording
+from candaemon.replay.recorded import header_beside, logs_in
 
 SECOND = RecordingSettings(file_seconds=1.0)
 

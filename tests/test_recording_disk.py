@@ -13,17 +13,17 @@ from typing import Any, cast
 import pytest
 from bound import binding
 
-from candaemon.binding import Binding
-from candaemon.bus.frame import Frame, Tick
+from candaemon.binding.bound import Binding
 from candaemon.config.recording import EventSettings, RecordingSettings
+from candaemon.daemon.daemon import Daemon
 from candaemon.errors import InputError
-from candaemon.pipeline import Pipeline
-from candaemon.recordings import header_beside, logs_in, number_of
-from candaemon.service.daemon import Daemon
-from candaemon.service.disk import Disk
-from candaemon.service.kept import Event
-from candaemon.service.recording import Recording
-from candaemon.service.ring import Ring
+from candaemon.frames.frame import Frame, Tick
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.recording.event_archive import Event
+from candaemon.recording.recorder import Recording
+from candaemon.recording.ring import Ring
+from candaemon.recording.writer_thread import WriterThread
+from candaemon.replay.recorded import header_beside, logs_in, number_of
 
 SECOND_NS = 1_000_000_000
 LINE = b"(1700000000.000000) radar 500#0011223344556677\n"
@@ -139,7 +139,7 @@ def test_a_full_disk_is_counted_told_once_and_waited_for(
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return write(descriptor, data)
 
-    monkeypatch.setattr("candaemon.service.ring.os.write", refusing)
+    monkeypatch.setattr("candaemon.recording.ring.os.write", refusing)
     with caplog.at_level(logging.INFO):
         for _ in range(30):
             fed.feed(0.1)
@@ -176,7 +176,7 @@ def test_a_slow_disk_costs_input_and_never_waits(of: Binding, tmp_path: Path, mo
             time.sleep(0.001)
         return write(descriptor, data)
 
-    monkeypatch.setattr("candaemon.service.ring.os.write", dragging)
+    monkeypatch.setattr("candaemon.recording.ring.os.write", dragging)
     fed.feed(5.0, rate=4000)
     assert fed.figures()["lost"] > 10_000
     assert not fed.figures()["recording"]
@@ -198,7 +198,7 @@ def test_a_stop_waits_for_no_disk(of: Binding, tmp_path: Path, monkeypatch: pyte
             time.sleep(0.001)
         return len(data)
 
-    monkeypatch.setattr("candaemon.service.ring.os.write", stuck)
+    monkeypatch.setattr("candaemon.recording.ring.os.write", stuck)
     fed.feed(0.5)
     began = time.monotonic()
     fed.stop()
@@ -220,9 +220,9 @@ def test_kept_events_are_bounded_and_whole(
         raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
 
     if not links:
-        monkeypatch.setattr("candaemon.service.kept.os.link", no_links)
+        monkeypatch.setattr("candaemon.recording.event_archive.os.link", no_links)
     events = EventSettings(before=1.0, after=1.0, kept=3)
-    disk = Disk(tmp_path, RecordingSettings(minutes=0.05, file_seconds=1.0, events=events))
+    disk = WriterThread(tmp_path, RecordingSettings(minutes=0.05, file_seconds=1.0, events=events))
     for second in range(1, 31):
         disk.begin(second * SECOND_NS, b"state", of, "digest")
         assert disk.write(LINE * second, second)
@@ -242,7 +242,7 @@ def test_kept_events_are_bounded_and_whole(
 
 def test_events_take_no_more_than_their_share(of: Binding, tmp_path: Path) -> None:
     events = EventSettings(before=0.0, after=0.0, disk=0.4)
-    disk = Disk(tmp_path, RecordingSettings(file_seconds=1.0, events=events))
+    disk = WriterThread(tmp_path, RecordingSettings(file_seconds=1.0, events=events))
     for second in range(1, 9):
         disk.begin(second * SECOND_NS, b"state", of, "digest")
         assert disk.write(LINE * 500, 500)

@@ -14,19 +14,19 @@ from typing import TYPE_CHECKING, cast
 import pytest
 from bound import binding
 
-from candaemon.binding import Binding
-from candaemon.bus.ports import BusCounts, BusState
+from candaemon.binding.bound import Binding
+from candaemon.can_io.port import BusState, PortCounts
 from candaemon.config.recording import EventSettings, RecordingSettings
 from candaemon.errors import InputError
-from candaemon.pipeline import Pipeline
-from candaemon.recordings import logs_in, number_of, stem
-from candaemon.service.disk import Disk
-from candaemon.service.events import EventWatch
-from candaemon.service.kept import Event
-from candaemon.service.ring import Ring
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.recording.event_archive import Event
+from candaemon.recording.ring import Ring
+from candaemon.recording.triggers import EventWatch
+from candaemon.recording.writer_thread import WriterThread
+from candaemon.replay.recorded import logs_in, number_of, stem
 
 if TYPE_CHECKING:
-    from candaemon.service.daemon import Daemon
+    from candaemon.daemon.daemon import Daemon
 
 SECOND_NS = 1_000_000_000
 LINE = b"(1700000000.000000) radar 500#0011223344556677\n"
@@ -42,17 +42,17 @@ def lasting(kept: int) -> RecordingSettings:
     return RecordingSettings(file_seconds=1.0, events=EventSettings(before=1.0, after=60.0, kept=kept))
 
 
-def begin(disk: Disk, of: Binding, second: int) -> None:
+def begin(disk: WriterThread, of: Binding, second: int) -> None:
     """Begin a file that holds a line."""
     disk.begin(second * SECOND_NS, b"state", of, "digest")
     assert disk.write(LINE, 1)
 
 
-def mark(disk: Disk, second: int) -> None:
+def mark(disk: WriterThread, second: int) -> None:
     disk.keep(Event("mark", str(second), second * SECOND_NS + 1))
 
 
-def until_idle(disk: Disk, written: int) -> None:
+def until_idle(disk: WriterThread, written: int) -> None:
     """Wait until the thread has done all that it was given."""
     for _ in range(1000):
         if disk.written + disk.lost >= written:
@@ -62,7 +62,7 @@ def until_idle(disk: Disk, written: int) -> None:
 
 
 def test_an_event_that_gives_way_while_it_is_open_costs_nothing_else(of: Binding, tmp_path: Path) -> None:
-    disk = Disk(tmp_path, lasting(kept=1))
+    disk = WriterThread(tmp_path, lasting(kept=1))
     for second in range(1, 9):
         begin(disk, of, second)
         if second in {3, 4, 5}:
@@ -77,7 +77,7 @@ def test_an_event_that_gives_way_while_it_is_open_costs_nothing_else(of: Binding
 def test_events_removed_by_hand_cost_nothing_else(
     of: Binding, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    disk = Disk(tmp_path, lasting(kept=9))
+    disk = WriterThread(tmp_path, lasting(kept=9))
     begin(disk, of, 1)
     mark(disk, 1)
     begin(disk, of, 2)
@@ -96,7 +96,7 @@ def test_events_removed_by_hand_cost_nothing_else(
 def test_a_folder_removed_by_hand_is_made_again(of: Binding, tmp_path: Path) -> None:
     folder = tmp_path / "ring"
     folder.mkdir()
-    disk = Disk(folder, RecordingSettings())
+    disk = WriterThread(folder, RecordingSettings())
     begin(disk, of, 1)
     until_idle(disk, 1)
     shutil.rmtree(folder)
@@ -118,7 +118,7 @@ def test_no_file_goes_on_behind_one_whose_end_was_refused(
         write(ring, text)
 
     monkeypatch.setattr(Ring, "write", full)
-    disk = Disk(tmp_path, RecordingSettings())
+    disk = WriterThread(tmp_path, RecordingSettings())
     begin(disk, of, 1)
     disk.write(LINE * 2, 2)
     disk.begin(2 * SECOND_NS, b"state", of, "digest", goes_on=True)
@@ -141,7 +141,7 @@ def test_folders_of_others_stay(of: Binding, tmp_path: Path) -> None:
     places = [tmp_path / name for name in ("events/mine", "configurations/mine", "configurations/0123456789ab")]
     for place in places:
         place.mkdir(parents=True)
-    disk = Disk(tmp_path, RecordingSettings(events=EventSettings(kept=1)))
+    disk = WriterThread(tmp_path, RecordingSettings(events=EventSettings(kept=1)))
     for second in (1, 2):
         begin(disk, of, second)
         mark(disk, second)
@@ -157,7 +157,7 @@ def test_events_wait_for_a_disk_that_hangs_in_bounds(
 ) -> None:
     released = threading.Event()
     monkeypatch.setattr(Ring, "write", lambda *_: released.wait(10))
-    disk = Disk(tmp_path, RecordingSettings(buffer=0.1))
+    disk = WriterThread(tmp_path, RecordingSettings(buffer=0.1))
     begin(disk, of, 1)
     for second in range(200):
         mark(disk, second)
@@ -185,11 +185,11 @@ def test_a_file_that_goes_leaves_no_log_without_its_state(tmp_path: Path, monkey
 
 
 def test_two_services_do_not_share_a_folder(tmp_path: Path) -> None:
-    first = Disk(tmp_path, RecordingSettings())
+    first = WriterThread(tmp_path, RecordingSettings())
     with pytest.raises(InputError, match="another service records into it"):
-        Disk(tmp_path, RecordingSettings())
+        WriterThread(tmp_path, RecordingSettings())
     first.close(5.0)
-    Disk(tmp_path, RecordingSettings()).close(5.0)
+    WriterThread(tmp_path, RecordingSettings()).close(5.0)
 
 
 def test_what_is_synced_is_the_state_and_its_name_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -200,7 +200,7 @@ def test_what_is_synced_is_the_state_and_its_name_too(tmp_path: Path, monkeypatc
         synced.append(Path(f"/proc/self/fd/{descriptor}").readlink().name)
         force(descriptor)
 
-    monkeypatch.setattr("candaemon.service.ring.os.fsync", noted)
+    monkeypatch.setattr("candaemon.recording.ring.os.fsync", noted)
     for sync in (False, True):
         ring = Ring(tmp_path, RecordingSettings(sync=sync))
         ring.begin(stem(SECOND_NS, 1 + sync), SECOND_NS, b"state", "")
@@ -209,7 +209,7 @@ def test_what_is_synced_is_the_state_and_its_name_too(tmp_path: Path, monkeypatc
 
 
 def test_a_reload_makes_no_event_of_what_was_lost_before(of: Binding) -> None:
-    bus = SimpleNamespace(name="radar", counts=BusCounts(), state=BusState(True, 0))
+    bus = SimpleNamespace(name="radar", counts=PortCounts(), state=BusState(True, 0))
     daemon = cast("Daemon", SimpleNamespace(buses=[bus], pipeline=Pipeline(of)))
     watch = EventWatch(of)
     assert not list(watch.turned(daemon, 0))

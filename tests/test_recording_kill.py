@@ -17,11 +17,12 @@ import pytest
 from beds.service import Service, config_on
 from recorded import highway, replayed
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.frame import Frame
-from candaemon.bus.messages import to_message
-from candaemon.config import load_config
-from candaemon.recordings import logs_in
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.messages import to_message
+from candaemon.config.load import load_config
+from candaemon.frames.frame import Frame
+from candaemon.replay.recorded import logs_in
 
 pytest.importorskip("msgpack", reason="udp_multicast needs msgpack")
 

@@ -15,18 +15,18 @@ from hypothesis import strategies as st
 from recorded import as_log, highway, replayed
 
 import candaemon
-from candaemon.binding import Binding
-from candaemon.bus.candump import candump_text
-from candaemon.bus.frame import Frame
-from candaemon.bus.logs import read_log
-from candaemon.bus.logstream import TICK_BUS, LogCounts
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.candump import candump_text
+from candaemon.can_io.logs.read import read_log
+from candaemon.can_io.logs.stream import TICK_BUS, LogCounts
 from candaemon.errors import InputError
-from candaemon.pipeline import Pipeline
-from candaemon.recordings import Run, runs, stem, utc
-from candaemon.replayer import ReplayRequest, replay
-from candaemon.snapshot import Snapshots, fingerprint
-from candaemon.snapshot.fingerprint import differences
-from candaemon.snapshot.packing import packed, unpacked
+from candaemon.frames.frame import Frame
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.pipeline.saved_state import Snapshots, fingerprint
+from candaemon.pipeline.saved_state.fingerprint import differences
+from candaemon.pipeline.saved_state.packing import packed, unpacked
+from candaemon.replay.recorded import Run, runs, stem, utc
+from candaemon.replay.replay import ReplayRequest, replay
 
 SECOND_NS = 1_000_000_000
 END = b"(1700000009.000000) tick 001#\n"

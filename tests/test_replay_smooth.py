@@ -11,14 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
-from numpy.typing import NDArray
 
-from candaemon.cli import main
+from candaemon.arrays import Floats
+from candaemon.cli.main import main
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.results import Evaluation
 from candaemon.tracking.obstacles import MOTION
-
-Floats = NDArray[np.float64]
 
 KEPT = ("time", "id", "state", "age", "objects")
 

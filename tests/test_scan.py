@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scan_frames import KINDS, UNMARKED, Sent, cycle, run, same, sensor, timed, whole
 
-from candaemon.sensing.assembly import NEVER
-from candaemon.sensing.closing import make_assembler
+from candaemon.frames.times import NEVER_NS
+from candaemon.radar.assembly import make_assembler
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -44,7 +44,7 @@ def test_any_order_gives_the_same_scans(kind: str, random: Random) -> None:
     assert all(same(scan, whole(kind, number)) and scan.complete for number, scan in enumerate(scans))
     assert assembler.counts.used == assembler.counts.frames == len(frames)
     assert assembler.counts.scans == 4
-    assert assembler.deadline_ns == NEVER
+    assert assembler.deadline_ns == NEVER_NS
 
 
 FATES = st.sampled_from(["kept"] * 12 + ["lost", "lost", "twice", "short", "late"])

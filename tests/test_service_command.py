@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
+from candaemon.cli.run import ServeRequest, serve
 from candaemon.errors import ConfigError
-from candaemon.service.serve import ServeRequest, serve
 
 PATIENCE_S = 30.0
 

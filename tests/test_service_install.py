@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-from candaemon.binding import Binding, bind
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.config.load import load_config
+from candaemon.daemon import install as installing
+from candaemon.daemon.install import install, unit_text
 from candaemon.errors import ConfigError, InputError
-from candaemon.service import install as installing
-from candaemon.service.install import install, unit_text
 
 UNIT = ROOT / "config" / "systemd" / "candaemon@.service"
 PROGRAM = ["/opt/candaemon/bin/candaemon"]

@@ -19,11 +19,12 @@ from beds.service import config_on
 from conftest import ROOT
 from recorded import highway
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.live import LiveBuses
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.buses import LiveBuses
+from candaemon.config.load import load_config
 from candaemon.errors import BusError
-from candaemon.receiver import Receiver
+from candaemon.output.decoder import OutputDecoder
 from candaemon.tracking.obstacles import CONFIRMED
 
 pytest.importorskip("msgpack", reason="udp_multicast needs msgpack")
@@ -138,7 +139,7 @@ def service(config: Path, tmp_path: Path) -> Iterator[Supervised]:
 def wait_for_an_obstacle(of: Binding, buses: LiveBuses) -> None:
     """Return as soon as a confirmed obstacle is told."""
     assert of.output is not None
-    receiver, end_s = Receiver(of.output), time.monotonic() + PATIENCE_S
+    receiver, end_s = OutputDecoder(of.output), time.monotonic() + PATIENCE_S
     while time.monotonic() < end_s:
         for frame in buses.read(0.05):
             for told in receiver.push(frame.can_id, frame.data):

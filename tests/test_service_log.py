@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from bound import binding
 
-from candaemon.service.daemon import Daemon
-from candaemon.service.journal import Repetitions, log_faults, log_service
-from candaemon.service.status import StatusLine
+from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.journal import Repetitions, log_faults, log_service
+from candaemon.status.health_summary import StatusLine
 
 logger = logging.getLogger("candaemon.test")
 

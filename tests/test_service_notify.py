@@ -10,12 +10,11 @@ from pathlib import Path
 import pytest
 from bound import binding
 
-from candaemon.binding import Binding
+from candaemon.binding.bound import Binding
+from candaemon.daemon.daemon import Daemon, Observer
+from candaemon.daemon.reload import Reloader
 from candaemon.errors import ConfigError
-from candaemon.service.daemon import Daemon
-from candaemon.service.notify import Notifier, Supervision
-from candaemon.service.observer import Observer
-from candaemon.service.reload import Reloader
+from candaemon.status.notify import Notifier, Supervision
 
 
 class Manager:

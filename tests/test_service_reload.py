@@ -11,14 +11,12 @@ import can
 import pytest
 from conftest import ROOT
 
-from candaemon.bus.frame import Frame
-from candaemon.bus.messages import to_message
-from candaemon.cycle import Cycle
-from candaemon.service import reload as service_reload
-from candaemon.service.daemon import Daemon
-from candaemon.service.observer import Observer, Told
-from candaemon.service.reload import Reloader
-from candaemon.service.serve import load
+from candaemon.can_io.messages import to_message
+from candaemon.daemon import reload as service_reload
+from candaemon.daemon.daemon import Daemon, Observer, Told
+from candaemon.daemon.reload import Reloader, load
+from candaemon.frames.frame import Frame
+from candaemon.pipeline.cycle import Cycle
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 

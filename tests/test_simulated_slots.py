@@ -4,13 +4,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.simulation.slots import SlotTable
+from candaemon.simulation.radar_slots import RadarSlots
 
 scan = st.dictionaries(st.integers(0, 12), st.tuples(st.floats(0, 100), st.booleans(), st.booleans()), max_size=10)
 
 
-def table(capacity: int = 4, *, hold: int = 2, reuse: float = 0.5) -> SlotTable:
-    return SlotTable(capacity, hold=hold, reuse=reuse, random=np.random.default_rng(3))
+def table(capacity: int = 4, *, hold: int = 2, reuse: float = 0.5) -> RadarSlots:
+    return RadarSlots(capacity, hold=hold, reuse=reuse, random=np.random.default_rng(3))
 
 
 @settings(deadline=None)

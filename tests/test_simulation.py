@@ -10,22 +10,23 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.frame import Frame
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
 from candaemon.config.load import load_config
+from candaemon.ego.factory import make_ego
+from candaemon.ego.motion import EgoMotion
 from candaemon.errors import ConfigError
 from candaemon.evaluation.tables import read_truth
 from candaemon.evaluation.writers import TrackWriter
-from candaemon.sensing.closing import make_assembler
-from candaemon.sensing.ego import EgoMotion
-from candaemon.sensing.scan import Scan
-from candaemon.sensing.sources import make_ego
-from candaemon.simulation.report import Report
+from candaemon.frames.frame import Frame
+from candaemon.radar.assembly import make_assembler
+from candaemon.radar.scan import Scan
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.scene import Scene
 from candaemon.simulation.schedule import start_ns
 from candaemon.simulation.simulate import Simulation, simulate
+from candaemon.simulation.slot_report import Report
 
 CONFIGS = ("esr_ins", "gm_lrr", "tesla_continental", "ars408", "toyota_rav4", "toyota_rav4_ins")
 

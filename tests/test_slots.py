@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from candaemon.output.seats import Seating
-from candaemon.output.slots import MARGIN, OFF_PATH, Assignment, SlotTable
+from candaemon.output.slots import MARGIN, OFF_PATH, OutputSlots, SlotAssignment, SlotEncoding
 
 Cycle = dict[int, float]
 
@@ -20,18 +19,18 @@ def cycles(ids: int = 9, longest: int = 12) -> st.SearchStrategy[list[Cycle]]:
     return st.lists(st.dictionaries(st.integers(1, ids), distance, max_size=ids), max_size=longest)
 
 
-def assign(table: SlotTable, cycle: Cycle) -> Assignment:
+def assign(table: OutputSlots, cycle: Cycle) -> SlotAssignment:
     return table.assign(list(cycle), list(cycle.values()))
 
 
-def holders(cycle: Cycle, assigned: Assignment) -> dict[int, int]:
+def holders(cycle: Cycle, assigned: SlotAssignment) -> dict[int, int]:
     return {slot: each for each, slot in zip(cycle, assigned.slot, strict=True) if slot >= 0}
 
 
 @settings(deadline=None)
 @given(cycles(), st.integers(1, 5))
 def test_a_slot_has_one_holder_and_rests_between_two(drive: list[Cycle], capacity: int) -> None:
-    table, before = SlotTable(capacity), dict[int, int]()
+    table, before = OutputSlots(capacity), dict[int, int]()
     for cycle in drive:
         assigned = assign(table, cycle)
         held = holders(cycle, assigned)
@@ -46,7 +45,7 @@ def test_a_slot_has_one_holder_and_rests_between_two(drive: list[Cycle], capacit
 @settings(deadline=None)
 @given(cycles(), st.integers(1, 5))
 def test_new_is_said_once_on_taking_a_slot(drive: list[Cycle], capacity: int) -> None:
-    table, before = SlotTable(capacity), dict[int, int]()
+    table, before = OutputSlots(capacity), dict[int, int]()
     for cycle in drive:
         assigned = assign(table, cycle)
         held = holders(cycle, assigned)
@@ -58,7 +57,7 @@ def test_new_is_said_once_on_taking_a_slot(drive: list[Cycle], capacity: int) ->
 @settings(deadline=None)
 @given(cycles(ids=5), st.integers(5, 8))
 def test_with_slots_enough_an_obstacle_keeps_its_own(drive: list[Cycle], capacity: int) -> None:
-    table, slot_of = SlotTable(2 * capacity), dict[int, int]()
+    table, slot_of = OutputSlots(2 * capacity), dict[int, int]()
     for cycle in drive:
         assigned = assign(table, cycle)
         now = dict(zip(cycle, assigned.slot, strict=True))
@@ -71,7 +70,7 @@ def test_with_slots_enough_an_obstacle_keeps_its_own(drive: list[Cycle], capacit
 @given(cycles(ids=9, longest=1), st.integers(1, 4))
 def test_what_stays_long_enough_is_served_by_urgency(drive: list[Cycle], capacity: int) -> None:
     for cycle in drive:
-        table = SlotTable(capacity)
+        table = OutputSlots(capacity)
         assigned = assign(table, cycle)
         assert set(holders(cycle, assigned).values()) == set(sorted(cycle, key=cycle.__getitem__)[:capacity])
 
@@ -81,7 +80,7 @@ def test_what_stays_long_enough_is_served_by_urgency(drive: list[Cycle], capacit
 def test_in_the_end_nothing_in_the_path_waits_for_something_less_urgent(
     drive: list[Cycle], capacity: int, last: list[Cycle]
 ) -> None:
-    table = SlotTable(capacity)
+    table = OutputSlots(capacity)
     for cycle in drive:
         assign(table, cycle)
     for cycle in last:
@@ -98,7 +97,7 @@ def test_in_the_end_nothing_in_the_path_waits_for_something_less_urgent(
 def test_seats_are_as_the_table_has_them_however_often_the_same_obstacles_come(
     drive: list[Cycle], capacity: int, times: int
 ) -> None:
-    table, seating = SlotTable(capacity), Seating(capacity, send_all=False, send_freed=True)
+    table, seating = OutputSlots(capacity), SlotEncoding(capacity, send_all=False, send_freed=True)
     for cycle in (cycle for cycle in drive for _ in range(times)):
         ids, urgency = np.array(list(cycle), np.int64), np.array(list(cycle.values()), np.float64)
         assigned = assign(table, cycle)
@@ -113,7 +112,7 @@ def test_seats_are_as_the_table_has_them_however_often_the_same_obstacles_come(
 
 def test_where_nobody_comes_or_waits_urgency_is_not_asked() -> None:
     asked: list[int] = []
-    seating = Seating(2, send_all=True, send_freed=True)
+    seating = SlotEncoding(2, send_all=True, send_freed=True)
 
     def urgency(cycle: int, obstacles: int) -> NDArray[np.float64]:
         asked.append(cycle)
@@ -125,34 +124,36 @@ def test_where_nobody_comes_or_waits_urgency_is_not_asked() -> None:
 
 
 def test_a_freed_slot_is_empty_for_one_cycle() -> None:
-    table = SlotTable(1)
-    assert table.assign([7], [10.0]) == Assignment([0], [True], [])
-    assert table.assign([8], [10.0]) == Assignment([-1], [False], [0])
-    assert table.assign([8], [10.0]) == Assignment([0], [True], [])
+    table = OutputSlots(1)
+    assert table.assign([7], [10.0]) == SlotAssignment([0], [True], [])
+    assert table.assign([8], [10.0]) == SlotAssignment([-1], [False], [0])
+    assert table.assign([8], [10.0]) == SlotAssignment([0], [True], [])
 
 
 def test_a_near_obstacle_in_the_path_takes_the_slot_of_the_farthest_outside() -> None:
-    table = SlotTable(2)
+    table = OutputSlots(2)
     table.assign([1, 2], [OFF_PATH + 5.0, OFF_PATH + 90.0])
-    assert table.assign([1, 2, 3], [OFF_PATH + 5.0, OFF_PATH + 90.0, 40.0]) == Assignment([0, -1, -1], [False] * 3, [1])
+    assert table.assign([1, 2, 3], [OFF_PATH + 5.0, OFF_PATH + 90.0, 40.0]) == SlotAssignment(
+        [0, -1, -1], [False] * 3, [1]
+    )
     assert table.assign([1, 2, 3], [OFF_PATH + 5.0, OFF_PATH + 90.0, 40.0]).slot == [0, -1, 1]
 
 
 def test_nobody_is_pushed_out_where_a_slot_comes_free_anyway() -> None:
-    table = SlotTable(2)
+    table = OutputSlots(2)
     table.assign([1, 2], [OFF_PATH + 5.0, OFF_PATH + 90.0])
-    assert table.assign([2, 3], [OFF_PATH + 90.0, 40.0]) == Assignment([1, -1], [False, False], [0])
-    assert table.assign([2, 3], [OFF_PATH + 90.0, 40.0]) == Assignment([1, 0], [False, True], [])
+    assert table.assign([2, 3], [OFF_PATH + 90.0, 40.0]) == SlotAssignment([1, -1], [False, False], [0])
+    assert table.assign([2, 3], [OFF_PATH + 90.0, 40.0]) == SlotAssignment([1, 0], [False, True], [])
 
 
 def test_outside_the_path_nobody_is_pushed_out() -> None:
-    table = SlotTable(1)
+    table = OutputSlots(1)
     table.assign([1], [OFF_PATH + 90.0])
-    assert table.assign([1, 2], [OFF_PATH + 90.0, OFF_PATH + 5.0]) == Assignment([0, -1], [False, False], [])
+    assert table.assign([1, 2], [OFF_PATH + 90.0, OFF_PATH + 5.0]) == SlotAssignment([0, -1], [False, False], [])
 
 
 def test_two_at_like_distance_do_not_take_turns() -> None:
-    table = SlotTable(1)
+    table = OutputSlots(1)
     table.assign([1], [50.0])
     for distance in (49.0, 46.0, 50.5):
         assert table.assign([1, 2], [50.0, distance]).slot == [0, -1]

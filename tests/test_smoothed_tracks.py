@@ -11,16 +11,15 @@ import pytest
 from builders import CYCLE, HandFed, Seen, assert_sane, ns, pose, times
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from candaemon.cycle import Cycle
+from candaemon.arrays import Floats
 from candaemon.estimation.smoothing import Smoothed
-from candaemon.smoother import CycleSmoother
+from candaemon.pipeline.cycle import Cycle
+from candaemon.replay.smooth import CycleSmoother
 from candaemon.tracking.obstacles import MOTION, Obstacles, joined, none
-from candaemon.tracking.smoothing import with_motion
+from candaemon.tracking.smoother_history import with_motion
 from candaemon.tracking.tracker import Tracker
 
-Floats = NDArray[np.float64]
 Pairs = list[tuple[Obstacles, Obstacles]]
 
 SECOND = 1_000_000_000

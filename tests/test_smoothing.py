@@ -11,17 +11,14 @@ from builders import random_covariance
 from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation.imm import Form, Imm
-from candaemon.estimation.models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
+from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
 from candaemon.estimation.smoothing import FixedLag, Link, Smoothed, Step, smooth, smoothing_gain
-from candaemon.papers.paper000_filters import three_models
-from candaemon.papers.paper000_set import DT, MOTIONS
+from candaemon.papers.han_filters import three_models
+from candaemon.papers.manoeuvre_set import DT, MOTIONS
 from candaemon.papers.tracking import follow_smoothed
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 CA, CT = LinearModel(2, (5.0, 5.0)), CoordinatedTurn(0.01, 0.1)
 SEEDS = st.integers(0, 2**32 - 1)

@@ -21,19 +21,20 @@ from bound import binding
 from conftest import ROOT
 
 import candaemon
-from candaemon.binding import Binding, bind
-from candaemon.bus.frame import Frame
-from candaemon.bus.logs import read_log
-from candaemon.bus.logstream import LogCounts
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.read import read_log
+from candaemon.can_io.logs.stream import LogCounts
 from candaemon.config.tracker import TrackerSettings
 from candaemon.errors import InputError
-from candaemon.handover import hand_over
-from candaemon.pipeline import Pipeline
+from candaemon.frames.frame import Frame
+from candaemon.pipeline.handover import hand_over
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.pipeline.saved_state import Snapshots, begun, dump, header_of, restore
+from candaemon.pipeline.saved_state.places import FUNCTIONS
+from candaemon.pipeline.saved_state.skeleton import Skeleton
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
-from candaemon.snapshot import Snapshots, begun, dump, header_of, restore
-from candaemon.snapshot.places import FUNCTIONS
-from candaemon.snapshot.skeleton import Skeleton
 
 CONFIGS = ("demo", "ars408_to_esr", "esr_ins_fd", "toyota_rav4")
 ESTIMATORS: tuple[dict[str, Any], ...] = (
@@ -178,8 +179,8 @@ def test_a_state_from_somebody_else_runs_no_code(tmp_path: Path) -> None:
     assert not mark.exists()
     for name in (
         "builtins\neval",
-        "candaemon.bus.logwriters\nCandumpWriter",
-        "candaemon.sensing.ego\nhypot",
+        "candaemon.can_io.logs.write\nCandumpWriter",
+        "candaemon.ego.motion\nhypot",
         "candaemon.config.load\nPath",
     ):
         with pytest.raises(InputError, match=r"it asks for .*--fresh"):
@@ -205,7 +206,7 @@ def test_a_state_from_somebody_else_leads_nowhere_but_to_the_pipeline(tmp_path: 
     header = json.loads(dump(Pipeline(of)).partition(b"\n")[0])
     mark = tmp_path / "ran"
     builtins = [("attribute", name) for name in ("__class__", "__init__", "__globals__")]
-    method_of = b"ccandaemon.snapshot.pickling\nmethod_of\n"
+    method_of = b"ccandaemon.pipeline.saved_state.pickling\nmethod_of\n"
     path = at(("attribute", "loaded"), ("attribute", "path"))
     for content in (
         called(at(*builtins, ("item", "__builtins__"), ("item", "exec")), f"open({str(mark)!r}, 'w')"),

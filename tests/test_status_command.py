@@ -21,12 +21,11 @@ import pytest
 from rich.console import Console
 from served import Served, bound, demo_config, drive, wait_until
 
+from candaemon.cli.status import LiveView, sheets, watch
 from candaemon.config.metrics import MetricsSettings
 from candaemon.errors import InputError
-from candaemon.service.observe import Meter
-from candaemon.service.places import answers
-from candaemon.watch import watch
-from candaemon.watch_view import LiveView, sheets
+from candaemon.status.meter import Meter
+from candaemon.status.paths import answers
 
 
 @pytest.fixture
@@ -168,7 +167,7 @@ def test_a_socket_that_is_not_there_is_said(tmp_path: Path) -> None:
 
 
 def test_an_instance_that_hangs_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("candaemon.watch._PATIENCE_S", 0.1)
+    monkeypatch.setattr("candaemon.cli.status._PATIENCE_S", 0.1)
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "s"))
         listener.listen()

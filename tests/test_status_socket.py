@@ -18,10 +18,10 @@ from typing import Any, TextIO
 import pytest
 from served import Served, bound, drive, wait_until
 
-from candaemon.binding import Binding
-from candaemon.service.observe import Meter
-from candaemon.service.places import answers, running, socket_path
-from candaemon.service.statussocket import MOST_CLIENTS, StatusSocket
+from candaemon.binding.bound import Binding
+from candaemon.status.meter import Meter
+from candaemon.status.paths import answers, running, socket_path
+from candaemon.status.socket import MOST_CLIENTS, StatusSocket
 
 
 @pytest.fixture

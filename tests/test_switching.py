@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
+from candaemon.estimation.cv_csm_switch import CvCsmSwitch
 from candaemon.estimation.manoeuvre import ManoeuvreWatch, SwitchRule
-from candaemon.estimation.models import CurrentStatistical
-from candaemon.estimation.switching import CvCsmSwitch
+from candaemon.estimation.motion_models import CurrentStatistical
 from candaemon.papers.profiles import motion
-
-Floats = NDArray[np.float64]
 
 CV_NOISE, STATISTICAL = 0.1, CurrentStatistical(0.05, 3.0, 0.0)
 

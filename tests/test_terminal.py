@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from candaemon.terminal import print_figures
+from candaemon.cli.console import print_figures
 
 
 def test_figures_are_tables_on_a_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

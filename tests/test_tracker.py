@@ -9,7 +9,7 @@ import pytest
 from builders import CYCLE, HandFed, Seen, assert_sane, car, place, pose, states, times
 
 from candaemon.config.sensors import FieldOfView, Mount
-from candaemon.sensing.mounting import View
+from candaemon.radar.mounting import SensorView
 from candaemon.tracking.obstacles import COASTING, CONFIRMED, TENTATIVE, joined
 
 
@@ -136,7 +136,7 @@ def test_existence_is_the_share_of_scans() -> None:
 
 @pytest.mark.parametrize(("y", "lives"), [(0.0, True), (40.0, False)], ids=["ahead", "beside"])
 def test_what_has_left_the_view_ends_early(y: float, lives: bool) -> None:
-    view = View(Mount(x=3.6), FieldOfView(range=150, azimuth_deg=30))
+    view = SensorView(Mount(x=3.6), FieldOfView(range=150, azimuth_deg=30))
     fed = HandFed(views=(view,))
     for t in times(0, 20):
         fed.scan(t, [Seen(5, 40.0, y)])

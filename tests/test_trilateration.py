@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from candaemon.arrays import Floats
 from candaemon.estimation.radial import radial
 from candaemon.estimation.trilateration import Status, Trilateration, trilaterate
 
-Floats = NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
 BUMPER = np.array([(3.6, 0.8), (3.6, -0.8)])
 CORNERS = np.array([(3.6, 0.8), (3.6, -0.8), (0.2, 0.9), (0.2, -0.9)])

@@ -7,11 +7,9 @@ import pytest
 from builders import random_covariance
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.estimation.variational import NoiseScale, VariationalNoise, WindowedScale
-
-Floats = NDArray[np.float64]
 
 SEEDS = st.integers(0, 2**32 - 1)
 FORGETTING = 0.95

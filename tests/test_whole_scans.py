@@ -17,19 +17,19 @@ from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.block import FrameBlock
-from candaemon.bus.candump import candump_text
-from candaemon.bus.candumptext import ChunkDecoder
-from candaemon.bus.frame import Frame, Tick
-from candaemon.bus.logs import read_log, read_log_blocks
-from candaemon.bus.logstream import TICK_BUS, TICK_CHANNEL, ChannelMap, LogCounts
-from candaemon.bus.logwriters import open_log_writer
-from candaemon.bus.sequence import Sequencer
-from candaemon.config import load_config
-from candaemon.cycle import Cycle
-from candaemon.pipeline import Pipeline
-from candaemon.sensing.closing import CounterAssembler
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.candump import ChunkDecoder, candump_text
+from candaemon.can_io.logs.read import read_log, read_log_blocks
+from candaemon.can_io.logs.stream import TICK_BUS, TICK_CHANNEL, ChannelMap, LogCounts
+from candaemon.can_io.logs.write import open_log_writer
+from candaemon.can_io.reorder import Reorder
+from candaemon.config.load import load_config
+from candaemon.frames.block import FrameBlock
+from candaemon.frames.frame import Frame, Tick
+from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.radar.assembly import CounterAssembler
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
@@ -140,7 +140,7 @@ def test_what_came_whole_is_taken_together(config: str, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize(("window_ns", "whole"), [(0, True), (5_000_000, False)])
 def test_a_block_in_order_stays_one(window_ns: int, whole: bool) -> None:
-    frames, sequence, other = drive("esr_ins"), Sequencer(window_ns), Sequencer(window_ns)
+    frames, sequence, other = drive("esr_ins"), Reorder(window_ns), Reorder(window_ns)
     passed = list(sequence.sequenced_blocks([*blocks_of(frames), [Tick(frames[-1].time_ns)]]))
     assert any(isinstance(each, FrameBlock) for each in passed) == whole
     items = [item for each in passed for item in (each.frames() if isinstance(each, FrameBlock) else each)]
@@ -151,7 +151,7 @@ def test_a_block_out_of_order_is_sorted_as_its_frames_are() -> None:
     frames = list(drive("esr_ins"))
     frames[700], frames[701] = frames[701], frames[700]
     frames[2000:] = [frame._replace(time_ns=frame.time_ns - 3_600_000_000_000) for frame in frames[2000:]]
-    sequence, other = Sequencer(), Sequencer()
+    sequence, other = Reorder(), Reorder()
     passed = sequence.sequenced_blocks(blocks_of(frames))
     items = [item for each in passed for item in (each.frames() if isinstance(each, FrameBlock) else each)]
     assert items == list(other.sequenced(frames))

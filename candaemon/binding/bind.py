@@ -6,27 +6,27 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from candaemon.binding.bind_ego import BoundEgo, bind_ego
+from candaemon.binding.bind_protection import guard_plan, part_guards
 from candaemon.binding.bound import Binding, BoundBus, BoundOutput, BoundSensor, quantities_of
-from candaemon.binding.check import check_identifiers, range_warnings
-from candaemon.binding.ego import BoundEgo, bind_ego
-from candaemon.binding.load import Traffic, bus_load
-from candaemon.binding.objects import ObjectReader
-from candaemon.binding.parts import find_message, find_signal
-from candaemon.binding.protection import guard_plan, part_guards
-from candaemon.binding.signals import field_reader
-from candaemon.binding.status import Header, StatusWriter
-from candaemon.binding.where import Where, collected, raise_all
-from candaemon.binding.writer import ObjectWriter
-from candaemon.bus.database import load_database
-from candaemon.bus.frame import EXTENDED
-from candaemon.bus.protect_sequence import GuardPlan
-from candaemon.bus.spec import Database, MessageSpec
+from candaemon.binding.bus_load import Traffic, bus_load
+from candaemon.binding.conflicts import check_identifiers, range_warnings
+from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.config.base import SignalRef
 from candaemon.config.ego import StaticSettings
 from candaemon.config.load import LoadedConfig
 from candaemon.config.output import OutputSettings
 from candaemon.config.sensors import CounterScan, HeaderScan, SensorSettings, TriggerScan
+from candaemon.dbc.database import load_database
+from candaemon.dbc.types import Database, MessageSpec
 from candaemon.errors import ConfigError
+from candaemon.frames.frame import EXTENDED
+from candaemon.objects.layout import find_message, find_signal
+from candaemon.objects.reader import ObjectReader
+from candaemon.objects.scan_messages import ScanHeader, StatusWriter
+from candaemon.objects.signals import field_reader
+from candaemon.objects.writer import ObjectWriter
+from candaemon.protection.monitor import GuardPlan
 
 FULL = 0.6
 """Share of a bus's time from which `check` warns."""
@@ -100,8 +100,8 @@ class _Binder:
         found = (self.databases.get(self.loaded.resolve(relative)) for relative in named)
         return [database for database in found if database is not None]
 
-    def where(self, *location: str | int) -> Where:
-        return Where(self.loaded, location)
+    def where(self, *location: str | int) -> SettingLocation:
+        return SettingLocation(self.loaded, location)
 
     def bus(self, name: str) -> int:
         return list(self.loaded.config.buses).index(name)
@@ -129,7 +129,7 @@ class _Binder:
         can_ids = set(reader.routes)
         counters: list[Callable[[bytes], int]] = []
         trigger: MessageSpec | None = None
-        header: Header | None = None
+        header: ScanHeader | None = None
         mark_guard: GuardPlan | None = None
         if isinstance(scan, CounterScan):
             counters = [
@@ -142,7 +142,7 @@ class _Binder:
             if trigger.can_id not in reader.routes:
                 mark_guard = guard_plan([trigger], scan.protection, marked, cycle_time=settings.cycle_time)
         elif isinstance(scan, HeaderScan):
-            header = Header(scan, database, place)
+            header = ScanHeader(scan, database, place)
             can_ids.add(header.can_id)
             mark_guard = guard_plan([header.message], scan.protection, marked, cycle_time=settings.cycle_time)
         guards = part_guards(reader, settings, where)

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from candaemon.binding.ego import BoundEgo
-from candaemon.binding.objects import ObjectReader
-from candaemon.binding.status import Header, StatusWriter
-from candaemon.binding.where import Where
-from candaemon.binding.writer import ObjectWriter
-from candaemon.bus.protect import FrameProtector
-from candaemon.bus.protect_sequence import GuardPlan
-from candaemon.bus.spec import Database, MessageSpec
+from candaemon.binding.bind_ego import BoundEgo
+from candaemon.binding.location import SettingLocation
 from candaemon.config.base import SignalRef
 from candaemon.config.buses import BusSettings
 from candaemon.config.load import LoadedConfig
 from candaemon.config.output import OutputSettings
 from candaemon.config.sensors import CounterScan, ObjectSignals, SensorSettings
 from candaemon.config.settings import Config
+from candaemon.dbc.types import Database, MessageSpec
+from candaemon.objects.reader import ObjectReader
+from candaemon.objects.scan_messages import ScanHeader, StatusWriter
+from candaemon.objects.writer import ObjectWriter
+from candaemon.protection.checksums import FrameProtector
+from candaemon.protection.monitor import GuardPlan
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class BoundSensor:
     can_ids: frozenset[int]
     counters: tuple[Callable[[bytes], int], ...]
     trigger: MessageSpec | None
-    header: Header | None
+    header: ScanHeader | None
     guards: tuple[GuardPlan | None, ...]
     mark_guard: GuardPlan | None
 
@@ -90,7 +90,7 @@ class BoundSensor:
         """CAN id of the trigger message."""
         return None if self.trigger is None else self.trigger.can_id
 
-    def writer(self, where: Where | None = None) -> ObjectWriter:
+    def writer(self, where: SettingLocation | None = None) -> ObjectWriter:
         """Make the writer of this sensor's own frames, as the simulation needs it.
 
         Raises:

@@ -1,6 +1,4 @@
-"""The YAML as typed, frozen settings. Knows nothing of DBC files, sockets or tracks."""
+"""The YAML as typed, frozen settings with file and line, and the configurations that come with candaemon.
 
-from candaemon.config.load import LoadedConfig, json_schema, load_config
-from candaemon.config.settings import Config
-
-__all__ = ["Config", "LoadedConfig", "json_schema", "load_config"]
+Knows nothing of DBC files, sockets and tracks.
+"""

@@ -1,1 +1,4 @@
-"""Motion models and filters, pure and batched. Knows nothing of CAN, identity and configuration files."""
+"""Motion models and filters: pure numpy, batched over tracks. Kalman, IMM, information, adaptive, federated, smoothing.
+
+Knows nothing of CAN, identity, configuration files and sensors.
+"""

@@ -14,12 +14,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.kalman import predict, update
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 CHI_SQUARE = 7.879
 """What the square of a standard normal number exceeds once in 200 times: α = 0.005 at one degree of freedom."""
@@ -48,11 +45,11 @@ class NoiseEstimator(Protocol):
         """Append tracks whose noise is the nominal one."""
         ...
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         ...
 
-    def observe(self, rows: Rows, innovation: Floats, predicted: Floats) -> Adapted:
+    def observe(self, rows: Indices, innovation: Floats, predicted: Floats) -> Adapted:
         """Learn from an innovation of each of the given rows, before the filter's own update.
 
         Args:
@@ -73,7 +70,7 @@ class InnovationWindow:
 
     def __init__(self, size: int, dimension: int) -> None:
         self._ring: Floats = np.zeros((0, size, dimension))
-        self._count: Rows = np.zeros(0, dtype=np.intp)
+        self._count: Indices = np.zeros(0, dtype=np.intp)
 
     def __len__(self) -> int:
         return len(self._ring)
@@ -83,21 +80,21 @@ class InnovationWindow:
         self._ring = np.concatenate([self._ring, np.zeros((count, *self._ring.shape[1:]))])
         self._count = np.concatenate([self._count, np.zeros(count, dtype=np.intp)])
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         self._ring, self._count = self._ring[rows], self._count[rows]
 
-    def push(self, rows: Rows, innovation: Floats) -> None:
+    def push(self, rows: Indices, innovation: Floats) -> None:
         """Take an innovation (m, d) of each of the given rows in the place of the oldest."""
         self._ring[rows, self._count[rows] % self._ring.shape[1]] = innovation
         self._count[rows] += 1
 
-    def full(self, rows: Rows) -> NDArray[np.bool_]:
+    def full(self, rows: Indices) -> Booleans:
         """Return whether the window of each row has filled, (m,)."""
-        filled: NDArray[np.bool_] = self._count[rows] >= self._ring.shape[1]
+        filled: Booleans = self._count[rows] >= self._ring.shape[1]
         return filled
 
-    def covariance(self, rows: Rows) -> Floats:
+    def covariance(self, rows: Indices) -> Floats:
         """Return Ĉ = (1/N) Σ v vᵀ of the rows (m, d, d), paper 004 (14); too small until the window is full."""
         seen = self._ring[rows]
         spread: Floats = np.matmul(np.swapaxes(seen, 1, 2), seen) / self._ring.shape[1]
@@ -195,11 +192,11 @@ class InnovationNoise:
         """Append tracks whose window is empty."""
         self._window.spawn(count)
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         self._window.keep(rows)
 
-    def observe(self, rows: Rows, innovation: Floats, predicted: Floats) -> Adapted:
+    def observe(self, rows: Indices, innovation: Floats, predicted: Floats) -> Adapted:
         """Take an innovation of each of the rows; see `NoiseEstimator.observe`."""
         self._window.push(rows, innovation)
         full = self._window.full(rows)[:, None]
@@ -246,7 +243,7 @@ class AdaptiveFilter:
         self._learnt = np.concatenate([self._learnt, np.zeros_like(covariance)])
         self._estimator.spawn(len(mean))
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         self.mean, self.covariance, self._learnt = self.mean[rows], self.covariance[rows], self._learnt[rows]
         self._estimator.keep(rows)
@@ -258,7 +255,7 @@ class AdaptiveFilter:
         """
         predict(self.mean, self.covariance, transition, noise + self._learnt)
 
-    def update(self, rows: Rows, measured: Floats, observation: Floats) -> Adapted:
+    def update(self, rows: Indices, measured: Floats, observation: Floats) -> Adapted:
         """Update the given rows with a measurement each: (10) to (18) of paper 004.
 
         Args:

@@ -8,9 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from candaemon.arrays import Booleans, Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +23,8 @@ class Aligned:
     """
 
     value: Floats
-    extrapolated: NDArray[np.bool_]
-    limited: NDArray[np.bool_]
+    extrapolated: Booleans
+    limited: Booleans
 
 
 def lagrange(times: Floats, values: Floats, instant: Floats, reach: float) -> Aligned:

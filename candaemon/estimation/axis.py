@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from math import exp, factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from candaemon.arrays import Floats
 
 _LONG = 1.0
 """αT from which on the closed forms lose no digits; below, they cancel and a series in αT is exact to rounding."""

@@ -13,15 +13,12 @@ from math import expm1
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.axis import decaying_axis, white_axis
 from candaemon.estimation.kalman import LEAST_VARIANCE, LOG_2PI, Fit
-from candaemon.estimation.models import CurrentStatistical, Singer, driven_variance
-from candaemon.estimation.triangle import Triangle
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
+from candaemon.estimation.motion_models import CurrentStatistical, Singer, driven_variance
+from candaemon.estimation.packed_symmetric import PackedSymmetric
 
 _LEAST_LEFT = 1e-14
 """Of a variance after an update: what the rounding of the difference leaves unknown."""
@@ -62,7 +59,7 @@ class AxisFilter:
         self._model = model
         self._memory = model.innovation_memory if isinstance(model, CurrentStatistical) else None
         self._size = model.order + 1 if isinstance(model, WhiteAxis) else 3
-        self._triangle = Triangle(self._size)
+        self._triangle = PackedSymmetric(self._size)
         width = self._size + self._triangle.entries + 1
         self._state: Floats = np.zeros((width, 0))
         self._other = self._state.copy()
@@ -98,7 +95,7 @@ class AxisFilter:
         self._hold(np.concatenate([self._state, state], axis=1))
         self._mean_nis = np.concatenate([self._mean_nis, np.ones(len(mean))])
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         self._hold(self._state[:, rows])
         self._mean_nis = self._mean_nis[rows]
@@ -112,7 +109,7 @@ class AxisFilter:
         np.matmul(self._prediction, self._state, out=self._other[:-1])
         self._state, self._other = self._other, self._state
 
-    def update(self, positions: Floats, variance: Floats | float, axes: Rows | None = None) -> None:
+    def update(self, positions: Floats, variance: Floats | float, axes: Indices | None = None) -> None:
         """Update with measured positions: (25) to (27) of paper 000.
 
         Args:
@@ -150,7 +147,7 @@ class AxisFilter:
         variance = model.variance(self._state[2])
         return variance if self._memory is None else driven_variance(variance, model.floor, self._mean_nis)
 
-    def _learn_nis(self, axes: Rows | None) -> None:
+    def _learn_nis(self, axes: Indices | None) -> None:
         """Follow the NIS where the variance is driven by it."""
         if self._memory is None:
             return

@@ -8,13 +8,10 @@ what there is, so that nothing counts twice: the fused estimate is the centralis
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from candaemon.estimation.factor import factorise
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.kalman import Fit, predict, symmetrise, update
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
+from candaemon.estimation.psd import factorise
 
 
 def fused(mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
@@ -105,7 +102,7 @@ class Federated:
         self.covariance = np.concatenate([self.covariance, spread])
         self.share = np.concatenate([self.share, share])
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         self.mean, self.covariance, self.share = self.mean[rows], self.covariance[rows], self.share[rows]
 
@@ -119,7 +116,7 @@ class Federated:
         """
         predict(self.mean, self.covariance, transition, noise / self.share[:, :, None, None], predicted)
 
-    def expected(self, sensor: int, rows: Rows, observation: Floats) -> tuple[Floats, Floats]:
+    def expected(self, sensor: int, rows: Indices, observation: Floats) -> tuple[Floats, Floats]:
         """Return what a sensor should measure of the given rows and the covariance of that, (m, d) and (m, d, d).
 
         H x⁻ and β H Pᵢ⁻ Hᵀ: the local filter's own covariance is 1/β times that of its error, as long as it has not
@@ -128,7 +125,7 @@ class Federated:
         spread = observation @ self.covariance[rows, sensor] @ np.swapaxes(observation, -1, -2)
         return self.mean[rows, sensor] @ observation.T, self.share[rows, sensor, None, None] * spread
 
-    def update(self, sensor: int, rows: Rows, innovation: Floats, observation: Floats, noise: Floats) -> Fit:
+    def update(self, sensor: int, rows: Indices, innovation: Floats, observation: Floats, noise: Floats) -> Fit:
         """Update a sensor's local filter of the given rows, (10) to (12).
 
         Args:

@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from candaemon.estimation.bank import Bank
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.federated import fused, information_shares
+from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.kalman import update
 from candaemon.estimation.measurement import Measurement
-from candaemon.estimation.models import MotionModel
+from candaemon.estimation.motion_models import MotionModel
 from candaemon.estimation.sensor_noise import SensorNoise
 
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
-
-class FederatedTracks(Bank):
+class FederatedTracks(FilterBank):
     """A local filter for each sensor and a global one over them; rows are tracks.
 
     The global filter fuses after every scan and hands the result back, so that between scans the local filters are the
@@ -59,7 +56,7 @@ class FederatedTracks(Bank):
         """Information factors β of the sensors in the order of their first scans, (n, S)."""
         return information_shares(self._trace, self._outage, self._least)
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
         super().keep(rows)
         self._trace = self._trace[rows]
@@ -71,7 +68,7 @@ class FederatedTracks(Bank):
         self._sensors = [sensors[self._sensors[k]] for k in known]
         self._stated, self._trace = self._stated[known], self._trace[:, known]
 
-    def _adapted(self, rows: Rows, measurement: Measurement) -> Measurement:
+    def _adapted(self, rows: Indices, measurement: Measurement) -> Measurement:
         """Return the measurement as noisy as the tracks have found it to be, and note that for the shares."""
         adapted = super()._adapted(rows, measurement)
         if len(rows):
@@ -80,7 +77,7 @@ class FederatedTracks(Bank):
         return adapted
 
     def _corrected(
-        self, rows: Rows, mean: Floats, covariance: Floats, measurement: Measurement
+        self, rows: Indices, mean: Floats, covariance: Floats, measurement: Measurement
     ) -> tuple[Floats, Floats]:
         """Update the sensor's local filters and fuse them with the others' share, (10) to (12), (19) and (20)."""
         if not len(rows):
@@ -113,7 +110,7 @@ class FederatedTracks(Bank):
     def _interact(self, dt: float) -> None:
         """Do nothing: the filters meet after each scan."""
 
-    def _weigh(self, rows: Rows, log_likelihood: Floats) -> None:
+    def _weigh(self, rows: Indices, log_likelihood: Floats) -> None:
         """Do nothing: there is one model."""
 
 

@@ -3,8 +3,9 @@
 One filter with M models keeps means (n, M, D) and covariances (n, M, D, D) over the union of its models' components.
 A single model is an IMM with M = 1, whose mixing is the identity. The cycle is that of Blom and Bar-Shalom as paper
 002 section 3 takes it over; it numbers the Markov chain (3), `mixing.switching`, and the filters' own steps, no others:
-mixing (`lending`, `mixing.mix`), prediction by each model (`Bank.predict`), update (`correction.correct`, or
-`correction.inform`, (17)), mode probabilities (`mixing.posterior`), combination (`Bank.combined`, `mixing.moments`).
+mixing (`mixing.lendings`, `mixing.mix`), prediction by each model (`FilterBank.predict`), update
+(`measurement_update.correct`, or `measurement_update.inform`, (17)), mode probabilities (`mixing.posterior`),
+combination (`FilterBank.combined`, `mixing.moments`).
 
 A model that lacks a component (a constant velocity model has no acceleration) takes part in the mixing of that
 component with the estimate of those models that have it; so it biases nobody (Yuan, Bar-Shalom et al. 2012).
@@ -16,18 +17,14 @@ from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from candaemon.estimation.bank import Bank
-from candaemon.estimation.correction import correct, inform
-from candaemon.estimation.lending import lendings
+from candaemon.arrays import Floats, Indices
+from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.measurement import Measurement
-from candaemon.estimation.mixing import mix, posterior, switching
-from candaemon.estimation.models import ACCELERATION, JERK, TURN, MotionModel
+from candaemon.estimation.measurement_update import correct, inform
+from candaemon.estimation.mixing import lendings, mix, posterior, switching
+from candaemon.estimation.motion_models import ACCELERATION, JERK, TURN, MotionModel
 from candaemon.estimation.sensor_noise import SensorNoise
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 Form: TypeAlias = Literal["covariance", "information"]
 """How a model's filter takes a measurement: as a Kalman filter, extended where it must, or as an information filter."""
@@ -35,7 +32,7 @@ Form: TypeAlias = Literal["covariance", "information"]
 _BORROWED = (ACCELERATION, slice(TURN, TURN + 1), JERK)
 
 
-class Imm(Bank):
+class Imm(FilterBank):
     """Batched IMM over any motion models; rows are tracks.
 
     State order [x, y, vx, vy, ax, ay, ω, jx, jy], cut after what the models use; level frame, SI units.
@@ -76,7 +73,7 @@ class Imm(Bank):
         self._lending = lendings(self._has, _BORROWED)
 
     def _corrected(
-        self, rows: Rows, mean: Floats, covariance: Floats, measurement: Measurement
+        self, rows: Indices, mean: Floats, covariance: Floats, measurement: Measurement
     ) -> tuple[Floats, Floats]:
         if "information" not in self._forms:
             return super()._corrected(rows, mean, covariance, measurement)
@@ -88,7 +85,7 @@ class Imm(Bank):
             mean[:, chosen], covariance[:, chosen] = part, spread
         return nis, log_likelihood
 
-    def _weigh(self, rows: Rows, log_likelihood: Floats) -> None:
+    def _weigh(self, rows: Indices, log_likelihood: Floats) -> None:
         self.probability[rows] = posterior(self.probability[rows], log_likelihood)
 
     def _interact(self, dt: float) -> None:

@@ -7,17 +7,11 @@ h linearised at the same states it is the extended Kalman filter, term by term: 
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
-from candaemon.estimation.factor import Factor, factorise
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.kalman import LOG_2PI, Fit, bounded, symmetrise, times
-
-Floats = NDArray[np.float64]
-Flags: TypeAlias = NDArray[np.bool_]
-Rows: TypeAlias = NDArray[np.intp]
+from candaemon.estimation.psd import PsdFactor, factorise
 
 
 class InformationFilter:
@@ -37,7 +31,7 @@ class InformationFilter:
     def __init__(self, state: Floats, matrix: Floats) -> None:
         self._state = state.copy()
         self._matrix = matrix.copy()
-        self._factor: Factor | None = None
+        self._factor: PsdFactor | None = None
         self._mean: Floats | None = None
 
     @classmethod
@@ -69,7 +63,7 @@ class InformationFilter:
         return self._matrix.copy()
 
     @property
-    def determined(self) -> Flags:
+    def determined(self) -> Booleans:
         """Whether every component of a state is known, (n,): Y is regular."""
         return np.asarray(self._taken_apart().rank == self._matrix.shape[-1])
 
@@ -90,7 +84,7 @@ class InformationFilter:
         """Append k states: y (k, D) and Y (k, D, D), zeros for states of which nothing is known."""
         self._hold(np.concatenate([self._state, state]), np.concatenate([self._matrix, matrix]))
 
-    def keep(self, rows: Rows | Flags) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         self._hold(self._state[rows], self._matrix[rows])
 
@@ -143,7 +137,7 @@ class InformationFilter:
         self._state, self._matrix = state, matrix
         self._factor, self._mean = None, None
 
-    def _taken_apart(self) -> Factor:
+    def _taken_apart(self) -> PsdFactor:
         """Return Y taken apart."""
         if self._factor is None:
             self._factor = factorise(self._matrix)
@@ -208,7 +202,7 @@ def update(mean: Floats, covariance: Floats, innovation: Floats, observation: Fl
     return Fit(nis, -0.5 * (nis + log_determinant + innovation.shape[-1] * LOG_2PI))
 
 
-def _regular(covariance: Floats) -> Factor:
+def _regular(covariance: Floats) -> PsdFactor:
     """Take a covariance apart that must have an inverse."""
     factor = factorise(covariance)
     if (factor.rank < covariance.shape[-1]).any():

@@ -16,11 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from candaemon.estimation.factor import factorise
-
-Floats = NDArray[np.float64]
+from candaemon.arrays import Floats
+from candaemon.estimation.psd import factorise
 
 LOG_2PI = float(np.log(2 * np.pi))
 

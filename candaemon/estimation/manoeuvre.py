@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
+from candaemon.arrays import Booleans, Floats, Indices
 
 _LONGEST = 2.0
 """Intervals, as which one comparison counts at most."""
@@ -55,7 +53,7 @@ class ManoeuvreWatch:
         self._compared: Floats = np.zeros((0, axes))
         self._since: Floats = np.zeros(0)
         self._against: Floats = np.zeros(0)
-        self.manoeuvring: NDArray[np.bool_] = np.zeros(0, dtype=np.bool_)
+        self.manoeuvring: Booleans = np.zeros(0, dtype=np.bool_)
 
     def spawn(self, velocity: Floats) -> None:
         """Append tracks with their velocities (k, A), m/s."""
@@ -65,7 +63,7 @@ class ManoeuvreWatch:
         self._against = np.concatenate([self._against, np.zeros(k)])
         self.manoeuvring = np.concatenate([self.manoeuvring, np.ones(k, dtype=np.bool_)])
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
         self._compared, self._since = self._compared[rows], self._since[rows]
         self._against, self.manoeuvring = self._against[rows], self.manoeuvring[rows]
@@ -75,7 +73,7 @@ class ManoeuvreWatch:
         self._step = dt
         self._since += dt
 
-    def watch(self, rows: Rows, velocity: Floats) -> None:
+    def watch(self, rows: Indices, velocity: Floats) -> None:
         """Take the filtered velocities of the rows just measured; where an interval is over, compare and decide.
 
         What speaks against the decision in force must do so without a break. A gap without measurements is one
@@ -90,7 +88,7 @@ class ManoeuvreWatch:
         if due.any():
             self._compare(rows[due], velocity[due])
 
-    def _compare(self, rows: Rows, velocity: Floats) -> None:
+    def _compare(self, rows: Indices, velocity: Floats) -> None:
         """Compare velocities with those an interval ago, (7) and (8); decide otherwise where the time has come."""
         rule = self._rule
         elapsed = self._since[rows]

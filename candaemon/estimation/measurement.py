@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats, Indices, Integers
 from candaemon.estimation.kalman import line_of_sight
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +55,7 @@ class Measurement:
         return 2 + (self.range_rate is not None) + len(self.projections)
 
     @property
-    def measured(self) -> NDArray[np.int64]:
+    def measured(self) -> Integers:
         """Degrees of freedom of each detection (m,), those speeds left out that were not measured."""
         speeds = [part.value for part in self.projections]
         if self.range_rate is not None:
@@ -100,7 +98,7 @@ class Measurement:
         noise[row, part_of, part_of] = 0.5 / np.pi
         return innovation, observation, noise
 
-    def take(self, rows: NDArray[np.intp]) -> Measurement:
+    def take(self, rows: Indices) -> Measurement:
         """Return the detections of the given rows; those of all rows in order are the measurement itself."""
         if len(rows) == len(self.position) and bool((rows == np.arange(len(rows))).all()):
             return self

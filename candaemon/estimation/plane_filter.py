@@ -8,29 +8,19 @@ a prediction is one matrix product for all tracks, and no covariance can lose it
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.axis_filter import axis_matrices
-from candaemon.estimation.bank import Bank
-from candaemon.estimation.kalman import (
-    LEAST_VARIANCE,
-    LOST,
-    bounded,
-    line_of_sight,
-    triangular_root,
-)
+from candaemon.estimation.filter_bank import FilterBank
+from candaemon.estimation.kalman import LEAST_VARIANCE, LOST, bounded, line_of_sight, triangular_root
 from candaemon.estimation.measurement import Measurement
-from candaemon.estimation.models import ACCELERATION, CurrentStatistical, Singer, driven_variance
+from candaemon.estimation.motion_models import ACCELERATION, CurrentStatistical, Singer, driven_variance
+from candaemon.estimation.packed_symmetric import PackedSymmetric
 from candaemon.estimation.plane import X, Y, isotropic
 from candaemon.estimation.sensor_noise import SensorNoise
-from candaemon.estimation.triangle import Triangle
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
-Indices = NDArray[np.intp]
 
 _SIZE = 6
-_TRIANGLE = Triangle(_SIZE)
+_TRIANGLE = PackedSymmetric(_SIZE)
 _MEAN, _COVARIANCE, _DRIVE = slice(0, _SIZE), slice(_SIZE, -2), slice(-2, None)
 _XX, _XY, _YY = 0, 1, _SIZE
 """Entries of the position's covariance."""
@@ -58,7 +48,7 @@ def _spread() -> tuple[Indices, Indices]:
 _FIRST, _SECOND = _spread()
 
 
-class PlaneFilter(Bank):
+class PlaneFilter(FilterBank):
     """Batched Kalman filter of one model; rows are tracks.
 
     State order [x, y, vx, vy, ax, ay], level frame, SI units. A position is taken jointly, then speed by speed, each
@@ -118,7 +108,7 @@ class PlaneFilter(Bank):
         if before is not None:
             self.link = self._link(before, [isotropic(transition, _SIZE)[None]])
 
-    def update(self, rows: Rows, measurement: Measurement) -> Floats:
+    def update(self, rows: Indices, measurement: Measurement) -> Floats:
         """Update the given rows (m,) with a measurement each; return their NIS (m,)."""
         measurement = self._adapted(rows, measurement)
         every = len(rows) == len(self) and bool((rows == np.arange(len(rows))).all())
@@ -149,7 +139,7 @@ class PlaneFilter(Bank):
             known = variance < 0.0
             self._state[_COVARIANCE][known[_TRIANGLE.row] | known[_TRIANGLE.column]] = 0.0
 
-    def _keep_estimates(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def _keep_estimates(self, rows: Indices | Booleans) -> None:
         self._state = np.ascontiguousarray(self._state[:, rows])
 
     def _append_estimates(self, mean: Floats, covariance: Floats) -> None:
@@ -160,7 +150,7 @@ class PlaneFilter(Bank):
     def _interact(self, dt: float) -> None:
         """Do nothing: there is one model."""
 
-    def _weigh(self, rows: Rows, log_likelihood: Floats) -> None:
+    def _weigh(self, rows: Indices, log_likelihood: Floats) -> None:
         """Do nothing: there is one model."""
 
 

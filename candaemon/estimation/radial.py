@@ -8,13 +8,10 @@ are the first and second derivatives of the coordinates.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.axis import white_axis
 from candaemon.estimation.kalman import LOG_2PI, Fit, propagated, symmetrise
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 _NEAREST = 1e-3
 """m, below which a line of sight has no direction."""
@@ -102,7 +99,7 @@ class ModifiedLinearKalman:
         self.mean = np.concatenate([self.mean, mean])
         self.covariance = np.concatenate([self.covariance, first])
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         self.mean, self.covariance = self.mean[rows], self.covariance[rows]
 
@@ -112,7 +109,7 @@ class ModifiedLinearKalman:
         self.mean = self.mean @ f.T
         self.covariance = propagated(self.covariance, f[None])
 
-    def update(self, rows: Rows, measured: Floats, variance: Floats) -> Fit:
+    def update(self, rows: Indices, measured: Floats, variance: Floats) -> Fit:
         """Update with measurements: (3) to (7).
 
         Args:

@@ -8,13 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices
 from candaemon.estimation.kalman import times
 from candaemon.estimation.radial import radial, radial_jacobian
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 UNKNOWN = 1e3
 """Standard deviation, SI units, of what the measurements do not tell."""
@@ -39,7 +36,7 @@ class RadialFit:
 
     measured: Floats
     whitening: Floats
-    seen: Mask
+    seen: Booleans
     sensors: Floats
     centripetal: bool
 
@@ -57,12 +54,12 @@ class RadialFit:
         """The middle of the sensors that see each target, (n, 2)."""
         return np.asarray(self.seen @ self.sensors / np.maximum(self.seen.sum(axis=1), 1)[:, None])
 
-    def residual(self, state: Floats, rows: NDArray[np.intp] | slice = slice(None)) -> Floats:
+    def residual(self, state: Floats, rows: Indices | slice = slice(None)) -> Floats:
         """Return measured minus predicted in standard deviations, (…, rows, s, 3), ranges first; 0 where not seen."""
         missed = self.measured[rows] - radial(state, self.sensors, centripetal=self.centripetal)
         return times(self.whitening[rows], missed)
 
-    def information(self, state: Floats, rows: NDArray[np.intp] | slice = slice(None)) -> tuple[Floats, Floats]:
+    def information(self, state: Floats, rows: Indices | slice = slice(None)) -> tuple[Floats, Floats]:
         """Return information matrices (…, rows, 6, 6), kept invertible, and the gradients Jᵀ W (z − h) (…, rows, 6)."""
         jacobian = self.whitening[rows] @ radial_jacobian(state, self.sensors, centripetal=self.centripetal)
         count = 3 * len(self.sensors)
@@ -123,6 +120,6 @@ def _moved(state: Floats, step: Floats, middle: Floats) -> Floats:
     return np.stack([part for each in (place, velocity, acceleration) for part in (each.real, each.imag)], axis=-1)
 
 
-def _complex(vector: Floats) -> NDArray[np.complex128]:
+def _complex(vector: Floats) -> ComplexPlane:
     """Return vectors (…, 2) as x + i y."""
     return np.asarray(vector[..., 0] + 1j * vector[..., 1])

@@ -6,12 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.measurement import Measurement
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 
 class NoiseFactor(Protocol):
@@ -27,11 +24,11 @@ class NoiseFactor(Protocol):
         """Append rows whose factor is one."""
         ...
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
         ...
 
-    def observe(self, rows: Rows, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
+    def observe(self, rows: Indices, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
         """Learn from an innovation of each of the rows before the filter's own update; return their factors (m,).
 
         Args:
@@ -67,7 +64,7 @@ class SensorNoise:
         for factor in self._factors.values():
             factor.spawn(count)
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
         self._count = int(np.count_nonzero(rows)) if rows.dtype == np.bool_ else len(rows)
         for factor in self._factors.values():
@@ -77,7 +74,7 @@ class SensorNoise:
         """Give sensors other numbers; what was found out of those left out is forgotten."""
         self._factors = {sensors[each]: factor for each, factor in self._factors.items() if each in sensors}
 
-    def believed(self, rows: Rows, measurement: Measurement) -> Measurement:
+    def believed(self, rows: Indices, measurement: Measurement) -> Measurement:
         """Return the measurement with the most noise that is believed; nothing is learnt.
 
         Args:
@@ -88,7 +85,7 @@ class SensorNoise:
         found = np.ones(len(rows)) if factor is None else factor.scale[rows]
         return measurement.scaled(np.clip(self._headroom * found, 1.0, self._most))
 
-    def adapted(self, rows: Rows, measurement: Measurement, position: Floats, covariance: Floats) -> Measurement:
+    def adapted(self, rows: Indices, measurement: Measurement, position: Floats, covariance: Floats) -> Measurement:
         """Learn from the innovations and return the measurement as noisy as it is found to be.
 
         Args:

@@ -21,11 +21,8 @@ from itertools import takewhile
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Rows = NDArray[np.intp]
+from candaemon.arrays import Floats, Indices, Integers
 
 _LEAST_SHARE = 1e-6  # of a component's standard deviation that those before it leave unexplained
 
@@ -126,7 +123,7 @@ class FixedLag:
         self._waiting: deque[tuple[int, Integers]] = deque()
         self._keys: Integers = np.zeros(0, dtype=np.int64)
         # one row a chain and instant, in the order they were given; `chain` is a row of `keys`, −1 once it has ended
-        self._chain: Rows = np.zeros(0, dtype=np.intp)
+        self._chain: Indices = np.zeros(0, dtype=np.intp)
         self._mean: Floats = np.zeros((0, size))
         self._covariance: Floats = np.zeros((0, size, size))
         self._gain: Floats = np.zeros((0, size, size))
@@ -227,7 +224,7 @@ def _through(gain: Floats, covariance: Floats) -> Floats:
     return np.asarray(gain @ covariance @ np.swapaxes(gain, -2, -1))
 
 
-def _rows_of(keys: Integers, among: Integers) -> Rows:
+def _rows_of(keys: Integers, among: Integers) -> Indices:
     """Return where each key is among others that are each there once; −1 where it is not."""
     if not len(among):
         return np.full(len(keys), -1, dtype=np.intp)

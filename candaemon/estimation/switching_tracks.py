@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from candaemon.estimation.bank import Bank
+from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.manoeuvre import ManoeuvreWatch, SwitchRule
-from candaemon.estimation.models import VELOCITY, CurrentStatistical, MotionModel
+from candaemon.estimation.motion_models import VELOCITY, CurrentStatistical, MotionModel
 from candaemon.estimation.sensor_noise import SensorNoise
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 _STEADY, _MANOEUVRE = 0, 1
 
 
-class SwitchingTracks(Bank):
+class SwitchingTracks(FilterBank):
     """Both models run, and the one that the change of speed of late asks for is told, whole; rows are tracks.
 
     Args:
@@ -40,11 +37,11 @@ class SwitchingTracks(Bank):
         self._watch = ManoeuvreWatch(2, rule)
 
     @property
-    def manoeuvring(self) -> NDArray[np.bool_]:
+    def manoeuvring(self) -> Booleans:
         """Whether the current statistical model is told, (n,)."""
         return self._watch.manoeuvring.copy()
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
         super().keep(rows)
         self._watch.keep(rows)
@@ -59,7 +56,7 @@ class SwitchingTracks(Bank):
         """Let the time pass; the two filters run apart."""
         self._watch.advance(dt)
 
-    def _weigh(self, rows: Rows, log_likelihood: Floats) -> None:
+    def _weigh(self, rows: Indices, log_likelihood: Floats) -> None:
         """Tell the one or the other, by the steady filter's speed."""
         del log_likelihood  # it is the speed that decides
         self._watch.watch(rows, self.mean[rows, _STEADY, VELOCITY])

@@ -15,12 +15,10 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.kalman import times
 from candaemon.estimation.radial import radial, radial_jacobian
 from candaemon.estimation.radial_fit import UNKNOWN, RadialFit, covariance_of
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _APART = 5.0
 """Standard deviations by which a range may miss the result."""
@@ -109,16 +107,16 @@ class _Baseline:
         along, normal: unit vectors (n, 2); the normal points to the side that the sensors look at.
     """
 
-    there: Mask
-    first: NDArray[np.intp]
-    second: NDArray[np.intp]
+    there: Booleans
+    first: Indices
+    second: Indices
     origin: Floats
     length: Floats
     along: Floats
     normal: Floats
 
     @classmethod
-    def widest(cls, sensors: Floats, seen: Mask, side: Floats) -> _Baseline:
+    def widest(cls, sensors: Floats, seen: Booleans, side: Floats) -> _Baseline:
         """Return the longest there is for each target."""
         # A single sensor is paired with itself, a baseline of no length, which tells nothing.
         first, second = np.triu_indices(len(sensors), min(len(sensors) - 1, 1))
@@ -181,7 +179,7 @@ def _chosen(fit: RadialFit, baseline: _Baseline, images: Floats, expected: Float
     return np.asarray(np.where(second[:, None], images[1], images[0]))
 
 
-def _status(fit: RadialFit, there: Mask, state: Floats, side: Floats, least_angle: float) -> NDArray[np.int8]:
+def _status(fit: RadialFit, there: Booleans, state: Floats, side: Floats, least_angle: float) -> NDArray[np.int8]:
     """Tell how far each state can be trusted; the gravest first."""
     lines = radial_jacobian(state, fit.sensors)[..., 0, :2] * fit.seen[..., None]
     gram = np.swapaxes(lines, 1, 2) @ lines

@@ -14,13 +14,10 @@ filter's own update. While the state is uncertain, S ≫ R, the expectation is R
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.adaptive import Adapted, diagonal
 from candaemon.estimation.kalman import LEAST_VARIANCE, bounded, inverse_root, times
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 _ROUNDING = 1e-13
 _MOST_DOUBT = 3.0
@@ -65,11 +62,11 @@ class VariationalNoise:
         """Append tracks whose noise is the nominal one."""
         self.variance = np.concatenate([self.variance, np.tile(self._nominal, (count, 1))])
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         self.variance = self.variance[rows]
 
-    def observe(self, rows: Rows, innovation: Floats, predicted: Floats) -> Adapted:
+    def observe(self, rows: Indices, innovation: Floats, predicted: Floats) -> Adapted:
         """Take an innovation of each of the rows; see `candaemon.estimation.adaptive.NoiseEstimator.observe`."""
         known = variance = self.variance[rows]
         for _ in range(self._iterations):
@@ -122,11 +119,11 @@ class NoiseScale:
         """Append tracks whose factor is one."""
         self.scale = np.concatenate([self.scale, np.ones(count)])
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         self.scale = self.scale[rows]
 
-    def observe(self, rows: Rows, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
+    def observe(self, rows: Indices, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
         """Learn from an innovation of each of the given rows, before the filter's own update.
 
         Args:
@@ -166,7 +163,7 @@ class WindowedScale:
     def __init__(self, window: int = 30, *, floor: float = 0.25, ceiling: float = 400.0) -> None:
         self._floor, self._ceiling = floor, ceiling
         self._ring: Floats = np.zeros((0, window))
-        self._count: Rows = np.zeros(0, dtype=np.intp)
+        self._count: Indices = np.zeros(0, dtype=np.intp)
         self.scale: Floats = np.zeros(0)
 
     def __len__(self) -> int:
@@ -178,11 +175,11 @@ class WindowedScale:
         self._count = np.concatenate([self._count, np.zeros(count, dtype=np.intp)])
         self.scale = np.concatenate([self.scale, np.ones(count)])
 
-    def keep(self, rows: Rows | NDArray[np.bool_]) -> None:
+    def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
         self._ring, self._count, self.scale = self._ring[rows], self._count[rows], self.scale[rows]
 
-    def observe(self, rows: Rows, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
+    def observe(self, rows: Indices, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
         """Learn from an innovation of each of the given rows; see `NoiseScale.observe`."""
         doubt, surprise = _spectrum(innovation, predicted, noise)
         window = self._ring.shape[1]

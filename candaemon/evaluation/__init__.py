@@ -1,1 +1,4 @@
-"""Metrics of tracks, against truth and without it. Knows nothing of the bus."""
+"""Metrics of tracks, against truth and without it, and the tables that hold them.
+
+Knows nothing of the bus.
+"""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from candaemon.evaluation.tables import Booleans, Floats
+from candaemon.arrays import Booleans, Floats
 
 
 def duplicated(

@@ -15,7 +15,8 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from candaemon.evaluation.tables import ACTOR, HIDDEN, NUMBERS, STATIONARY, Booleans, Floats, Integers, TrackTable
+from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.evaluation.tables import ACTOR, HIDDEN, NUMBERS, STATIONARY, TrackTable
 from candaemon.tracking.obstacles import TENTATIVE
 
 _SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
@@ -91,7 +92,7 @@ def _between(truth: TrackTable, left: Integers, right: Integers, now: Integers) 
 
 
 @dataclass(frozen=True, slots=True)
-class Cycle:
+class MatchedCycle:
     """What is told and what is true at one instant.
 
     Attributes:
@@ -111,7 +112,7 @@ class Cycle:
     still_distance: Floats
 
 
-def cycles(tracks: TrackTable, truth: TrackTable, times_ns: Integers) -> Iterator[Cycle]:
+def cycles(tracks: TrackTable, truth: TrackTable, times_ns: Integers) -> Iterator[MatchedCycle]:
     """Yield each instant's confirmed tracks and truth; both tables are ordered by time, truth is at these instants."""
     edges = (np.searchsorted(of, times_ns, side=side) for of in (tracks.time_ns, truth.time_ns) for side in _SIDES)
     for time_ns, a, b, c, d in zip(times_ns.tolist(), *edges, strict=True):
@@ -123,7 +124,7 @@ def cycles(tracks: TrackTable, truth: TrackTable, times_ns: Integers) -> Iterato
         )
         still = truth.state[there] == STATIONARY
         actors = there[~still]
-        yield Cycle(
+        yield MatchedCycle(
             time_ns,
             mine,
             actors,

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.errors import InputError
 from candaemon.evaluation.duplicates import duplicated
-from candaemon.evaluation.matching import Cycle, Gospa, assign, covered, cycles, gospa, resample
+from candaemon.evaluation.matching import Gospa, MatchedCycle, assign, covered, cycles, gospa, resample
 from candaemon.evaluation.prediction import chi2_quantile
 from candaemon.evaluation.results import (
     ActorResult,
@@ -29,7 +30,7 @@ from candaemon.evaluation.results import (
     Options,
     TimeToConfirm,
 )
-from candaemon.evaluation.tables import ACTOR, Booleans, Floats, Integers, TrackTable, read_tracks, read_truth
+from candaemon.evaluation.tables import ACTOR, TrackTable, read_tracks, read_truth
 from candaemon.tracking.obstacles import TENTATIVE
 
 _COMPARED = ("x", "y", "vx", "vy", "ax", "ay")
@@ -146,7 +147,7 @@ class _Tally:
     false: list[Integers] = field(default_factory=list)
     alike: list[Integers] = field(default_factory=list)
 
-    def add(self, cycle: Cycle) -> None:
+    def add(self, cycle: MatchedCycle) -> None:
         """Take in one cycle; they come in order of time."""
         tracks, gate = self.tracks, self.options.gate
         actor, track = self.truth.id[cycle.actors], tracks.id[cycle.tracks]
@@ -166,7 +167,7 @@ class _Tally:
         mine = cycle.tracks
         self.alike.append(mine[duplicated(tracks.x[mine], tracks.y[mine], tracks.vx[mine])])
 
-    def _gospa(self, cycle: Cycle) -> Gospa:
+    def _gospa(self, cycle: MatchedCycle) -> Gospa:
         """Return GOSPA over the visible actors, without the unpaired tracks that something else explains."""
         options = self.options
         score = gospa(cycle.distance[cycle.visible], cutoff=options.gospa_cutoff, order=options.gospa_order)

@@ -14,8 +14,8 @@ from math import ceil, nan, sqrt
 
 import numpy as np
 
+from candaemon.arrays import Floats, Integers
 from candaemon.evaluation.runs import Ended, RunSums
-from candaemon.evaluation.tables import Floats, Integers
 
 
 @lru_cache(maxsize=256)
@@ -159,7 +159,7 @@ class PredictionScore:
 
 
 @dataclass(frozen=True, slots=True)
-class Stationary:
+class StationaryError:
     """Speed over ground of what stands still.
 
     Attributes:
@@ -209,12 +209,12 @@ class StationarySpeed:
         slow = np.abs(closing) < self._threshold
         self._runs.add(run, 0, np.stack((np.isfinite(closing), slow, told, along, along + across), axis=1))
 
-    def result(self) -> Stationary:
+    def result(self) -> StationaryError:
         """Return the figures so far, the open runs among them."""
         runs, samples, along, plane = (self._totals + self._total(self._runs.open())).tolist()
         if not samples:
-            return Stationary(int(runs), 0, nan, nan)
-        return Stationary(int(runs), int(samples), sqrt(along / samples), sqrt(plane / samples))
+            return StationaryError(int(runs), 0, nan, nan)
+        return StationaryError(int(runs), int(samples), sqrt(along / samples), sqrt(plane / samples))
 
     def _total(self, ended: Ended) -> Floats:
         """Return runs, samples and sums of squares of the stationary runs among these."""

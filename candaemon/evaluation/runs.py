@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from candaemon.evaluation.tables import Booleans, Floats, Integers
+from candaemon.arrays import Booleans, Floats, Integers
 
 _GAP_CYCLES = 1.5
 

@@ -39,12 +39,9 @@ from typing import TextIO, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.errors import InputError
 from candaemon.tracking.obstacles import STATE_NAMES
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 ACTOR, HIDDEN, STATIONARY = 3, 4, 5
 STATES = (*STATE_NAMES, "actor", "hidden", "stationary")

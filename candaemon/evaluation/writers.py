@@ -13,8 +13,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon.arrays import Floats, Integers
 from candaemon.errors import InputError
-from candaemon.evaluation.tables import COLUMNS, EARTH_COLUMNS, NUMBERS, STATES, Floats, format_time
+from candaemon.evaluation.tables import COLUMNS, EARTH_COLUMNS, NUMBERS, STATES, format_time
 
 _DECIMALS = 4
 _DEGREE_DECIMALS = 9  # a tenth of a millimetre
@@ -124,8 +125,8 @@ class PredictionWriter(_TableWriter):
         self,
         time_ns: int,
         horizon: float,
-        ids: Sequence[int] | NDArray[np.int64],
-        objects: Sequence[int | str] | NDArray[np.int64],
+        ids: Sequence[int] | Integers,
+        objects: Sequence[int | str] | Integers,
         x: Sequence[float] | Floats,
         y: Sequence[float] | Floats,
     ) -> None:

@@ -1,1 +1,4 @@
-"""Obstacles into slots, slots into frames."""
+"""Obstacles → output slots → quantities → frames, and back again for who listens.
+
+Knows nothing of estimation, sockets and clocks.
+"""

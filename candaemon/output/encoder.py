@@ -10,19 +10,15 @@ from typing import Final, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.binding.bound import BoundOutput
-from candaemon.output.quantities import OwnAcceleration, View
-from candaemon.output.seats import Seating, Seats
-from candaemon.output.slots import OFF_PATH
-from candaemon.sensing.placement import Placement
-from candaemon.sensing.pose import EgoPose
+from candaemon.ego.georeference import Georeference
+from candaemon.ego.pose import EgoPose
+from candaemon.output.quantities import MountView, OwnAcceleration
+from candaemon.output.slots import OFF_PATH, SlotColumns, SlotEncoding
 from candaemon.tracking.obstacles import TENTATIVE, Obstacles
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
-Rows = NDArray[np.intp]
-Columns: TypeAlias = dict[str, NDArray[np.float64] | NDArray[np.int64]]
+Columns: TypeAlias = dict[str, Floats | Integers]
 Value = TypeVar("Value", bound=np.generic)
 
 FARTHEST: Final = 1e5
@@ -78,7 +74,7 @@ class OutputEncoder:
         self._counts_cycles = "counter" in settings.signals
         self._own_acceleration = OwnAcceleration() if "rel_ax" in settings.signals else None
         self._tells_id = "id" in settings.signals
-        self._seating = Seating(output.writer.slots, send_all=self._all, send_freed=not self._listed)
+        self._seating = SlotEncoding(output.writer.slots, send_all=self._all, send_freed=not self._listed)
         self._sent = np.zeros(output.writer.slots, np.int64)
         self._cycle = 0
         self.unreported = 0
@@ -89,7 +85,7 @@ class OutputEncoder:
         return self._writer.saturated
 
     def encode(
-        self, obstacles: Obstacles, status: OutputStatus, pose: EgoPose, placement: Placement | None = None
+        self, obstacles: Obstacles, status: OutputStatus, pose: EgoPose, placement: Georeference | None = None
     ) -> list[tuple[int, bytes]]:
         """Encode one cycle.
 
@@ -108,13 +104,13 @@ class OutputEncoder:
         self.unreported = self._worth(obstacles) - held
         frames = [] if self._status is None else [self._write_status(status, held, seats)]
         own = 0j if self._own_acceleration is None else self._own_acceleration.update(pose)
-        view = View(obstacles, told, self._mount, pose, own, placement)
+        view = MountView(obstacles, told, self._mount, pose, own, placement)
         columns = self._columns(view, obstacles.id[told], seats)
         frames += self._writer.write(seats.sent, columns, seats.occupied, counter=self._count(seats), new=seats.new)
         self._cycle += 1
         return frames
 
-    def _count(self, seats: Seats) -> int | Integers:
+    def _count(self, seats: SlotColumns) -> int | Integers:
         """Give what the counters of this cycle's frames show."""
         if self._counts_cycles:
             return self._cycle
@@ -130,7 +126,7 @@ class OutputEncoder:
         """Count the obstacles that should be told."""
         return len(obstacles) if self._tentative else int(np.count_nonzero(obstacles.state != TENTATIVE))
 
-    def _told(self, obstacles: Obstacles) -> Rows | slice:
+    def _told(self, obstacles: Obstacles) -> Indices | slice:
         """List the obstacles that can be told: of the states asked for, with position and velocity in bounds."""
         motion = np.array([obstacles.x, obstacles.y, obstacles.vx, obstacles.vy])
         asked = None if self._tentative else obstacles.state != TENTATIVE
@@ -139,12 +135,12 @@ class OutputEncoder:
         good = (np.abs(motion) < FARTHEST).all(axis=0)  # NaN is not
         return np.flatnonzero(good if asked is None else good & asked)
 
-    def _urgency(self, obstacles: Obstacles, rows: Rows | slice) -> Floats:
+    def _urgency(self, obstacles: Obstacles, rows: Indices | slice) -> Floats:
         x, y = obstacles.x[rows], obstacles.y[rows]
         in_path = (x > 0) & (np.abs(y) <= self._half_width)
         return np.hypot(x, y) + np.where(in_path, 0.0, OFF_PATH)
 
-    def _columns(self, view: View, ids: Integers, seats: Seats) -> Columns:
+    def _columns(self, view: MountView, ids: Integers, seats: SlotColumns) -> Columns:
         """Return each quantity of the slots sent: of their holders where occupied, 0 elsewhere; all are finite."""
         with np.errstate(invalid="ignore", over="ignore"):  # what is no number is dealt with below
             table = np.array([view.quantity(name, polar=self._polar) for name in self._names], np.float64)
@@ -158,7 +154,7 @@ class OutputEncoder:
             columns["id"] = _spread(ids[seats.order], seats.occupied)
         return columns
 
-    def _write_status(self, status: OutputStatus, held: int, seats: Seats) -> tuple[int, bytes]:
+    def _write_status(self, status: OutputStatus, held: int, seats: SlotColumns) -> tuple[int, bytes]:
         """Write the status message."""
         assert self._status is not None  # noqa: S101  # the caller asked
         # A reader takes `count` objects from a list, or the first `count` of all slots.

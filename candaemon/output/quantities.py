@@ -11,16 +11,13 @@ from math import radians
 from typing import Final, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import ComplexPlane, Floats, Indices
 from candaemon.config.sensors import Mount
-from candaemon.sensing.placement import Placement
-from candaemon.sensing.pose import EgoPose
+from candaemon.ego.georeference import Georeference
+from candaemon.ego.pose import EgoPose
 from candaemon.tracking.obstacles import Obstacles
 
-Floats = NDArray[np.float64]
-Plane = NDArray[np.complex128]
-Rows = NDArray[np.intp]
 Value = TypeVar("Value")
 
 ACCELERATION_TIME: Final = 0.3
@@ -54,16 +51,16 @@ class OwnAcceleration:
 class _Once(Generic[Value]):
     """A property worked out on first use; `functools.cached_property` takes a lock for it until Python 3.12."""
 
-    def __init__(self, find: Callable[[View], Value]) -> None:
+    def __init__(self, find: Callable[[MountView], Value]) -> None:
         self._find, self._name = find, find.__name__
         self.__doc__ = find.__doc__
 
-    def __get__(self, view: View, owner: type[View]) -> Value:
+    def __get__(self, view: MountView, owner: type[MountView]) -> Value:
         value = view.__dict__[self._name] = self._find(view)
         return value
 
 
-class View:
+class MountView:
     """Obstacles of one cycle as a sensor at the mount would see them.
 
     Args:
@@ -78,11 +75,11 @@ class View:
     def __init__(
         self,
         obstacles: Obstacles,
-        rows: Rows | slice,
+        rows: Indices | slice,
         mount: Mount,
         pose: EgoPose,
         acceleration: complex = 0j,
-        placement: Placement | None = None,
+        placement: Georeference | None = None,
     ) -> None:
         self._obstacles, self._rows = obstacles, rows
         self._mount = complex(mount.x, mount.y)
@@ -138,7 +135,7 @@ class View:
                 return self._take(name)
 
     @_Once
-    def position(self) -> Plane:
+    def position(self) -> ComplexPlane:
         """Positions in the mount's axes, m."""
         position = self._plane("x", "y")
         position -= self._mount
@@ -150,23 +147,23 @@ class View:
         return np.abs(self.position)
 
     @_Once
-    def velocity(self) -> Plane:
+    def velocity(self) -> ComplexPlane:
         """Velocities over ground in the mount's axes, m/s."""
         return self._turned(self._plane("vx", "vy"))
 
     @_Once
-    def acceleration(self) -> Plane:
+    def acceleration(self) -> ComplexPlane:
         """Accelerations over ground in the mount's axes, m/s²."""
         return self._turned(self._plane("ax", "ay"))
 
     @_Once
-    def relative_velocity(self) -> Plane:
+    def relative_velocity(self) -> ComplexPlane:
         """Velocities less the mount's own, m/s."""
         own = complex(*self._pose.velocity_in_vehicle_axes()) + 1j * self._pose.yaw_rate * self._mount
         return self.velocity - own * self._turn
 
     @_Once
-    def rate(self) -> Plane:
+    def rate(self) -> ComplexPlane:
         """Rates of the positions in the mount's axes, which turn with the vehicle, m/s."""
         return self.relative_velocity - 1j * self._pose.yaw_rate * self.position
 
@@ -182,19 +179,19 @@ class View:
         column: Floats = getattr(self._obstacles, name)[self._rows]
         return column
 
-    def _plane(self, x: str, y: str) -> Plane:
+    def _plane(self, x: str, y: str) -> ComplexPlane:
         real, imaginary = self._take(x), self._take(y)
         plane = np.empty(len(real), np.complex128)
         plane.real, plane.imag = real, imaginary
         return plane
 
-    def _turned(self, vector: Plane) -> Plane:
+    def _turned(self, vector: ComplexPlane) -> ComplexPlane:
         """Turn from vehicle axes into the mount's."""
         return vector if self._turn == 1 else vector * self._turn
 
-    def _along(self, vector: Plane) -> Floats:
+    def _along(self, vector: ComplexPlane) -> Floats:
         """Return the component away along the line of sight."""
-        product: Plane = np.conj(self.position) * vector
+        product: ComplexPlane = np.conj(self.position) * vector
         return product.real / np.maximum(self.distance, NEAREST)
 
     def _deviation(self, name: str) -> Floats:

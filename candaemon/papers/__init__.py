@@ -1,1 +1,4 @@
-"""The experiments of the five papers, run again beside their printed tables."""
+"""The experiments of the five papers, run again beside their printed tables.
+
+Knows nothing of the bus.
+"""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from candaemon.arrays import Floats
 
 
 def linear(

@@ -6,10 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+from candaemon.arrays import Floats
 
 Advance: TypeAlias = Callable[[float], None]
 """Told the share of an experiment that was done since the last call; the shares sum to one."""

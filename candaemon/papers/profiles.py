@@ -6,18 +6,16 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats
 from candaemon.estimation.axis import white_axis
-
-Floats = NDArray[np.float64]
 
 Pieces: TypeAlias = tuple[tuple[float, float], ...]
 """(duration s, acceleration m/s²) one after another."""
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class ProfileMotion:
     """The truth at the instants dt, 2 dt, …; at time 0 the target is in the origin.
 
     Attributes:
@@ -28,7 +26,7 @@ class Motion:
 
     dt: float
     state: Floats
-    opening: NDArray[np.bool_]
+    opening: Booleans
 
     @property
     def time(self) -> Floats:
@@ -41,7 +39,7 @@ class Motion:
         return positions
 
 
-def motion(dt: float, along_x: Pieces, along_y: Pieces, velocity: tuple[float, float] = (0.0, 0.0)) -> Motion:
+def motion(dt: float, along_x: Pieces, along_y: Pieces, velocity: tuple[float, float] = (0.0, 0.0)) -> ProfileMotion:
     """Return a motion from the origin.
 
     Args:
@@ -54,10 +52,10 @@ def motion(dt: float, along_x: Pieces, along_y: Pieces, velocity: tuple[float, f
     after = velocity + np.cumsum(acceleration * dt, axis=0)
     position = np.cumsum((after - acceleration * dt / 2) * dt, axis=0)
     opening = np.diff(acceleration, axis=0, prepend=acceleration[:1]) != 0.0
-    return Motion(dt, np.concatenate([position, after, acceleration], axis=1), opening)
+    return ProfileMotion(dt, np.concatenate([position, after, acceleration], axis=1), opening)
 
 
-def bound(motion: Motion, measured: Floats, deviation: float, spread: float) -> Floats:
+def bound(motion: ProfileMotion, measured: Floats, deviation: float, spread: float) -> Floats:
     """Track each axis as one who is told when, and by how much on average, its acceleration changes, and no more of it.
 
     From one change to the next the Kalman filter's model is exact: constant acceleration without noise. At a change the
@@ -85,9 +83,7 @@ def bound(motion: Motion, measured: Floats, deviation: float, spread: float) -> 
     return estimates
 
 
-def _told(
-    dt: float, measured: Floats, variance: float, mean: Floats, covariance: Floats, opening: NDArray[np.bool_]
-) -> Floats:
+def _told(dt: float, measured: Floats, variance: float, mean: Floats, covariance: Floats, opening: Booleans) -> Floats:
     """Filter an axis (steps, runs) from means (runs, 3), which share a covariance (3, 3), as `bound` says."""
     transition, usual = white_axis(dt, 0.0, order=2).transition, covariance[2, 2]
     estimates = np.empty((*measured.shape, 3))

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 from candaemon.config.settings import unknown_name
 from candaemon.errors import ConfigError
-from candaemon.papers import paper000, paper000_automotive, paper000_set, paper001, paper002, paper003, paper004
+from candaemon.papers import automotive_set, avatirak, gao, han, kim_hong, manoeuvre_set, zhang
 from candaemon.papers.experiment import Experiment
 
 EXPERIMENTS: tuple[Experiment, ...] = (
-    *paper000.EXPERIMENTS,
-    *paper000_set.EXPERIMENTS,
-    *paper000_automotive.EXPERIMENTS,
-    *paper001.EXPERIMENTS,
-    *paper002.EXPERIMENTS,
-    *paper003.EXPERIMENTS,
-    *paper004.EXPERIMENTS,
+    *han.EXPERIMENTS,
+    *manoeuvre_set.EXPERIMENTS,
+    *automotive_set.EXPERIMENTS,
+    *avatirak.EXPERIMENTS,
+    *kim_hong.EXPERIMENTS,
+    *zhang.EXPERIMENTS,
+    *gao.EXPERIMENTS,
 )
 
 

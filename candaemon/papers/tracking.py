@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.config.estimators import ImmEstimatorSettings
-from candaemon.estimation.bank import Bank
+from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import Imm
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.smoothing import Step, smooth
-from candaemon.tracking.estimators import make_imm
-
-Floats = NDArray[np.float64]
+from candaemon.tracking.estimator_factory import make_imm
 
 QUANTITIES = (
     ("position x", "m"),
@@ -34,13 +32,13 @@ def default_estimator() -> Imm:
 
 
 def follow(
-    bank: Bank,
+    bank: FilterBank,
     dt: float,
     positions: Floats,
     noise: Floats,
     velocity: Floats,
     velocity_noise: Floats,
-    before: Callable[[int, Bank], None] | None = None,
+    before: Callable[[int, FilterBank], None] | None = None,
 ) -> Floats:
     """Track measured positions; the first one begins the tracks.
 
@@ -73,7 +71,7 @@ def follow(
 
 
 def follow_smoothed(
-    bank: Bank, lag_ns: int, dt: float, positions: Floats, noise: Floats, velocity: Floats, velocity_noise: Floats
+    bank: FilterBank, lag_ns: int, dt: float, positions: Floats, noise: Floats, velocity: Floats, velocity_noise: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Track as `follow` does, and smooth what was tracked over a fixed lag.
 
@@ -92,7 +90,7 @@ def follow_smoothed(
     """
     steps: list[Step] = []
 
-    def record(step: int, bank: Bank) -> None:
+    def record(step: int, bank: FilterBank) -> None:
         mean, covariance = bank.combined()
         steps.append(Step(round((step - 1) * dt * 1e9), mean.copy(), covariance.copy(), bank.link))
 

@@ -1,1 +1,4 @@
-"""Simulation: a scenario into truth, detections and the frames of any configured sensor."""
+"""A scenario into truth, detections and the frames of any configured sensor.
+
+Knows nothing of tracking and estimation.
+"""

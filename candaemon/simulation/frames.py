@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from candaemon.arrays import Floats, Indices
 from candaemon.binding.bound import BoundSensor
-from candaemon.binding.where import Where
-from candaemon.bus.frame import Frame
+from candaemon.binding.location import SettingLocation
 from candaemon.config.sensors import HeaderScan
-from candaemon.simulation.messages import MessageWriter
-from candaemon.simulation.motion import Floats
-from candaemon.simulation.outline import Indices
-from candaemon.simulation.report import Report
+from candaemon.frames.frame import Frame
+from candaemon.simulation.message_writer import MessageWriter
 from candaemon.simulation.scenario import Transmission
 from candaemon.simulation.schedule import stamps
+from candaemon.simulation.slot_report import Report
 from candaemon.simulation.streams import stream
 
 
@@ -35,7 +34,7 @@ class SensorEncoder:
 
     """
 
-    def __init__(self, sensor: BoundSensor, transmission: Transmission, *, seed: int, where: Where) -> None:
+    def __init__(self, sensor: BoundSensor, transmission: Transmission, *, seed: int, where: SettingLocation) -> None:
         form, scan = sensor.settings.objects, sensor.settings.scan
         self._settings, self._bus, self._transmission = sensor.settings, sensor.bus, transmission
         self._writer = sensor.writer(where)

@@ -12,12 +12,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats, Indices
 from candaemon.config.sensors import LfmFskSettings
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 SPEED_OF_LIGHT = 299_792_458.0
 """m/s."""
@@ -100,7 +97,7 @@ class Peaks:
     azimuth: Floats
 
 
-class Receiver:
+class LfmFskReceiver:
     """Finds the peaks of a scan's echoes.
 
     Args:

@@ -12,19 +12,16 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import ComplexPlane, Floats
 from candaemon.simulation.scenario import Segment
-
-Floats = NDArray[np.float64]
-Plane = NDArray[np.complex128]
 
 _SLOW = 0.1
 """m/s under which a velocity's direction says nothing about the heading."""
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class TrueMotion:
     """Motion at n instants, over ground in level axes (real part along the first axis, imaginary along the second).
 
     Attributes:
@@ -36,9 +33,9 @@ class Motion:
 
     """
 
-    position: Plane
-    velocity: Plane
-    acceleration: Plane
+    position: ComplexPlane
+    velocity: ComplexPlane
+    acceleration: ComplexPlane
     yaw: Floats
     yaw_rate: Floats
 
@@ -46,11 +43,11 @@ class Motion:
 class Piece(Protocol):
     """A stretch of motion with a closed form."""
 
-    def at(self, elapsed: Floats) -> Motion:
+    def at(self, elapsed: Floats) -> TrueMotion:
         """Return the motion at seconds since the piece's start, shape (n,)."""
 
 
-def _turning_integrals(turn: Floats) -> tuple[Plane, Plane]:
+def _turning_integrals(turn: Floats) -> tuple[ComplexPlane, ComplexPlane]:
     """Return ∫₀¹ e^(i·turn·s) ds and ∫₀¹ s·e^(i·turn·s) ds; by their series where the closed form cancels."""
     z = 1j * turn
     small = np.abs(turn) < 0.02
@@ -72,7 +69,7 @@ class Along:
     acceleration: float
     yaw_rate: float
 
-    def at(self, elapsed: Floats) -> Motion:
+    def at(self, elapsed: Floats) -> TrueMotion:
         """Return the motion at seconds since the piece's start, shape (n,)."""
         zeroth, first = _turning_integrals(self.yaw_rate * elapsed)
         start = cmath.exp(1j * self.yaw)
@@ -80,7 +77,7 @@ class Along:
         yaw = self.yaw + self.yaw_rate * elapsed
         heading = np.exp(1j * yaw)
         speed = self.speed + self.acceleration * elapsed
-        return Motion(
+        return TrueMotion(
             self.position + start * way,
             np.asarray(speed * heading),
             np.asarray((self.acceleration + 1j * self.yaw_rate * speed) * heading),
@@ -98,13 +95,13 @@ class ByAxes:
     acceleration: complex
     yaw: float
 
-    def at(self, elapsed: Floats) -> Motion:
+    def at(self, elapsed: Floats) -> TrueMotion:
         """Return the motion at seconds since the piece's start, shape (n,)."""
         velocity = self.velocity + self.acceleration * elapsed
         acceleration = np.full(elapsed.shape, self.acceleration, dtype=np.complex128)
         moving = np.abs(velocity) > _SLOW
         squared = np.where(moving, np.abs(velocity) ** 2, 1.0)
-        return Motion(
+        return TrueMotion(
             self.position + elapsed * (self.velocity + self.acceleration * elapsed / 2),
             np.asarray(velocity, dtype=np.complex128),
             acceleration,
@@ -124,7 +121,7 @@ class Sideways:
     offset: float
     duration: float
 
-    def at(self, elapsed: Floats) -> Motion:
+    def at(self, elapsed: Floats) -> TrueMotion:
         """Return the motion at seconds since the piece's start, shape (n,)."""
         s = np.clip(elapsed / self.duration, 0.0, 1.0)
         across = self.offset * s**3 * (10 - 15 * s + 6 * s**2)
@@ -137,7 +134,7 @@ class Sideways:
         moving = np.abs(velocity) > _SLOW
         squared = np.where(moving, np.abs(velocity) ** 2, 1.0)
         way = elapsed * (self.speed + self.acceleration * elapsed / 2) + 1j * across
-        return Motion(
+        return TrueMotion(
             self.position + lane * way,
             lane * velocity,
             np.asarray(lane * acceleration),
@@ -158,7 +155,7 @@ class Trajectory:
         self._starts = np.asarray(starts, dtype=np.float64)
         self._pieces = tuple(pieces)
 
-    def at(self, times: Floats) -> Motion:
+    def at(self, times: Floats) -> TrueMotion:
         """Return the motion at seconds since the scenario's start, shape (n,) in any order."""
         index = np.maximum(np.searchsorted(self._starts, times, side="right") - 1, 0)
         used = np.unique(index)
@@ -172,7 +169,7 @@ class Trajectory:
             motion = self._pieces[k].at(times[here] - self._starts[k])
             position[here], velocity[here], acceleration[here] = motion.position, motion.velocity, motion.acceleration
             yaw[here], yaw_rate[here] = motion.yaw, motion.yaw_rate
-        return Motion(position, velocity, acceleration, yaw, yaw_rate)
+        return TrueMotion(position, velocity, acceleration, yaw, yaw_rate)
 
 
 @dataclass(slots=True)

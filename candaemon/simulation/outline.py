@@ -12,15 +12,11 @@ the first reflection lies.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, ComplexPlane, Floats, Integers
 from candaemon.config.sensors import FieldOfView
-from candaemon.simulation.motion import Floats, Plane
 from candaemon.simulation.scenario import Actor
-from candaemon.simulation.scene import Instant, Pose, Scene
-
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.int64]
+from candaemon.simulation.scene import Pose, Scene, SceneState
 
 _FLANK_REACH = 3.0
 """m of a flank that reflect, from the end that faces the sensor."""
@@ -29,12 +25,12 @@ _FLANK_MARGIN = 2.25
 _CORNERS = np.array([1 + 1j, 1 - 1j, -1 - 1j, -1 + 1j])
 
 
-def seen_from(instant: Instant, eye: complex) -> Plane:
+def seen_from(instant: SceneState, eye: complex) -> ComplexPlane:
     """Return an observer's position (level axes, m) in each actor's own axes, shape (actors,)."""
     return np.asarray((eye - instant.actors.position) * np.exp(-1j * instant.actors.yaw))
 
 
-def reference_offsets(eye: Plane, half_length: Floats, half_width: Floats) -> Plane:
+def reference_offsets(eye: ComplexPlane, half_length: Floats, half_width: Floats) -> ComplexPlane:
     """Return each actor's reference point in its own axes, m, shape (actors,).
 
     Args:
@@ -48,18 +44,18 @@ def reference_offsets(eye: Plane, half_length: Floats, half_width: Floats) -> Pl
     return np.where(_sees_end(eye, half_length, half_width), end, flank)
 
 
-def _along_flank(eye: Plane, half_length: Floats) -> Floats:
+def _along_flank(eye: ComplexPlane, half_length: Floats) -> Floats:
     """Return where along its length an actor's flank is seen, m from its middle."""
     reach = np.maximum(half_length - _FLANK_MARGIN, 0.0)
     return np.clip(eye.real, -reach, reach)
 
 
-def _sees_end(eye: Plane, half_length: Floats, half_width: Floats) -> Mask:
+def _sees_end(eye: ComplexPlane, half_length: Floats, half_width: Floats) -> Booleans:
     """Tell of which actors the observer sees an end rather than a flank."""
     return np.asarray(np.abs(eye.real) - half_length >= np.abs(eye.imag) - half_width)
 
 
-class Reflections:
+class VisibleReflections:
     """The reflections of all actors, enumerated: each actor's first, second, … in turn.
 
     Attributes:
@@ -71,8 +67,8 @@ class Reflections:
 
     def __init__(self, scene: Scene) -> None:
         counts = [_reflections_of(actor) for actor in scene.actors]
-        self.actor: Indices = np.repeat(np.arange(len(counts), dtype=np.int64), counts)
-        self.order: Indices = np.array([k for count in counts for k in range(count)], dtype=np.int64)
+        self.actor: Integers = np.repeat(np.arange(len(counts), dtype=np.int64), counts)
+        self.order: Integers = np.array([k for count in counts for k in range(count)], dtype=np.int64)
         reach = np.array([actor.reflections_range for actor in scene.actors], dtype=np.float64)
         self.reach: Floats = np.where(self.order == 0, np.inf, reach[self.actor] / np.maximum(self.order, 1))
         self._half_length = scene.half_length
@@ -80,7 +76,7 @@ class Reflections:
         self._side = np.where((self.order + 1) // 2 % 2 == 1, 0.6, -0.6)
         self._depth = np.minimum(0.6 * self.order, np.minimum(2 * scene.half_length[self.actor], _FLANK_REACH))
 
-    def offsets(self, eye: Plane, drift: Floats) -> Plane:
+    def offsets(self, eye: ComplexPlane, drift: Floats) -> ComplexPlane:
         """Return where each reflection lies in its actor's own axes, m, shape (n,).
 
         Args:
@@ -109,7 +105,7 @@ def _reflections_of(actor: Actor) -> int:
     return actor.reflections if actor.size.length > 0.0 else 1
 
 
-def in_view(point: Plane, view: FieldOfView) -> Mask:
+def in_view(point: ComplexPlane, view: FieldOfView) -> Booleans:
     """Tell which points (sensor axes, m, shape (n,)) lie in a field of view."""
     distance = np.abs(point)
     direction = np.abs(np.angle(point))
@@ -117,7 +113,7 @@ def in_view(point: Plane, view: FieldOfView) -> Mask:
     return np.asarray(near_enough & (direction <= np.radians(view.azimuth_deg)))
 
 
-def hidden(scene: Scene, instant: Instant, sensor: Pose, point: Plane, owner: Indices) -> Mask:
+def hidden(scene: Scene, instant: SceneState, sensor: Pose, point: ComplexPlane, owner: Integers) -> Booleans:
     """Tell which points another actor hides: one behind the middle of an actor, within the angle this one fills.
 
     Args:

@@ -6,16 +6,16 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from candaemon.binding.ego import BoundEgo, EgoMessage
-from candaemon.binding.protection import counter_period
-from candaemon.binding.signals import SignalBinding
-from candaemon.bus.frame import Frame
+from candaemon.arrays import Floats, Integers
+from candaemon.binding.bind_ego import BoundEgo, EgoMessage
+from candaemon.binding.bind_protection import counter_period
 from candaemon.config.ego import InsSettings, OdometrySettings
 from candaemon.config.protection import InputProtectionSettings
-from candaemon.simulation.messages import MessageWriter
-from candaemon.simulation.motion import Floats, Motion
+from candaemon.frames.frame import Frame
+from candaemon.objects.signals import SignalBinding
+from candaemon.simulation.message_writer import MessageWriter
+from candaemon.simulation.motion import TrueMotion
 from candaemon.simulation.own_motion import Drift, ins_values, odometry_values
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scene import Scene
@@ -25,7 +25,6 @@ from candaemon.simulation.streams import stream
 LEAD_IN = 0.3
 """s before the scenario's time 0 from which own motion is told, so that the first scan finds it known."""
 _BLOCK = 256
-Integers = NDArray[np.int64]
 
 
 class OwnEncoder:
@@ -93,7 +92,7 @@ class OwnEncoder:
             return payloads
         return [protector.seal(writer.message.can_id, payload) for payload in payloads]
 
-    def _exact(self, motion: Motion) -> dict[str, Floats]:
+    def _exact(self, motion: TrueMotion) -> dict[str, Floats]:
         """Return the quantities that the ego's sensors tell, by name, SI; an INS's drift is in them."""
         settings, own = self._settings, self._scenario.ego.own_motion
         if isinstance(settings, OdometrySettings):

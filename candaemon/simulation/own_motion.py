@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from candaemon.arrays import Floats
 from candaemon.config.ego import InsSettings, OdometrySettings
-from candaemon.simulation.motion import Floats, Motion
+from candaemon.simulation.motion import TrueMotion
 from candaemon.simulation.scenario import EgoStart, OwnMotion
 
 _SEMI_MAJOR = 6_378_137.0
@@ -59,7 +60,7 @@ class Drift:
         return errors
 
 
-def ins_values(motion: Motion, errors: Floats, settings: InsSettings, start: EgoStart) -> dict[str, Floats]:
+def ins_values(motion: TrueMotion, errors: Floats, settings: InsSettings, start: EgoStart) -> dict[str, Floats]:
     """Return what an INS tells, by the names of `InsSignals`; SI, angles in radians, n instants.
 
     Args:
@@ -88,7 +89,7 @@ def ins_values(motion: Motion, errors: Floats, settings: InsSettings, start: Ego
     }
 
 
-def odometry_values(motion: Motion, settings: OdometrySettings, own: OwnMotion) -> dict[str, Floats]:
+def odometry_values(motion: TrueMotion, settings: OdometrySettings, own: OwnMotion) -> dict[str, Floats]:
     """Return what wheels, speedometer and yaw rate sensor tell, by the names of `OdometrySignals`, n instants.
 
     SI; biases and factors are in it, noise is not. The wheels are those of the rear axle.

@@ -196,7 +196,7 @@ class NoiseOverride(Settings):
     ax: float = Field(0.3, ge=0, description="m/s²; the configuration names none")
 
 
-class Measurement(Settings):
+class MeasurementEffects(Settings):
     """How the sensors see."""
 
     detection_probability: float = Field(0.95, gt=0, le=1, description="of each visible reflection in each scan")
@@ -239,7 +239,7 @@ class Scenario(Settings):
     ego: Ego = Field(default_factory=Ego)
     actors: tuple[Actor, ...] = ()
     stationary: Stationary = Field(default_factory=Stationary)
-    measurement: Measurement = Field(default_factory=Measurement)
+    measurement: MeasurementEffects = Field(default_factory=MeasurementEffects)
     frames: Transmission = Field(default_factory=Transmission)
 
     @model_validator(mode="after")

@@ -9,14 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from candaemon.arrays import ComplexPlane, Floats
 from candaemon.config.sensors import Mount
-from candaemon.simulation.motion import Floats, Motion, Plane, Trajectory, trajectory
+from candaemon.simulation.motion import Trajectory, TrueMotion, trajectory
 from candaemon.simulation.scenario import Actor, Rail, Scenario
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Motion of one rigid body at one instant, level axes (east + i·north), over ground.
+    """True motion of one rigid body at one instant, level axes (east + i·north), over ground.
 
     Attributes:
         position, velocity, acceleration: m, m/s, m/s².
@@ -47,13 +48,13 @@ class Pose:
 class Points:
     """Motion of n points at one instant, level axes, over ground: m, m/s, m/s²."""
 
-    position: Plane
-    velocity: Plane
-    acceleration: Plane
+    position: ComplexPlane
+    velocity: ComplexPlane
+    acceleration: ComplexPlane
 
 
 @dataclass(frozen=True, slots=True)
-class Instant:
+class SceneState:
     """The scene at one instant.
 
     Attributes:
@@ -65,9 +66,9 @@ class Instant:
 
     time: float
     ego: Pose
-    actors: Motion
+    actors: TrueMotion
 
-    def on_actors(self, actor: np.ndarray[tuple[int], np.dtype[np.int64]], offset: Plane) -> Points:
+    def on_actors(self, actor: np.ndarray[tuple[int], np.dtype[np.int64]], offset: ComplexPlane) -> Points:
         """Return the motion of points fixed to actors.
 
         Args:
@@ -85,7 +86,7 @@ class Instant:
         )
 
 
-def _posts_of(rail: Rail) -> Plane:
+def _posts_of(rail: Rail) -> ComplexPlane:
     """Return a rail's posts in the scenario's axes, both ends among them."""
     begin, end = complex(rail.begin.x, rail.begin.y), complex(rail.end.x, rail.end.y)
     spans = max(round(abs(end - begin) / rail.spacing), 1)
@@ -114,20 +115,20 @@ class Scene:
         self.half_width: Floats = np.array([actor.size.width / 2 for actor in scenario.actors])
         posts = np.array([complex(post.x, post.y) for post in scenario.stationary.posts], dtype=np.complex128)
         rails = [_posts_of(rail) for rail in scenario.stationary.rails]
-        self.stationary: Plane = origin + axes * np.concatenate([posts, *rails])
+        self.stationary: ComplexPlane = origin + axes * np.concatenate([posts, *rails])
 
-    def ego(self, times: Floats) -> Motion:
+    def ego(self, times: Floats) -> TrueMotion:
         """Return the ego's motion at seconds since the scenario's start, shape (n,)."""
         return self._ego.at(times)
 
-    def instants(self, times: Floats, *, block: int = 256) -> Iterator[Instant]:
+    def instants(self, times: Floats, *, block: int = 256) -> Iterator[SceneState]:
         """Yield the scene at each of the times (s since the start, shape (n,)), worked out `block` at a time."""
         for first in range(0, len(times), block):
             part = times[first : first + block]
             ego = self._ego.at(part)
             actors = _side_by_side([one.at(part) for one in self._trajectories], len(part))
             for k, time in enumerate(part):
-                yield Instant(float(time), _pose(ego, k), _row(actors, k))
+                yield SceneState(float(time), _pose(ego, k), _row(actors, k))
 
 
 def _of_actor(actor: Actor, origin: complex, axes_yaw: float) -> Trajectory:
@@ -143,13 +144,13 @@ def _of_actor(actor: Actor, origin: complex, axes_yaw: float) -> Trajectory:
     return trajectory(position, velocity * axes, axes_yaw + heading, actor.segments, axes_yaw=axes_yaw)
 
 
-def _side_by_side(motions: list[Motion], instants: int) -> Motion:
+def _side_by_side(motions: list[TrueMotion], instants: int) -> TrueMotion:
     """Return the actors' motions as one, arrays of shape (instants, actors)."""
     if not motions:
         plane = np.empty((instants, 0), dtype=np.complex128)
         real = np.empty((instants, 0))
-        return Motion(plane, plane, plane, real, real)
-    return Motion(
+        return TrueMotion(plane, plane, plane, real, real)
+    return TrueMotion(
         np.stack([one.position for one in motions], axis=1),
         np.stack([one.velocity for one in motions], axis=1),
         np.stack([one.acceleration for one in motions], axis=1),
@@ -158,12 +159,12 @@ def _side_by_side(motions: list[Motion], instants: int) -> Motion:
     )
 
 
-def _row(motion: Motion, k: int) -> Motion:
+def _row(motion: TrueMotion, k: int) -> TrueMotion:
     """Return one instant's row."""
-    return Motion(motion.position[k], motion.velocity[k], motion.acceleration[k], motion.yaw[k], motion.yaw_rate[k])
+    return TrueMotion(motion.position[k], motion.velocity[k], motion.acceleration[k], motion.yaw[k], motion.yaw_rate[k])
 
 
-def _pose(motion: Motion, k: int) -> Pose:
+def _pose(motion: TrueMotion, k: int) -> Pose:
     """Return one instant of one body."""
     return Pose(
         complex(motion.position[k]),

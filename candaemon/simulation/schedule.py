@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from candaemon.arrays import Indices
 from candaemon.config.sensors import SensorSettings
-from candaemon.simulation.outline import Indices
 from candaemon.simulation.scenario import Scenario, Transmission
 from candaemon.simulation.streams import stream
 

@@ -8,17 +8,17 @@ from operator import itemgetter
 
 import numpy as np
 
+from candaemon.arrays import Indices
 from candaemon.binding.bound import Binding, BoundSensor
-from candaemon.binding.where import Where
-from candaemon.bus.frame import Frame
+from candaemon.binding.location import SettingLocation
 from candaemon.errors import ConfigError
+from candaemon.frames.frame import Frame
 from candaemon.simulation.frames import SensorEncoder
-from candaemon.simulation.outline import Indices
 from candaemon.simulation.own_frames import OwnEncoder
-from candaemon.simulation.report import Report, Reporter
 from candaemon.simulation.scenario import Scenario
-from candaemon.simulation.scene import Instant, Scene
+from candaemon.simulation.scene import Scene, SceneState
 from candaemon.simulation.schedule import scan_times, start_ns
+from candaemon.simulation.slot_report import Report, Reporter
 from candaemon.simulation.truth import Truth, TruthCycle
 
 
@@ -79,13 +79,13 @@ class Simulation:
         """Return the instants at which a sensor measures, ns, log time."""
         return scan_times(self.scenario, self._settings, sensor, self.seed)
 
-    def _instants(self, times: Indices) -> Iterator[Instant]:
+    def _instants(self, times: Indices) -> Iterator[SceneState]:
         """Yield the scene at instants of the log's time."""
         return self._scene.instants((times - start_ns(self.scenario)) / 1e9)
 
     def _encoder(self, sensor: BoundSensor) -> SensorEncoder:
         """Return the writer of a sensor's frames."""
-        where = Where(self._binding.loaded, ("sensors", sensor.name))
+        where = SettingLocation(self._binding.loaded, ("sensors", sensor.name))
         return SensorEncoder(sensor, self.scenario.frames, seed=self.seed, where=where)
 
     def _scans(self, sensor: BoundSensor) -> Iterator[Frame]:

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans
 from candaemon.config.sensors import SensorSettings
-from candaemon.simulation.outline import Mask, Reflections, hidden, in_view, reference_offsets, seen_from
-from candaemon.simulation.scene import Instant, Points, Scene
+from candaemon.simulation.outline import VisibleReflections, hidden, in_view, reference_offsets, seen_from
+from candaemon.simulation.scene import Points, Scene, SceneState
 
 _MARGIN = 20.0
 """m beyond the longest range of a sensor up to which stationary objects are told."""
@@ -48,11 +49,11 @@ class Truth:
         self._scene = scene
         self._sensors = tuple(sensors)
         self._occlusion = occlusion
-        self._reflections = Reflections(scene)
+        self._reflections = VisibleReflections(scene)
         self._still = np.zeros(len(self._reflections.actor))
         self._reach = max((settings.field_of_view.range for settings in self._sensors), default=0.0) + _MARGIN
 
-    def visible(self, instant: Instant) -> Mask:
+    def visible(self, instant: SceneState) -> Booleans:
         """Tell which actors any sensor can see at an instant, by any of their reflections, shape (actors,)."""
         seen = np.zeros(len(self._scene.actors), dtype=bool)
         actor = self._reflections.actor
@@ -67,14 +68,14 @@ class Truth:
             np.logical_or.at(seen, actor, in_sight)
         return seen
 
-    def references(self, instant: Instant) -> Points:
+    def references(self, instant: SceneState) -> Points:
         """Return the motion of each actor's reference point, as `outline` has it, seen from the ego's origin."""
         scene = self._scene
         eye = seen_from(instant, instant.ego.position)
         offset = reference_offsets(eye, scene.half_length, scene.half_width)
         return instant.on_actors(np.arange(len(scene.actors), dtype=np.int64), offset)
 
-    def cycle(self, instant: Instant, time_ns: int) -> TruthCycle:
+    def cycle(self, instant: SceneState, time_ns: int) -> TruthCycle:
         """Return one instant: all actors, and the stationary objects near enough to matter."""
         ego, scene = instant.ego, self._scene
         turn = np.exp(-1j * ego.yaw)

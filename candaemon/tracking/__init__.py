@@ -1,1 +1,4 @@
-"""Identity over time: association, reflections, lifecycle. Knows nothing of CAN and DBC files."""
+"""Identity over time: association, initiation, reflections of one obstacle, life cycle, what is reported of it.
+
+Knows nothing of CAN and DBC files.
+"""

@@ -2,15 +2,53 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable
+from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import TypeAlias, cast
 
+import numpy as np
+
+from candaemon.arrays import Floats, Indices
 from candaemon.estimation.kalman import line_of_sight
 from candaemon.estimation.measurement import Measurement
-from candaemon.tracking.assignment import assign
 
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
+Solver: TypeAlias = Callable[[Floats], tuple[Indices, Indices]]
+
+
+def assign(cost: Floats) -> tuple[Indices, Indices]:
+    """Pair each row with a column of its own, or each column with a row where there are fewer, at the least sum.
+
+    Args:
+        cost: of each pair, (n, m), finite.
+
+    Returns:
+        Rows, ascending, and their columns.
+    """
+    return _solver()(cost)
+
+
+@cache
+def _solver() -> Solver:
+    """Return scipy's solver, which is one file of C++.
+
+    The package around it takes half a second to import: too long in a running service, and more than all the rest of
+    its start. Where the file is not where it used to be, the package is imported all the same.
+    """
+    scipy = find_spec("scipy")
+    folders = [] if scipy is None else scipy.submodule_search_locations or []
+    for path in (Path(folder, "optimize", f"_lsap{suffix}") for folder in folders for suffix in EXTENSION_SUFFIXES):
+        spec = spec_from_file_location("scipy.optimize._lsap", path)
+        if path.is_file() and spec is not None and spec.loader is not None:
+            module = module_from_spec(spec)
+            spec.loader.exec_module(module)
+            return cast("Solver", module.linear_sum_assignment)
+    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - see above
+
+    return cast("Solver", linear_sum_assignment)
+
 
 _OUT_OF_GATE = 1e9
 _REACH = 30.0  # m; a pair farther apart passes no gate and is not worth the arithmetic
@@ -53,8 +91,8 @@ def _joint_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Fl
 
 
 def nearest_neighbours(
-    mean: Floats, covariance: Floats, tracks: Rows, measurement: Measurement, detections: Rows, gate: float
-) -> tuple[Rows, Rows]:
+    mean: Floats, covariance: Floats, tracks: Indices, measurement: Measurement, detections: Indices, gate: float
+) -> tuple[Indices, Indices]:
     """Assign detections to tracks by global nearest neighbour behind a gate.
 
     Args:

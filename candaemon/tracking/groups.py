@@ -3,12 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Self
 
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.settings import Config
-from candaemon.sensing.mounting import View
-from candaemon.tracking.identities import Identities
+from candaemon.radar.mounting import SensorView
 from candaemon.tracking.tracker import Tracker
+
+
+class Identities:
+    """Gives each obstacle a number that no other one has: 1, 2, 3 and so on.
+
+    Attributes:
+        given: the last one; 0 before the first.
+    """
+
+    __slots__ = ("given",)
+
+    def __init__(self) -> None:
+        self.given = 0
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> int:
+        self.given += 1
+        return self.given
 
 
 def make_trackers(config: Config, sensors: Mapping[str, SensorSettings]) -> tuple[list[Tracker], list[Tracker]]:
@@ -30,7 +50,7 @@ def make_trackers(config: Config, sensors: Mapping[str, SensorSettings]) -> tupl
         mine = [each for name, each in sensors.items() if name in names]
         cycle_time = max(each.cycle_time for each in mine)
         slack_ns = round(1.5 * cycle_time * 1e9) if len(sensors) > 1 else 0
-        views = [View(each.mount, each.field_of_view) for each in mine]
+        views = [SensorView(each.mount, each.field_of_view) for each in mine]
         tracker = Tracker(settings, ids, cycle_time=cycle_time, slack_ns=slack_ns, views=views)
         trackers.append(tracker)
         tracker_of.update(dict.fromkeys(names, tracker))

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from candaemon.arrays import Floats, Integers
 
 TENTATIVE, CONFIRMED, COASTING = 0, 1, 2
 STATE_NAMES = ("tentative", "confirmed", "coasting")

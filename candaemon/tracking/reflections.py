@@ -12,18 +12,14 @@ from dataclasses import dataclass
 from math import exp
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.tracker import ReflectionSettings, TravelSettings
-from candaemon.tracking.tables import ObstacleTable, Reflections
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Rows = NDArray[np.intp]
+from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class RigidMotion:
     """States [x, y, vx, vy, ax, ay] of k reference points, level frame, (k, 6), and covariances (k, 6, 6)."""
 
     state: Floats
@@ -59,7 +55,9 @@ def from_travel_axes(components: Floats, direction: Floats) -> Floats:
     )
 
 
-def rigid_motion(obstacles: ObstacleTable, reflections: Reflections, mean: Floats, covariance: Floats) -> Motion:
+def rigid_motion(
+    obstacles: ObstacleTable, reflections: ReflectionTable, mean: Floats, covariance: Floats
+) -> RigidMotion:
     """Return the motion of each obstacle from its reflections' states (n, 6) and covariances (n, 6, 6)."""
     lead = obstacles.leader
     state, uncertain = mean.take(lead, axis=0), covariance.take(lead, axis=0)  # faster than by index
@@ -70,7 +68,7 @@ def rigid_motion(obstacles: ObstacleTable, reflections: Reflections, mean: Float
         total = np.bincount(reflections.obstacle, weight, len(obstacles))
         for c in range(2, 6):
             state[:, c] = np.bincount(reflections.obstacle, weight * mean[:, c], len(obstacles)) / total
-    return Motion(state, uncertain)
+    return RigidMotion(state, uncertain)
 
 
 def draw_back(obstacles: ObstacleTable, dt: float, settings: ReflectionSettings) -> None:
@@ -79,7 +77,7 @@ def draw_back(obstacles: ObstacleTable, dt: float, settings: ReflectionSettings)
 
 
 def pass_the_lead(
-    obstacles: ObstacleTable, reflections: Reflections, mean: Floats, time_ns: int, settings: ReflectionSettings
+    obstacles: ObstacleTable, reflections: ReflectionTable, mean: Floats, time_ns: int, settings: ReflectionSettings
 ) -> None:
     """Hand the lead on where the leader was not detected of late."""
     silent = time_ns - reflections.last_ns[obstacles.leader] > int(settings.patience * 1e9)
@@ -92,7 +90,7 @@ def pass_the_lead(
     change_leader(obstacles, rows, heir[rows], mean)
 
 
-def change_leader(obstacles: ObstacleTable, rows: Rows, heirs: Integers, mean: Floats) -> None:
+def change_leader(obstacles: ObstacleTable, rows: Indices, heirs: Integers, mean: Floats) -> None:
     """Make other reflections lead, the reference points staying where they are."""
     step = mean[obstacles.leader[rows], :2] - mean[heirs, :2]
     obstacles.offset[rows] += to_travel_axes(step, obstacles.direction[rows])
@@ -100,8 +98,12 @@ def change_leader(obstacles: ObstacleTable, rows: Rows, heirs: Integers, mean: F
 
 
 def parted(
-    obstacles: ObstacleTable, reflections: Reflections, mean: Floats, motion: Motion, settings: ReflectionSettings
-) -> NDArray[np.bool_]:
+    obstacles: ObstacleTable,
+    reflections: ReflectionTable,
+    mean: Floats,
+    motion: RigidMotion,
+    settings: ReflectionSettings,
+) -> Booleans:
     """Tell which reflections no longer move with their obstacle.
 
     The bounds are twice those for joining, so that a reflection at the edge does not come and go.
@@ -121,7 +123,7 @@ def parted(
     return away
 
 
-def beside_an_older(obstacles: ObstacleTable, motion: Motion, settings: ReflectionSettings) -> Integers:
+def beside_an_older(obstacles: ObstacleTable, motion: RigidMotion, settings: ReflectionSettings) -> Integers:
     """Return for each obstacle the row of an older one that it is side by side with, or −1.
 
     Rows keep the order of birth, so an older obstacle has a smaller row.

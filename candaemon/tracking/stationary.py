@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Floats
 from candaemon.config.ego import BiasSettings
-from candaemon.sensing.detections import Detections
-from candaemon.sensing.ego import StationaryReturns
-from candaemon.sensing.pose import EgoPose
+from candaemon.ego.motion import StationaryReturns
+from candaemon.ego.pose import EgoPose
+from candaemon.radar.detections import Detections
 from candaemon.tracking.obstacles import CONFIRMED, Obstacles
 from candaemon.tracking.tracker import Tracker
 
@@ -28,7 +28,7 @@ class _Anchor:
     obstacle: int
     first_ns: int
     last_ns: int
-    position: NDArray[np.float64]
+    position: Floats
     swept: float = 0.0
 
 

@@ -5,24 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.tracker import TrackerSettings
+from candaemon.ego.pose import EgoPose
 from candaemon.estimation.measurement import Measurement
-from candaemon.sensing.detections import Detections
-from candaemon.sensing.mounting import View
-from candaemon.sensing.pose import EgoPose
+from candaemon.radar.detections import Detections
+from candaemon.radar.mounting import SensorView
 from candaemon.tracking.association import nearest_neighbours, pair_nis
-from candaemon.tracking.birth import Births
+from candaemon.tracking.initiation import TrackInitiation
 from candaemon.tracking.obstacles import Obstacles
-from candaemon.tracking.population import Population
 from candaemon.tracking.reflections import beside_an_older, parted, pass_the_lead, turn_to_course
-from candaemon.tracking.smoothing import Trail
-from candaemon.tracking.telling import tell
+from candaemon.tracking.reporting import tell
+from candaemon.tracking.smoother_history import SmootherHistory
+from candaemon.tracking.track_store import TrackStore
 from candaemon.tracking.update import TrackerCounts, Update, Used
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
 
 _MISSED_SCAN = 2.4  # cycles: two, and the jitter of a scan
 _CROSSING = 0.5  # s by which a scan may come after a younger one and still tell where things were
@@ -55,20 +52,20 @@ class Tracker:
         *,
         cycle_time: float = 0.05,
         slack_ns: int = 0,
-        views: Sequence[View] = (),
+        views: Sequence[SensorView] = (),
     ) -> None:
         self._tentative_coast = max(settings.lifecycle.tentative_coast, _MISSED_SCAN * cycle_time)
         self._settings = settings
         self._views = views
         self._slack_ns = slack_ns
-        self._births = Births(settings)
-        self._tracks = Population(settings, ids)
+        self._births = TrackInitiation(settings)
+        self._tracks = TrackStore(settings, ids)
         self._uses_direction = settings.reflections.merge or self._tracks.estimator.directional
         self._time_ns = 0
         self._dt = 0.0
         self.counts = TrackerCounts()
         self.update: Update | None = None
-        self.trail: Trail | None = None
+        self.trail: SmootherHistory | None = None
 
     def __len__(self) -> int:
         return len(self._tracks.obstacles)
@@ -99,7 +96,7 @@ class Tracker:
         if self._uses_direction:
             turn_to_course(self._tracks.obstacles, motion.velocity, self._dt, self._settings.travel)
         if linked is not None:
-            self.trail = Trail(self._tracks.obstacles.id, motion.state, motion.covariance, *linked)
+            self.trail = SmootherHistory(self._tracks.obstacles.id, motion.state, motion.covariance, *linked)
         return tell(self._tracks, motion, pose, self._used(detections), self._slack_ns)
 
     def expected_positions(self, horizon: float) -> Floats:
@@ -125,7 +122,7 @@ class Tracker:
         elif -_CROSSING < dt < 0.0:
             self._tracks.retreat(-dt)
 
-    def _associate(self, detections: Detections) -> tuple[Rows, Rows]:
+    def _associate(self, detections: Detections) -> tuple[Indices, Indices]:
         """Return rows of tracks and of detections that belong together.
 
         The sensor's id is the first guess, behind a gate; what is left over on both sides goes to the nearest.
@@ -149,7 +146,7 @@ class Tracker:
         )
         return np.concatenate([tracks, more_tracks]), np.concatenate([rows, more_rows])
 
-    def _fits(self, tracks: Rows, measurement: Measurement) -> NDArray[np.bool_]:
+    def _fits(self, tracks: Indices, measurement: Measurement) -> Booleans:
         """Tell which detections (m,) can be of the tracks (m,) that their ids stand for.
 
         What does not fit the stated noise is how a sensor gone bad is found out: where it is, the id of a confirmed
@@ -167,7 +164,7 @@ class Tracker:
             fits[doubted] = pair_nis(mean[far], covariance[far], believed) <= association.id_gate
         return fits
 
-    def _guess(self, detections: Detections) -> tuple[Rows, Rows]:
+    def _guess(self, detections: Detections) -> tuple[Indices, Indices]:
         """Return the tracks that the sensor's ids stand for; an id that comes twice in a scan stands for nothing."""
         guess, distinct = self._tracks.rows_of(detections.sensor, detections.object_id)
         if np.count_nonzero(detections.new):
@@ -180,7 +177,7 @@ class Tracker:
         rows = (guess >= 0).nonzero()[0]
         return guess.take(rows), rows
 
-    def _correct(self, tracks: Rows, rows: Rows, detections: Detections) -> Floats:
+    def _correct(self, tracks: Indices, rows: Indices, detections: Detections) -> Floats:
         """Update the tracks with their detections; return the normalised innovations squared."""
         self.counts.cycles += 1
         self.counts.detections += len(detections)
@@ -193,7 +190,7 @@ class Tracker:
         self._tracks.note(tracks, rows, detections)
         return nis
 
-    def _bear(self, rows: Rows, detections: Detections, pose: EgoPose) -> tuple[Rows, Rows]:
+    def _bear(self, rows: Indices, detections: Detections, pose: EgoPose) -> tuple[Indices, Indices]:
         """Begin a track for each detection that found none; return the rows of both."""
         if len(rows) == len(detections):
             return _NONE, _NONE
@@ -209,7 +206,7 @@ class Tracker:
         return np.arange(first, first + len(free), dtype=np.intp), free
 
     def _note_update(
-        self, tracks: Rows, rows: Rows, nis: Floats, born: Rows, free: Rows, detections: Detections
+        self, tracks: Indices, rows: Indices, nis: Floats, born: Indices, free: Indices, detections: Detections
     ) -> None:
         self.counts.used += len(rows) + len(free)
         if len(free):
@@ -249,7 +246,7 @@ class Tracker:
         lead = self._tracks.obstacles.leader
         return np.asarray(np.sqrt(covariance[lead, 0, 0] + covariance[lead, 1, 1]))
 
-    def _in_view(self, pose: EgoPose) -> NDArray[np.bool_]:
+    def _in_view(self, pose: EgoPose) -> Booleans:
         """Tell which obstacles some sensor should see."""
         points = pose.to_vehicle(self._tracks.reference())
         return np.asarray(np.any([view.sees(points) for view in self._views], axis=0))
@@ -286,7 +283,7 @@ class Tracker:
             self.counts.merged += int(over.sum())
             self._drop(np.zeros(len(tracks.reflections), dtype=np.bool_), over)
 
-    def _drop(self, lost: NDArray[np.bool_], over: NDArray[np.bool_]) -> None:
+    def _drop(self, lost: Booleans, over: Booleans) -> None:
         """Forget tracks, and let the latest update point at the rows that are left."""
         new_row = self._tracks.drop(lost, over)
         if self.update is not None:

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
+from candaemon.arrays import Floats, Indices, Integers
 
 
 @dataclass(slots=True)
@@ -47,10 +43,10 @@ class Update:
         freedom: degrees of freedom of each (m,).
     """
 
-    detection: Rows
-    reflection: Rows
+    detection: Indices
+    reflection: Indices
     nis: Floats
-    freedom: NDArray[np.int64]
+    freedom: Integers
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +59,6 @@ class Used:
         objects: its own id of each detection (m,).
     """
 
-    reflection: Rows
+    reflection: Indices
     sensor: int
-    objects: NDArray[np.int64]
+    objects: Integers

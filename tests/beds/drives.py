@@ -10,7 +10,7 @@ from typing import Self
 from bound import binding
 from conftest import ROOT
 
-from candaemon.bus.frame import EXTENDED
+from candaemon.frames.frame import EXTENDED
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.logs import read_log_blocks
-from candaemon.bus.logstream import LogCounts
-from candaemon.bus.logwriters import open_log_writer
-from candaemon.bus.sequence import Sequencer
-from candaemon.config import load_config
-from candaemon.cycle import Cycle
-from candaemon.pipeline import Pipeline
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.read import read_log_blocks
+from candaemon.can_io.logs.stream import LogCounts
+from candaemon.can_io.logs.write import open_log_writer
+from candaemon.can_io.reorder import Reorder
+from candaemon.config.load import load_config
+from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 
@@ -45,7 +46,7 @@ def cycles(binding: Binding, log: Path, output: Path) -> Iterator[Cycle]:
     """Run candaemon over a log as `replay` does, without tables and figures."""
     channels = {bus.settings.channel: bus.index for bus in binding.buses}
     pipeline = Pipeline(binding)
-    sequence = Sequencer(round(binding.settings.ordering_window * 1e9))
+    sequence = Reorder(round(binding.settings.ordering_window * 1e9))
     with open_log_writer(output, list(channels)) as writer:
         for cycle in pipeline.run_blocks(sequence.sequenced_blocks(read_log_blocks(log, channels, LogCounts()))):
             writer.write(cycle.frames)

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
-from candaemon.binding import Binding
+from candaemon.binding.bound import Binding
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings
 
 from . import naive, parts

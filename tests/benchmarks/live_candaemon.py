@@ -10,11 +10,10 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from candaemon.binding import bind
-from candaemon.config import load_config
-from candaemon.service.daemon import Daemon
-from candaemon.service.observer import Observer, Told
-from candaemon.service.signals import service_signals
+from candaemon.binding.bind import bind
+from candaemon.config.load import load_config
+from candaemon.daemon.daemon import Daemon, Observer, Told
+from candaemon.daemon.signals import service_signals
 
 
 class Cycles(Observer):

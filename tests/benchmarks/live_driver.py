@@ -17,9 +17,9 @@ from typing import Self, TypeAlias
 import msgpack
 from can.interfaces.udp_multicast.utils import pack_message
 
-from candaemon.binding import bind
-from candaemon.bus.messages import to_message
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.can_io.messages import to_message
+from candaemon.config.load import load_config
 from candaemon.simulation.scenario import OwnMotion
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate

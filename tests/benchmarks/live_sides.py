@@ -14,8 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from candaemon.binding import bind
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.config.load import load_config
 
 from .live_driver import Datagram, Driver, Played, Span, undisturbed
 from .live_wire import ROOT, free_wire, on_wire

@@ -17,9 +17,8 @@ import can
 import cantools
 import numpy as np
 from filterpy.kalman import IMMEstimator, KalmanFilter
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from candaemon.arrays import Floats
 
 MOUNT_X = 3.6
 SIGMA_RANGE, SIGMA_AZIMUTH = 0.25, math.radians(0.5)
@@ -35,11 +34,11 @@ POSITION[0, 0] = POSITION[1, 3] = 1.0
 class CurrentStatistical:
     """The adaptive Kalman filter of paper 000 for one object; state [x, ẋ, ẍ, y, ẏ, ÿ] in the level frame."""
 
-    def __init__(self, position: Array, noise: Array) -> None:
+    def __init__(self, position: Floats, noise: Floats) -> None:
         self.filter = _first_filter(position, noise)
 
     @staticmethod
-    def matrices(dt: float) -> tuple[Array, Array, Array]:
+    def matrices(dt: float) -> tuple[Floats, Floats, Floats]:
         """Return F (15), U (16) and Q (18), (19) for a variance of one on both axes."""
         a, decay = ALPHA, math.exp(-ALPHA * dt)
         f = np.array([[1, dt, (a * dt - 1 + decay) / a**2], [0, 1, (1 - decay) / a], [0, 0, decay]])
@@ -53,7 +52,7 @@ class CurrentStatistical:
         q = 2 * a * np.array([[q11, q12, q13], [q12, q22, q23], [q13, q23, q33]])
         return np.kron(np.eye(2), f), np.kron(np.eye(2), u[:, None]), q
 
-    def predict(self, matrices: tuple[Array, Array, Array]) -> None:
+    def predict(self, matrices: tuple[Floats, Floats, Floats]) -> None:
         f, u, axis = matrices
         acceleration = self.filter.x[2::3]
         q = np.zeros((6, 6))
@@ -61,24 +60,24 @@ class CurrentStatistical:
         q[3:, 3:] = _variance(acceleration[1, 0]) * axis
         self.filter.predict(u=acceleration, B=u, F=f, Q=q)
 
-    def update(self, position: Array, noise: Array) -> None:
+    def update(self, position: Floats, noise: Floats) -> None:
         self.filter.update(position, R=noise)
 
     @property
-    def state(self) -> Array:
-        state: Array = self.filter.x[:, 0]
+    def state(self) -> Floats:
+        state: Floats = self.filter.x[:, 0]
         return state
 
 
 class InteractingModels:
     """filterpy's IMM of three models for one object. Its filters need one state size: the turn is a livelier CA."""
 
-    def __init__(self, position: Array, noise: Array) -> None:
+    def __init__(self, position: Floats, noise: Floats) -> None:
         filters = [_first_filter(position, noise) for _ in range(3)]
         self.imm = IMMEstimator(filters, [1 / 3] * 3, np.eye(3))
 
     @staticmethod
-    def matrices(dt: float) -> tuple[Array, list[tuple[Array, Array]]]:
+    def matrices(dt: float) -> tuple[Floats, list[tuple[Floats, Floats]]]:
         """Return the switching probabilities, and F and Q of each model."""
         cv = np.array([[1, dt, 0], [0, 1, 0], [0, 0, 0]])
         ca = np.array([[1, dt, dt * dt / 2], [0, 1, dt], [0, 0, 1]])
@@ -92,27 +91,27 @@ class InteractingModels:
         np.fill_diagonal(switch, 1 - leave)
         return switch, [(np.kron(np.eye(2), f), np.kron(np.eye(2), q)) for f, q in models]
 
-    def predict(self, matrices: tuple[Array, list[tuple[Array, Array]]]) -> None:
+    def predict(self, matrices: tuple[Floats, list[tuple[Floats, Floats]]]) -> None:
         self.imm.M, models = matrices
         for each, (f, q) in zip(self.imm.filters, models, strict=True):
             each.F, each.Q = f, q
         self.imm.predict()
 
-    def update(self, position: Array, noise: Array) -> None:
+    def update(self, position: Floats, noise: Floats) -> None:
         for each in self.imm.filters:
             each.R = noise
         self.imm.update(position)
 
     @property
-    def state(self) -> Array:
-        state: Array = self.imm.x[:, 0]
+    def state(self) -> Floats:
+        state: Floats = self.imm.x[:, 0]
         return state
 
 
 Filter: TypeAlias = CurrentStatistical | InteractingModels
 
 
-def _first_filter(position: Array, noise: Array) -> KalmanFilter:
+def _first_filter(position: Floats, noise: Floats) -> KalmanFilter:
     kf = KalmanFilter(dim_x=6, dim_z=2)
     kf.H = POSITION
     kf.x[::3] = position

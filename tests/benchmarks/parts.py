@@ -10,16 +10,16 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from candaemon.bus.candump import read_candump_blocks
-from candaemon.bus.codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder
-from candaemon.bus.database import load_database
-from candaemon.bus.logs import read_log
-from candaemon.bus.logstream import ChannelMap, LogCounts
+from candaemon.can_io.logs.candump import read_candump_blocks
+from candaemon.can_io.logs.read import read_log
+from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings
+from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder
+from candaemon.dbc.database import load_database
 from candaemon.estimation.axis_filter import AxisFilter
 from candaemon.estimation.measurement import Measurement
-from candaemon.estimation.models import CurrentStatistical
-from candaemon.tracking.estimators import make_estimator
+from candaemon.estimation.motion_models import CurrentStatistical
+from candaemon.tracking.estimator_factory import make_estimator
 
 from . import naive
 from .chains import ROOT, count

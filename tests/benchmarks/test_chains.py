@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from candaemon.cycle import Cycle
+from candaemon.pipeline.cycle import Cycle
 
 from . import naive
 from .chains import cycles, naive_cycles, reduced_binding, simulated_log

@@ -10,12 +10,13 @@ from itertools import islice
 from pathlib import Path
 from zlib import crc32
 
-from candaemon.binding import Binding, bind
-from candaemon.bus.frame import Frame, Tick
-from candaemon.bus.sequence import Sequencer
-from candaemon.config import load_config
-from candaemon.pipeline import Pipeline
-from candaemon.snapshot import dump, restore
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.reorder import Reorder
+from candaemon.config.load import load_config
+from candaemon.frames.frame import Frame, Tick
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.pipeline.saved_state import dump, restore
 
 from .invariants import Watch
 from .traffic import BLOCK, Traffic
@@ -152,7 +153,7 @@ class _Counted:
 def _sequenced(frames: _Counted, bound: Binding) -> Iterator[Frame | Tick]:
     """Put frames in order as the service does; those of no bus are ticks."""
     settings = bound.settings
-    sequence = Sequencer(round(settings.ordering_window * 1e9), max_gap_ns=round(settings.service.clock_step * 1e9))
+    sequence = Reorder(round(settings.ordering_window * 1e9), max_gap_ns=round(settings.service.clock_step * 1e9))
     for frame in frames:
         yield from sequence.push(frame if frame.bus >= 0 else Tick(frame.time_ns))
     yield from sequence.flush()

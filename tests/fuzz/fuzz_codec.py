@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from candaemon.bus.codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder
-from candaemon.bus.layout import raw_limits
-from candaemon.bus.spec import MessageSpec, SignalSpec
+from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder
+from candaemon.dbc.bits import raw_limits
+from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
 
 from .drawn import Drawn

@@ -6,13 +6,13 @@ from functools import cache
 from itertools import islice
 from pathlib import Path
 
-from candaemon.binding import bind
-from candaemon.bus.codec import compile_decoder, compile_encoder
-from candaemon.bus.database import load_database
-from candaemon.bus.frame import Frame
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.config.load import load_config
+from candaemon.dbc.batch_codec import compile_decoder, compile_encoder
+from candaemon.dbc.database import load_database
 from candaemon.errors import ConfigError, DatabaseError
-from candaemon.pipeline import Pipeline
+from candaemon.frames.frame import Frame
+from candaemon.pipeline.pipeline import Pipeline
 
 from .drawn import Drawn
 from .invariants import Watch

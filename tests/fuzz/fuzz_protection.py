@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from candaemon.bus.protect import FrameProtector, Kind, Protector
-from candaemon.bus.protect_e2e import E2eProtector
-from candaemon.bus.protect_sequence import UNWATCHED, FrameFaults, FrameGuard, GuardPlan
-from candaemon.bus.spec import MessageSpec, SignalSpec
 from candaemon.config.protection import E2eSettings
+from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
+from candaemon.protection.checksums import FrameProtector, Kind, Protector
+from candaemon.protection.e2e import E2eProtector
+from candaemon.protection.monitor import UNWATCHED, FrameFaults, FrameGuard, GuardPlan
 
 from .drawn import Drawn
 

@@ -8,9 +8,9 @@ from functools import cache
 from hashlib import sha256
 
 from candaemon.errors import InputError
-from candaemon.pipeline import Pipeline
-from candaemon.recordings import runs
-from candaemon.snapshot import Snapshots, fingerprint
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.pipeline.saved_state import Snapshots, fingerprint
+from candaemon.replay.recorded import runs
 
 from .campaign import binding
 from .drawn import Drawn

@@ -11,10 +11,10 @@ import cantools
 import numpy as np
 from cantools.database.can import Database, Message
 
-from candaemon.binding import Binding
-from candaemon.bus.frame import EXTENDED
-from candaemon.cycle import Cycle
-from candaemon.sensing.pose import EgoPose
+from candaemon.binding.bound import Binding
+from candaemon.ego.pose import EgoPose
+from candaemon.frames.frame import EXTENDED
+from candaemon.pipeline.cycle import Cycle
 from candaemon.tracking.obstacles import Obstacles
 
 _COLUMNS = tuple(field.name for field in fields(Obstacles))

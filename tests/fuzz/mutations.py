@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from candaemon.bus.block import FrameBlock
-from candaemon.bus.protect import FrameProtector
+from candaemon.frames.block import FrameBlock
+from candaemon.protection.checksums import FrameProtector
 
 Mutation: TypeAlias = Callable[[FrameBlock, np.random.Generator, float], FrameBlock]
 """Block, source of chance, share of frames that it befalls → block."""

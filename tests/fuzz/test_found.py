@@ -7,10 +7,10 @@ from pathlib import Path
 import can
 import pytest
 
-from candaemon.bus.database import load_database
-from candaemon.bus.frame import Frame
-from candaemon.bus.logs import read_log
-from candaemon.bus.logstream import LogCounts
+from candaemon.can_io.logs.read import read_log
+from candaemon.can_io.logs.stream import LogCounts
+from candaemon.dbc.database import load_database
+from candaemon.frames.frame import Frame
 
 SECOND_NS = 1_000_000_000
 

@@ -8,13 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from candaemon.binding import Binding
-from candaemon.bus.block import FrameBlock
-from candaemon.bus.candump import candump_text, read_candump_blocks
-from candaemon.bus.candumptext import ChunkDecoder
-from candaemon.bus.frame import Frame
-from candaemon.bus.logstream import ChannelMap, LogCounts
-from candaemon.bus.protect import FrameProtector
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.candump import ChunkDecoder, candump_text, read_candump_blocks
+from candaemon.can_io.logs.stream import ChannelMap, LogCounts
+from candaemon.frames.block import FrameBlock
+from candaemon.frames.frame import Frame
+from candaemon.protection.checksums import FrameProtector
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 

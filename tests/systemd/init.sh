@@ -31,7 +31,7 @@ mkdir -p "$python/bin" "$python/lib/$(cat "$here/python")/site-packages"
 echo "home = $(cat "$here/home")" >"$python/pyvenv.cfg"
 ln -s "$(cat "$here/home")/$(cat "$here/python")" "$python/bin/python"
 printf '%s\n' /opt/project /opt/packages >"$python/lib/$(cat "$here/python")/site-packages/candaemon.pth"
-printf '%s\n' '#!/opt/candaemon/bin/python' 'import sys' 'from candaemon.cli import main' 'sys.exit(main())' \
+printf '%s\n' '#!/opt/candaemon/bin/python' 'import sys' 'from candaemon.cli.main import main' 'sys.exit(main())' \
 	>"$python/bin/candaemon"
 chmod 755 "$python/bin/candaemon"
 

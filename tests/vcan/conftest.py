@@ -13,9 +13,9 @@ from beds.fixtures import Start
 from beds.links import Link
 from beds.service import config_on
 
-from candaemon.binding import bind
-from candaemon.bus.frame import Frame
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.config.load import load_config
+from candaemon.frames.frame import Frame
 
 from .bed import run
 from .drives import lap, light

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from candaemon.binding import Binding
-from candaemon.bus.frame import Frame
+from candaemon.binding.bound import Binding
+from candaemon.frames.frame import Frame
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.simulate import simulate
 

@@ -13,8 +13,8 @@ from typing import NamedTuple, Self
 
 from conftest import ROOT
 
-from candaemon.bus.codec import Decoder, compile_decoder
-from candaemon.bus.database import load_database
+from candaemon.dbc.batch_codec import Decoder, compile_decoder
+from candaemon.dbc.database import load_database
 
 EMPTY, TENTATIVE, CONFIRMED, COASTING = range(4)
 """States of a slot."""

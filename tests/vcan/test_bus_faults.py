@@ -16,9 +16,9 @@ import pytest
 from beds.can_utils import background, cansend
 from beds.links import Link
 
-from candaemon.bus.frame import Frame
-from candaemon.bus.live import LiveBuses
+from candaemon.can_io.buses import LiveBuses
 from candaemon.config.buses import BusSettings
+from candaemon.frames.frame import Frame
 
 SENTINEL = 0x7FF
 PACED = """

@@ -12,9 +12,9 @@ from beds.links import Link
 from beds.own_kernel import Sysctl
 from beds.service import config_on
 
-from candaemon.binding import bind
-from candaemon.bus.candump import candump_text
-from candaemon.config import load_config
+from candaemon.binding.bind import bind
+from candaemon.can_io.logs.candump import candump_text
+from candaemon.config.load import load_config
 
 from .conftest import Drive
 from .drives import LAP_S, lap

@@ -17,9 +17,9 @@ from beds.waiting import wait_until
 from conftest import DATA
 from recorded import replayed
 
-from candaemon.binding import bind
-from candaemon.config import load_config
-from candaemon.recordings import logs_in
+from candaemon.binding.bind import bind
+from candaemon.config.load import load_config
+from candaemon.replay.recorded import logs_in
 
 SECONDS = 20.0
 

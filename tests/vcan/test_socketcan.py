@@ -16,12 +16,12 @@ import pytest
 from beds.can_utils import cangen, cansend
 from beds.links import Link
 
-from candaemon.bus.frame import EXTENDED, Frame
-from candaemon.bus.opening import open_port
-from candaemon.bus.ports import BusCounts, PortRequest
-from candaemon.bus.socketcan import SocketCanPort
+from candaemon.can_io.open import open_port
+from candaemon.can_io.port import PortCounts, PortRequest
+from candaemon.can_io.socketcan import SocketCanPort
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
+from candaemon.frames.frame import EXTENDED, Frame
 
 SENTINEL = 0x7FF
 
@@ -29,7 +29,7 @@ SENTINEL = 0x7FF
 class Heard:
     """A port, its counts, and what came out of it."""
 
-    def __init__(self, port: SocketCanPort, counts: BusCounts) -> None:
+    def __init__(self, port: SocketCanPort, counts: PortCounts) -> None:
         self.port = port
         self.counts = counts
 
@@ -58,7 +58,7 @@ def listen() -> Iterator[Callable[..., Heard]]:
         def listening(
             link: Link, ids: Collection[int] | None = None, rate: float | None = None, **settings: object
         ) -> Heard:
-            counts = BusCounts()
+            counts = PortCounts()
             bus = BusSettings.model_validate({"channel": link.name, **settings})
             port = SocketCanPort(PortRequest("radar", 3, bus, counts, ids, rate))
             return Heard(closed.enter_context(closing(port)), counts)
@@ -126,7 +126,7 @@ def test_fd_frames(make_link: Callable[..., Link], listen: Callable[..., Heard])
 def test_a_classic_interface_is_refused_for_fd(vcan0: Link) -> None:
     bus = BusSettings(channel=vcan0.name, fd=True)
     with pytest.raises(BusError, match=r"'vcan0': .*expected mtu 72"):
-        open_port(PortRequest("radar", 0, bus, BusCounts()))
+        open_port(PortRequest("radar", 0, bus, PortCounts()))
 
 
 def test_own_frames_are_not_heard_those_of_others_are(vcan0: Link, listen: Callable[..., Heard]) -> None:

@@ -12,7 +12,7 @@ from threading import Event, Thread
 from types import TracebackType
 from typing import Self
 
-from candaemon.bus.frame import Frame
+from candaemon.frames.frame import Frame
 
 from .drives import LAP_S
 

@@ -1,0 +1,136 @@
+"""Own motion's signals: which message carries which quantity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from candaemon.binding.bind_protection import guard_plan
+from candaemon.binding.location import SettingLocation, collected, raise_all
+from candaemon.config.base import SignalRef
+from candaemon.config.ego import InsSettings, OdometrySettings
+from candaemon.config.protection import InputProtectionSettings
+from candaemon.dbc.batch_codec import Decoder, compile_decoder
+from candaemon.dbc.types import Database, MessageSpec
+from candaemon.errors import ConfigError
+from candaemon.objects.layout import find_message, find_qualified
+from candaemon.objects.signals import SignalBinding, bind_signal
+from candaemon.protection.monitor import GuardPlan
+
+
+@dataclass(frozen=True, slots=True)
+class EgoMessage:
+    """A message that carries own motion.
+
+    Attributes:
+        message: what the DBC says of it.
+        decode: payload → the quantities, SI units (angles, latitude and longitude too in radians); None for a payload
+            that is too short.
+        quantities: name of each value's quantity; one that has several signals (wheel speeds) is there for each.
+        bindings: quantities with their signals, for writing them.
+        guard: what a frame must be to be used, None where anything will do.
+
+    """
+
+    message: MessageSpec
+    decode: Decoder
+    quantities: tuple[str, ...]
+    bindings: tuple[SignalBinding, ...]
+    guard: GuardPlan | None
+
+
+@dataclass(frozen=True, slots=True)
+class BoundEgo:
+    """Own motion's settings, bound to a DBC.
+
+    Attributes:
+        settings: from the configuration.
+        bus: index of the bus.
+        database: the DBC.
+        messages: by CAN id.
+
+    """
+
+    settings: InsSettings | OdometrySettings
+    bus: int
+    database: Database
+    messages: Mapping[int, EgoMessage]
+
+    def count(self, quantity: str) -> int:
+        """Count the signals that give a quantity."""
+        return sum(message.quantities.count(quantity) for message in self.messages.values())
+
+
+def bind_ego(
+    settings: InsSettings | OdometrySettings, bus: int, database: Database, where: SettingLocation
+) -> BoundEgo:
+    """Look up own motion's signals.
+
+    Raises:
+        ConfigError: naming every message, signal and unit that is wrong.
+
+    """
+    errors: list[ConfigError] = []
+    found: dict[int, tuple[MessageSpec, list[SignalBinding]]] = {}
+    for quantity, ref, place in _signals(settings, where.at("signals")):
+        with collected(errors):
+            message, signal = find_qualified(database, ref.signal, place)
+            binding = bind_signal(quantity, ref, signal, place)
+            found.setdefault(message.can_id, (message, []))[1].append(binding)
+    guards: dict[int, GuardPlan | None] = {}
+    for name, protection in settings.protection.items():
+        place = where.at("protection", name)
+        with collected(errors):
+            message = find_message(database, name, place)
+            if message.can_id not in found:
+                raise place.error(f"nothing is taken from message '{name}'; expected one that signals name")
+            guards[message.can_id] = _guard(message, protection, place)
+    raise_all(errors)
+    messages = {can_id: _ego_message(*entry, guards.get(can_id)) for can_id, entry in found.items()}
+    return BoundEgo(settings, bus, database, messages)
+
+
+def _guard(message: MessageSpec, protection: InputProtectionSettings, place: SettingLocation) -> GuardPlan | None:
+    """Work out what the frames of a message must be to be used."""
+    cycle_time = message.cycle_time or 0.0
+    if protection.max_rate is not None and not (protection.cycle_time or cycle_time):
+        raise place.at("max_rate").error(f"the DBC gives no cycle time of '{message.name}'; give cycle_time beside it")
+    return guard_plan([message], protection, place, cycle_time=cycle_time)
+
+
+def _signals(
+    settings: InsSettings | OdometrySettings, where: SettingLocation
+) -> Iterator[tuple[str, SignalRef, SettingLocation]]:
+    """Yield each signal named, with its quantity and place."""
+    signals = settings.signals
+    for quantity in type(signals).model_fields:
+        value = getattr(signals, quantity)
+        if isinstance(value, SignalRef):
+            yield quantity, value, where.at(quantity)
+        elif isinstance(value, str):
+            yield quantity, SignalRef(signal=value, unit=None, scale=1.0, offset=0.0), where.at(quantity)
+        elif isinstance(value, tuple):
+            for index, ref in enumerate(value):
+                yield quantity, ref, where.at(quantity, index)
+
+
+def _ego_message(message: MessageSpec, bindings: list[SignalBinding], guard: GuardPlan | None) -> EgoMessage:
+    names = [binding.signal.name for binding in bindings]
+    return EgoMessage(
+        message,
+        compile_decoder(_in_si_units(message, bindings), names),
+        tuple(binding.quantity for binding in bindings),
+        tuple(bindings),
+        guard,
+    )
+
+
+def _in_si_units(message: MessageSpec, bindings: list[SignalBinding]) -> MessageSpec:
+    """Return the message with its signals scaled straight to their quantities: decoding needs no second step."""
+    scaled = {
+        each.signal.name: replace(
+            each.signal, scale=each.gain * each.signal.scale, offset=each.gain * each.signal.offset + each.bias
+        )
+        for each in bindings
+    }
+    return replace(message, signals=tuple(scaled.get(signal.name, signal) for signal in message.signals))

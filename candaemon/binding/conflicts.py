@@ -1,0 +1,103 @@
+"""What does not fit together across the parts of a configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from candaemon.binding.bind_ego import BoundEgo
+from candaemon.binding.bound import BoundOutput, BoundSensor
+from candaemon.binding.location import SettingLocation
+from candaemon.dbc.bits import raw_width
+from candaemon.dbc.types import Database, MessageSpec, SignalSpec
+from candaemon.errors import ConfigError
+
+
+def check_identifiers(
+    where: SettingLocation,
+    ego: BoundEgo | None,
+    sensors: Iterable[BoundSensor],
+    output: BoundOutput | None,
+    on_output_bus: Iterable[Database],
+) -> list[ConfigError]:
+    """Find identifiers with two owners on a bus, and output identifiers that another message of the bus has.
+
+    Args:
+        where: the configuration's root.
+        ego: own motion.
+        sensors: the sensors.
+        output: the output.
+        on_output_bus: the DBC files that the output's bus itself names.
+
+    """
+    sensors = list(sensors)
+    owners: dict[tuple[int, int], str] = {}
+    errors: list[ConfigError] = []
+    if ego is not None:
+        owners.update(((ego.bus, can_id), "ego") for can_id in ego.messages)
+    for sensor in sensors:
+        taken = [(i, owners[sensor.bus, i]) for i in sorted(sensor.can_ids) if (sensor.bus, i) in owners]
+        if taken:
+            bus = sensor.settings.bus
+            errors.append(where.at("sensors", sensor.name).error(f"on bus '{bus}' {_taken(taken)}"))
+        owners.update(((sensor.bus, can_id), f"sensor '{sensor.name}'") for can_id in sensor.can_ids)
+    if output is not None:
+        known = {(output.bus, can_id): name for can_id, name in _others(ego, sensors, output, on_output_bus)}
+        known.update(owners)
+        taken = [(i, known[output.bus, i]) for i in sorted(output.can_ids) if (output.bus, i) in known]
+        if taken:
+            errors.append(where.at("output").error(f"on bus '{output.settings.bus}' {_taken(taken)}"))
+    return errors
+
+
+def _taken(taken: list[tuple[int, str]]) -> str:
+    (can_id, owner), *others = taken
+    more = f" (and {len(others)} more)" if others else ""
+    return f"id 0x{can_id & 0x1FFFFFFF:X}{more} belongs to {owner} already; expected ids of its own, or another bus"
+
+
+def _others(
+    ego: BoundEgo | None, sensors: Iterable[BoundSensor], output: BoundOutput, on_output_bus: Iterable[Database]
+) -> Iterator[tuple[int, str]]:
+    """Yield every message that the DBC files of the output's bus know, bar the output's own."""
+    own = {output.database.by_id[can_id].name for can_id in output.can_ids}
+    databases = [sensor.database for sensor in sensors if sensor.bus == output.bus]
+    if ego is not None and ego.bus == output.bus:
+        databases.append(ego.database)
+    for database in (*databases, *on_output_bus):
+        for can_id, message in database.by_id.items():
+            # the file of a whole bus may well list what we send
+            listed = message.name in own and database not in databases
+            if database.path != output.database.path and not listed:
+                yield can_id, f"message '{message.name}' of '{database.path.name}'"
+
+
+def range_warnings(ego: BoundEgo | None, sensors: Iterable[BoundSensor], output: BoundOutput | None) -> list[str]:
+    """Warn of bound signals whose range in the DBC their bits cannot reach."""
+    bound: list[tuple[MessageSpec, SignalSpec]] = []
+    for sensor in sensors:
+        bound += [
+            (part.layout, binding.signal)
+            for part in sensor.reader.parts
+            for binding in sensor.reader.bindings
+            if binding.signal in part.layout.signals
+        ]
+    if ego is not None:
+        bound += [(each.message, binding.signal) for each in ego.messages.values() for binding in each.bindings]
+    if output is not None:
+        for part in output.writer.parts:
+            bound += [(part.layout, signal) for signal in part.layout.signals]
+    return [text for message, signal in dict.fromkeys(bound) for text in _range_warning(message, signal)]
+
+
+def _range_warning(message: MessageSpec, signal: SignalSpec) -> Iterator[str]:
+    low, high = signal.minimum, signal.maximum
+    if low is None or high is None or low == high or signal.is_float:
+        return
+    ends = sorted(raw * signal.scale + signal.offset for raw in raw_width(signal))
+    step = abs(signal.scale)
+    if low < ends[0] - step or high > ends[1] + step:
+        place = "" if message.file is None else f"{message.file}:{signal.line or message.line}: "
+        yield (
+            f"{place}signal '{signal.name}' of '{message.name}' has the range [{low:g}|{high:g}] in the DBC "
+            f"but its {signal.length} bits reach from {ends[0]:g} to {ends[1]:g}"
+        )

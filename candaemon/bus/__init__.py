@@ -1,1 +1,0 @@
-"""Frames: DBC files, codecs, logs, live buses, protection. Knows nothing of objects and tracks."""

@@ -1,0 +1,329 @@
+"""One live bus: open or on its way to be, with what waits to be sent."""
+
+from __future__ import annotations
+
+import errno
+import logging
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from selectors import EVENT_READ, BaseSelector
+from typing import Final
+
+from candaemon.can_io.open import Opening, open_port
+from candaemon.can_io.port import PORT_ERRORS, BusState, Port, PortRequest
+from candaemon.can_io.tx_queue import TxQueue
+from candaemon.errors import BusError
+from candaemon.frames.frame import Frame
+
+logger = logging.getLogger(__name__)
+
+MOST: Final = 10
+WITHIN_S: Final = 60.0
+"""So many messages within that time: a bus with a short circuit goes off ten times a second while it lasts."""
+
+
+class Notices:
+    """Logs whether a bus is there when that changes; one that changes too often is told of later, as it is then.
+
+    Args:
+        name: of the bus in the configuration.
+
+    Attributes:
+        told_up: what the log has been told; set where somebody else tells it.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.told_up = True
+        self._name = name
+        self._times_s: deque[float] = deque(maxlen=MOST)
+
+    def tell(self, now_s: float, *, up: bool, error: str) -> None:
+        """Tell whether the bus is up, and why it is not; to be asked again now and then.
+
+        Args:
+            now_s: monotonic s.
+            up: whether it is.
+            error: why it is down.
+        """
+        if up == self.told_up:
+            return
+        if len(self._times_s) == MOST and now_s - self._times_s[0] < WITHIN_S:
+            return
+        self._times_s.append(now_s)
+        self.told_up = up
+        if up:
+            logger.info("bus '%s' is up", self._name)
+        else:
+            logger.warning("bus '%s' is down: %s", self._name, error)
+
+
+_CHECK_S = 1.0
+_OPENING_S = 0.01
+_RETRY_S = 0.001
+"""Time of a short frame at 100 kbit/s: a full transmit queue does not tell when it has room again."""
+
+_LAST_FRAMES = 1_000_000  # of a bus that is gone: no more come
+_LEFT_FRAMES = 20_000  # of a bus that is not: a flood on it must not hold the others up
+_ERRORS_BEFORE_FRAMES = 2
+_CURES = {
+    errno.ENETDOWN: "the link is down; `ip link set {channel} up` starts it",
+    errno.ENODEV: "the interface is gone; it is awaited under the same name",
+}
+_BUS_OFF = (
+    "the controller is off the bus after too many errors, or has no carrier: check the wiring and the bit rate; "
+    "`ip link set {channel} type can restart-ms 100` lets it come back by itself"
+)
+
+
+class LiveBus:
+    """A configured bus, opened again for as long as it takes.
+
+    A bus whose link is down, or whose controller is off the bus, stays open: it hears when it is back. Any other is
+    closed and opened anew, after a wait that doubles up to the longest one set.
+
+    Args:
+        request: which bus.
+        clock: gives nanoseconds; for `BusState.since_ns` alone.
+        selector: is told of the descriptor to read, with this bus as its data.
+
+    Attributes:
+        name: the bus's name in the configuration.
+        index: its index, which its frames carry.
+        request: as given.
+        counts: what it carried and lost.
+        state: whether it is there.
+        due_s: when `tend` has something to do, in monotonic s.
+    """
+
+    def __init__(self, request: PortRequest, clock: Callable[[], int], selector: BaseSelector) -> None:
+        settings = request.settings
+        self.name, self.index = request.name, request.index
+        self.request = request
+        self.counts = request.counts
+        self.state = BusState(False, clock(), "not opened yet")
+        self.due_s = 0.0
+        self._clock = clock
+        self._selector = selector
+        self._port: Port | None = None
+        self._descriptor = -1
+        self._left: list[Frame] = []
+        self._opening: Opening | None = None
+        self._waiting = TxQueue(settings.send_queue, settings.send_timeout)
+        self._delay_s = settings.reopen_first
+        self._next_s = 0.0
+        self._notices = Notices(request.name)
+
+    @property
+    def waiting(self) -> int:
+        """Frames that wait to be sent."""
+        return len(self._waiting)
+
+    def open(self, now_s: float) -> None:
+        """Open the bus.
+
+        Raises:
+            BusError: it cannot be opened; says why and what to do. It is tried again in the background.
+        """
+        try:
+            self._adopt(open_port(self.request), now_s)
+        except BusError as error:
+            self._notices.told_up = False  # whoever called tells it
+            self._stay_down(str(error), now_s)
+            self._put_off(now_s)
+            raise
+        self.state = BusState(True, self._clock())
+
+    def receive(self, limit: int, now_s: float) -> list[Frame]:
+        """Return what has come, about `limit` frames at most."""
+        port = self._port
+        if port is None:
+            return []
+        try:
+            frames = port.receive(limit)
+        except (BusError, *PORT_ERRORS) as error:
+            self._go_down(error, now_s)
+            return self._last_words()
+        if port.controller != self.state.controller:
+            self._follow(port, now_s)
+        elif frames and not self.state.up:
+            self._next_s = now_s  # the link may be up again: look at once
+            self._plan(now_s)
+        self.counts.received += len(frames)
+        return frames
+
+    def send(self, frames: Sequence[Frame], now_s: float) -> int:
+        """Send frames as far as there is room; the others wait. Return how many went out at once."""
+        if not self.state.up:
+            self.counts.send_failed += len(frames)
+            return 0
+        self.counts.send_dropped += self._waiting.put(frames, now_s)
+        return self._send_waiting(now_s)
+
+    def tend(self, now_s: float) -> list[Frame]:
+        """Do what is due: open the bus, look whether it is still there, send what waits.
+
+        Returns:
+            what a bus that is gone had received; nothing as a rule.
+        """
+        if self._opening is not None:
+            self._look_at_opening(self._opening, now_s)
+        elif now_s >= self._next_s:
+            if self._port is None:
+                self._opening = Opening(self.request)
+                self._next_s = now_s + _OPENING_S
+            else:
+                self._check(self._port, now_s)
+        if self._waiting:
+            self.counts.send_dropped += self._waiting.expire(now_s)
+            self._send_waiting(now_s)
+        frames = self._last_words()
+        self._plan(now_s)
+        return frames
+
+    def leave(self) -> list[Frame]:
+        """Close the bus; return what it had received and nobody has read."""
+        if self._port is not None:
+            self._left += _last_frames(self._port, _LEFT_FRAMES)
+        self.close()
+        return self._last_words()
+
+    def close(self) -> None:
+        """Close the bus; what waits to be sent is dropped."""
+        self.counts.send_dropped += self._waiting.clear()
+        if self._opening is not None:
+            self._opening.abandon()
+            self._opening = None
+        self._close_port()
+        self.state = BusState(False, self._clock(), "closed")
+
+    def _adopt(self, port: Port, now_s: float) -> None:
+        """Read an open port from now on."""
+        self._port = port
+        self._descriptor = port.fileno()
+        self._selector.register(self._descriptor, EVENT_READ, self)
+        self._next_s = now_s + _CHECK_S
+        self._plan(now_s)
+
+    def _look_at_opening(self, opening: Opening, now_s: float) -> None:
+        """Take the bus that was opened in the background, if that is over."""
+        self._next_s = now_s + _OPENING_S
+        if not opening.is_over():
+            return
+        self._opening = None
+        try:
+            self._adopt(opening.port(), now_s)
+        except BusError as error:
+            self._stay_down(str(error), now_s)
+            self._put_off(now_s)
+        else:
+            self._come_up(now_s)
+
+    def _check(self, port: Port, now_s: float) -> None:
+        """Look whether an open bus is still there, or there again."""
+        try:
+            port.check()
+        except PORT_ERRORS as error:
+            self._go_down(error, now_s)
+            return
+        self._next_s = now_s + _CHECK_S
+        self._follow(port, now_s)
+        self._tell(now_s)
+        if port.controller == "bus-off":
+            return
+        if self.state.up:
+            self._delay_s = self.request.settings.reopen_first
+        else:
+            self._come_up(now_s)
+
+    def _send_waiting(self, now_s: float) -> int:
+        """Send what waits, as far as there is room; return how much went out."""
+        port = self._port
+        if port is None or not self._waiting:
+            return 0
+        try:
+            sent = port.send(self._waiting.frames)
+        except PORT_ERRORS as error:
+            self._go_down(error, now_s)
+            return 0
+        self._waiting.took(sent)
+        self.counts.sent += sent
+        self._plan(now_s)
+        return sent
+
+    def _plan(self, now_s: float) -> None:
+        """Say when something is to be done next."""
+        self.due_s = min(self._next_s, now_s + _RETRY_S) if self._waiting else self._next_s
+        if self._left:
+            self.due_s = now_s
+
+    def _follow(self, port: Port, now_s: float) -> None:
+        """Take over what the controller says of itself."""
+        before, controller = self.state.controller, port.controller
+        if controller == before:
+            return
+        if controller == "bus-off":
+            self._stay_down(_BUS_OFF.format(channel=self.request.settings.channel), now_s)
+            self.state = replace(self.state, controller=controller)
+        elif before == "bus-off":
+            self._come_up(now_s)
+        else:
+            self.state = replace(self.state, controller=controller)
+
+    def _come_up(self, now_s: float) -> None:
+        """Note that the bus is back."""
+        controller = "active" if self._port is None else self._port.controller
+        self.state = BusState(True, self._clock(), controller=controller)
+        self.counts.reconnects += 1
+        self._tell(now_s)
+
+    def _go_down(self, error: Exception, now_s: float) -> None:
+        """Note why the bus is gone; close it unless it hears itself when it is back."""
+        if self._port is not None:
+            self._left += _last_frames(self._port, _LAST_FRAMES)
+        number = error.errno if isinstance(error, OSError) else None
+        if number != errno.ENETDOWN:
+            self._close_port()
+        cure = _CURES.get(number or 0, "it is opened again as soon as it can be")
+        self._stay_down(f"{error}: {cure.format(channel=self.request.settings.channel)}", now_s)
+        self._put_off(now_s)
+
+    def _stay_down(self, error: str, now_s: float) -> None:
+        """Note why nothing can be sent or read; what waits is not sent any more."""
+        self.counts.send_failed += self._waiting.clear()
+        self.state = BusState(False, self._clock() if self.state.up else self.state.since_ns, error)
+        self._tell(now_s)
+
+    def _tell(self, now_s: float) -> None:
+        """Let the log know whether the bus is there."""
+        self._notices.tell(now_s, up=self.state.up, error=self.state.error)
+
+    def _put_off(self, now_s: float) -> None:
+        """Try again after a wait, and the next time after a longer one."""
+        self._next_s = now_s + self._delay_s
+        self._delay_s = min(2 * self._delay_s, self.request.settings.reopen_longest)
+        self._plan(now_s)
+
+    def _last_words(self) -> list[Frame]:
+        """Return what a bus that is gone had received, once."""
+        frames, self._left = self._left, []
+        self.counts.received += len(frames)
+        return frames
+
+    def _close_port(self) -> None:
+        """Close the bus if it is open; what fails then is of no use to anyone."""
+        port, self._port = self._port, None
+        if port is None:
+            return
+        self._selector.unregister(self._descriptor)
+        with suppress(*PORT_ERRORS):
+            port.close()
+
+
+def _last_frames(port: Port, limit: int) -> list[Frame]:
+    """Return what a bus had received before it went: a socket tells its errors first, down and then deleted."""
+    for _ in range(_ERRORS_BEFORE_FRAMES):
+        with suppress(BusError, *PORT_ERRORS):
+            return port.receive(limit)
+    return []

@@ -1,0 +1,398 @@
+"""Reads and writes candump logs (`candump -L`), with time stamps exact to the digit.
+
+Time stamps are whole nanoseconds taken from the digits; no float is involved. Written are 6 decimals where the time is
+a whole microsecond, and 9 otherwise. Flags of CAN FD (bit rate switch, error state) are read and forgotten; written is
+the bit rate switch, as CAN FD frames are sent live.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
+from itertools import chain
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from candaemon.arrays import Booleans, Bytes, Integers
+from candaemon.can_io.logs.stream import UNCLAIMED, ChannelMap, LogBytes, LogCounts
+from candaemon.frames.batch import FrameBatch
+from candaemon.frames.block import FD_LENGTHS, FrameBlock
+from candaemon.frames.frame import EXTENDED, Frame
+
+Digits: TypeAlias = npt.NDArray[np.uint16]
+
+_LINE = re.compile(
+    rb"\((?P<seconds>\d{1,10})\.(?P<fraction>\d{1,9})\) +(?P<channel>\S+) +"
+    rb"(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
+    rb"(?:(?P<fd>#[0-9A-Fa-f])?(?P<data>(?:[0-9A-Fa-f]{2})*)(?:_[0-9A-Fa-f])?|(?P<remote>[Rr][0-9A-Fa-f]?))"
+    rb"(?: +[RrTt])?\s*"
+)
+_ERROR_FLAG = 0x2000_0000
+_ID_29 = 0x1FFF_FFFF
+_ID_11 = 0x7FF
+_LAST_SECOND = (2**63 - 1) // 1_000_000_000 - 1
+_LONGEST_SHAPE = 400  # characters; a CAN FD line has some 170 and its channel's name
+_FEWEST_ROWS = 16  # where numpy begins to pay
+_MOST_SHAPES = 16  # of one length
+_BAD = 0x100
+
+
+def _digit_table(base: int) -> Digits:
+    """Return the value of each ASCII digit, `_BAD` for what is none."""
+    table = np.full(256, _BAD, np.uint16)
+    for value, digit in enumerate("0123456789abcdef"[:base]):
+        table[ord(digit)] = table[ord(digit.upper())] = value
+    return table
+
+
+def _pair_table(base: int) -> Digits:
+    """Return the value of two ASCII digits, indexed by both as one little-endian number; `_BAD` for what is none."""
+    digits = _digit_table(base)
+    second, first = digits[:, None], digits[None, :]
+    return np.where((first | second) >= _BAD, _BAD, first * base + second).astype(np.uint16).ravel()
+
+
+_DIGIT = {base: _digit_table(base) for base in (10, 16)}
+_PAIR = {base: _pair_table(base) for base in (10, 16)}
+
+
+class ChunkDecoder:
+    """The lines of a chunk of text, decoded into arrays with one row a line.
+
+    Args:
+        text: whole lines; the last one may lack its line end.
+        channels: bus of each channel.
+        counts: `lines`, `frames` and all that is skipped are added to it.
+    """
+
+    def __init__(self, text: bytes, channels: ChannelMap, counts: LogCounts) -> None:
+        self._text = text
+        self._channels = channels
+        self._counts = counts
+        characters = np.frombuffer(text, np.uint8)
+        ends = np.flatnonzero(characters == ord("\n"))
+        if not text.endswith(b"\n"):
+            ends = np.append(ends, len(text))
+        self._starts = np.zeros_like(ends)
+        self._starts[1:] = ends[:-1] + 1
+        if b"\r" in text:
+            ends -= (ends > self._starts) & (characters[ends - 1] == ord("\r"))
+        self._ends = ends
+        n = len(ends)
+        self._first_line = counts.lines + 1
+        counts.lines += n
+        self._used = np.zeros(n, np.bool_)
+        self._time = np.empty(n, np.int64)
+        self._bus = np.empty(n, np.int16)
+        self._id = np.empty(n, np.uint32)
+        self._length = np.empty(n, np.uint8)
+        self._fd = np.zeros(n, np.bool_)
+        self._payload = np.zeros((n, 8), np.uint8)
+
+    def decode(self) -> FrameBlock:
+        """Decode every line and return the frames of claimed channels, in the order of their lines."""
+        lengths = np.minimum(self._ends - self._starts, _LONGEST_SHAPE + 1).astype(np.uint16)
+        order = np.argsort(lengths, kind="stable")
+        groups = np.split(order, np.flatnonzero(np.diff(lengths[order])) + 1)
+        single = [self._decode_equally_long(rows, int(lengths[rows[0]])) for rows in groups if len(rows)]
+        for row in sorted(row for rows in single for row in rows):
+            self._decode_line(row)
+        return self._block()
+
+    def _block(self) -> FrameBlock:
+        """Return the rows that hold a frame."""
+        lines = np.flatnonzero(self._used)
+        ticks = int(np.count_nonzero(self._bus[lines] < 0))
+        self._counts.ticks += ticks
+        self._counts.frames += len(lines) - ticks
+        kept = slice(None) if len(lines) == len(self._used) else lines
+        return FrameBlock(
+            time_ns=self._time[kept],
+            bus=self._bus[kept],
+            can_id=self._id[kept],
+            length=self._length[kept],
+            fd=self._fd[kept],
+            payload=self._payload[kept],
+            line=lines + self._first_line,
+        )
+
+    def _decode_equally_long(self, rows: Integers, length: int) -> list[int]:
+        """Decode lines of one length, shape by shape; return those left to be read one by one."""
+        single: list[int] = []
+        if length == 0:
+            return single
+        for _ in range(_MOST_SHAPES):
+            if len(rows) < _FEWEST_ROWS or length > _LONGEST_SHAPE:
+                break
+            shape = _frame_shape(self._line(int(rows[0])))
+            if shape is None:
+                single.append(int(rows[0]))
+                rows = rows[1:]
+            else:
+                rows = self._decode_shape(shape, rows)
+        single.extend(rows.tolist())
+        return single
+
+    def _line(self, row: int) -> bytes:
+        """Return the text of a line."""
+        return self._text[self._starts[row] : self._ends[row]]
+
+    def _decode_shape(self, shape: re.Match[bytes], rows: Integers) -> Integers:
+        """Decode those of equally long lines that have the shape of the first; return the others."""
+        length = shape.end()
+        # item i of this view is the text from character i on: the items overlap, nothing is copied
+        places = np.ndarray((len(self._text) - length + 1,), f"V{length}", self._text, strides=(1,))
+        lines = places[self._starts[rows]]
+        alike = _alike_between_fields(shape, lines)
+        others = rows[~alike]
+        if len(others):
+            rows, lines = rows[alike], lines[alike]
+        name = shape["channel"].decode(errors="replace")
+        bus = self._channels.named(name)
+        if bus == UNCLAIMED:
+            self._counts.note_other_channel(name, len(rows))
+            return others
+        text = lines.view(np.uint8).reshape(-1, length)
+        valid = np.ones(len(rows), np.bool_)
+        seconds = _number(text, shape.span("seconds"), 10, valid)
+        fraction = _number(text, shape.span("fraction"), 10, valid)
+        can_id = _number(text, shape.span("id"), 16, valid)
+        data = _data(text, shape, valid)
+        extended = len(shape["id"]) == 8
+        valid &= (seconds <= _LAST_SECOND) & (extended or can_id <= _ID_11)
+        if not valid.all():
+            others = np.concatenate((others, rows[~valid]))
+        frame = valid & (can_id & _ERROR_FLAG == 0)
+        self._counts.error_frames += int(np.count_nonzero(valid & ~frame))
+        if shape["remote"]:
+            self._counts.remote += int(np.count_nonzero(frame))
+            return others
+        if not frame.all():
+            rows, seconds, fraction, can_id, data = (a[frame] for a in (rows, seconds, fraction, can_id, data))
+        self._used[rows] = True
+        self._time[rows] = seconds * 1_000_000_000 + fraction * 10 ** (9 - len(shape["fraction"]))
+        self._bus[rows] = bus
+        self._id[rows] = can_id & _ID_29 | EXTENDED if extended else can_id
+        self._length[rows] = data.shape[1]
+        self._fd[rows] = shape["fd"] is not None
+        self._put_payload(rows, data)
+        return others
+
+    def _put_payload(self, rows: Integers, data: Digits) -> None:
+        """Store the data bytes (m, size) of rows, in a wider array from the first long CAN FD frame on."""
+        size = data.shape[1]
+        if size > self._payload.shape[1]:
+            self._payload = np.pad(self._payload, ((0, 0), (0, 64 - self._payload.shape[1])))
+        width = self._payload.shape[1]
+        if size == width:
+            # as one item a row: several times faster than as columns
+            self._payload.view(f"V{width}")[:, 0][rows] = data.astype(np.uint8).view(f"V{width}")[:, 0]
+        else:
+            self._payload[rows, :size] = data
+
+    def _decode_line(self, row: int) -> None:
+        """Decode one line with the grammar alone."""
+        line = self._line(row).strip()
+        match = _frame_shape(line)
+        if match is None:
+            if line:
+                self._counts.note_malformed(self._first_line + row, line.decode(errors="replace"))
+            return
+        name = match["channel"].decode(errors="replace")
+        bus = self._channels.named(name)
+        can_id = int(match["id"], 16)
+        extended = len(match["id"]) == 8
+        if bus == UNCLAIMED:
+            self._counts.note_other_channel(name)
+        elif extended and can_id & _ERROR_FLAG:
+            self._counts.error_frames += 1
+        elif match["remote"]:
+            self._counts.remote += 1
+        else:
+            data = bytes.fromhex(match["data"].decode())
+            self._used[row] = True
+            self._time[row] = int(match["seconds"]) * 1_000_000_000 + int(match["fraction"].ljust(9, b"0"))
+            self._bus[row] = bus
+            self._id[row] = can_id & _ID_29 | EXTENDED if extended else can_id
+            self._length[row] = len(data)
+            self._fd[row] = match["fd"] is not None
+            self._put_payload(np.array([row]), np.frombuffer(data, np.uint8)[None, :].astype(np.uint16))
+
+
+def _frame_shape(line: bytes) -> re.Match[bytes] | None:
+    """Return the fields of a line, None where it is not one that CAN, and 64 bits of nanoseconds, can hold."""
+    match = _LINE.fullmatch(line)
+    if match is None:
+        return None
+    size = len(match["data"] or b"") // 2
+    possible = (
+        (size in FD_LENGTHS if match["fd"] else size <= 8)
+        and (len(match["id"]) == 8 or int(match["id"], 16) <= _ID_11)
+        and int(match["seconds"]) <= _LAST_SECOND
+    )
+    return match if possible else None
+
+
+def _alike_between_fields(shape: re.Match[bytes], lines: npt.NDArray[np.void]) -> Booleans:
+    """Tell which lines (m,) have the first one's characters outside the time, the identifier and the data."""
+    fields = [shape.span(name) for name in ("seconds", "fraction", "id", "data") if shape[name] is not None]
+    edges = [0, *(edge for field in fields for edge in field), shape.end()]
+    alike = np.ones(len(lines), np.bool_)
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if end > begin:
+            between = np.dtype(
+                {"names": ["text"], "formats": [f"S{end - begin}"], "offsets": [begin], "itemsize": shape.end()}
+            )
+            alike &= lines.view(between)["text"] == shape.string[begin:end]
+    return alike
+
+
+def _number(text: Bytes, span: tuple[int, int], base: int, valid: Booleans) -> Integers:
+    """Return the number in the columns `span` of each line; clear `valid` where these are not all digits."""
+    begin, end = span
+    odd = (end - begin) % 2
+    pairs = _digits(_PAIR[base], text[:, begin + odd : end].view("<u2"), valid)
+    weights = (base * base) ** np.arange(pairs.shape[1], dtype=np.int64)[::-1]
+    values: Integers = pairs @ weights
+    if odd:
+        values += _digits(_DIGIT[base], text[:, begin : begin + 1], valid)[:, 0] * np.int64(base ** (end - begin - 1))
+    return values
+
+
+def _digits(table: Digits, characters: npt.NDArray[np.integer[Any]], valid: Booleans) -> Digits:
+    """Return the table's value of each character or pair (m, k); clear `valid` in the lines that hold another one."""
+    values = table.take(characters)
+    if values.max(initial=0) >= _BAD:
+        valid &= (values < _BAD).all(axis=1)
+    return values
+
+
+def _data(text: Bytes, shape: re.Match[bytes], valid: Booleans) -> Digits:
+    """Return the data bytes (m, size) of each line; clear `valid` where they are not all hex digits."""
+    begin, end = shape.span("data")
+    if begin == end:
+        return np.empty((len(text), 0), np.uint16)
+    return _digits(_PAIR[16], text[:, begin:end].view("<u2"), valid)
+
+
+_HEX = np.array([int.from_bytes(f"{value:02X}".encode(), "little") for value in range(256)], "<u2")
+"""The two digits of each byte, as one number."""
+
+CHUNK = 1 << 19
+"""Bytes of text decoded at once: what is computed of them fits the cache. A line longer than that may be cut."""
+
+
+def read_candump_blocks(
+    path: Path, channels: ChannelMap, counts: LogCounts, *, chunk: int = CHUNK
+) -> Iterator[FrameBlock]:
+    """Read a candump log as arrays, a block a chunk of text, in the order of the file.
+
+    Args:
+        path: the log; `.gz` is decompressed.
+        channels: which bus a channel belongs to; frames of no bus are counted and left out.
+        counts: filled while reading.
+        chunk: bytes of text a block.
+
+    Raises:
+        InputError: the file is not there or cannot be opened. What it holds never raises.
+    """
+    return _blocks(LogBytes(path, counts), channels, counts, chunk)
+
+
+def read_candump(path: Path, channels: ChannelMap, counts: LogCounts) -> Iterator[Frame]:
+    """Read a candump log frame by frame; otherwise as `read_candump_blocks`."""
+    return chain.from_iterable(block.frames() for block in read_candump_blocks(path, channels, counts))
+
+
+def _blocks(stream: LogBytes, channels: ChannelMap, counts: LogCounts, chunk: int) -> Iterator[FrameBlock]:
+    """Cut the stream at line ends and decode what lies between."""
+    with stream:
+        rest = b""
+        for piece in stream.chunks(chunk):
+            end = piece.rfind(b"\n") + 1
+            if end == 0 and len(rest) < chunk:
+                rest += piece
+                continue
+            end = end or len(piece)
+            text = b"".join((rest, memoryview(piece)[:end]))
+            rest = piece[end:]
+            yield ChunkDecoder(text, channels, counts).decode()
+        if rest:
+            malformed = counts.malformed
+            yield ChunkDecoder(rest, channels, counts).decode()
+            if counts.malformed > malformed and not counts.truncated:
+                counts.note_end("its last line is cut short")
+
+
+def candump_text(frames: Iterable[Frame], channels: Sequence[str]) -> bytes:
+    """Return frames as the text of `candump -L`.
+
+    Args:
+        frames: the frames; no time may be negative.
+        channels: names of the buses, by index.
+    """
+    if isinstance(frames, FrameBatch):
+        return _instant_text(frames, channels)
+    lines = []
+    stamp, stamp_ns, stamp_bus = "", -1, -1
+    for time_ns, bus, can_id, data, fd in frames:
+        # the frames of a cycle share their time
+        if time_ns != stamp_ns or bus != stamp_bus:
+            stamp, stamp_ns, stamp_bus = _stamp(time_ns, channels[bus]), time_ns, bus
+        lines.append(f"{stamp}{_identifier(can_id, fd)}{data.hex().upper()}\n")
+    return "".join(lines).encode()
+
+
+def _instant_text(frames: FrameBatch, channels: Sequence[str]) -> bytes:
+    """Return frames of one instant as text, without making one of them."""
+    if not frames:
+        return b""
+    stamp, fd_ids = _stamp(frames.time_ns, channels[frames.bus]), frames.fd_ids
+    can_ids, payloads = tuple([can_id for can_id, _ in frames.payloads]), [data for _, data in frames.payloads]
+    if not fd_ids and set(map(len, payloads)) == {8}:
+        heads = _heads(can_ids, len(stamp.encode()))
+        if heads is not None:
+            return _filled(heads, stamp.encode(), b"".join(payloads))
+    return "".join(
+        [f"{stamp}{_identifier(can_id, can_id in fd_ids)}{data.hex().upper()}\n" for can_id, data in frames.payloads]
+    ).encode()
+
+
+def _filled(heads: Bytes, stamp: bytes, payloads: bytes) -> bytes:
+    """Return lines of eight bytes of data each, of which all else is there, with their stamp and their data."""
+    lines = heads.copy()
+    lines[:, : len(stamp)] = np.frombuffer(stamp, np.uint8)
+    lines[:, -17:-1] = _HEX.take(np.frombuffer(payloads, np.uint8)).view(np.uint8).reshape(-1, 16)
+    return lines.tobytes()
+
+
+@lru_cache(maxsize=64)
+def _heads(can_ids: tuple[int, ...], before: int) -> Bytes | None:
+    """Return lines (n, characters) with identifiers and ends, a stamp before; None where their lengths differ."""
+    heads = [_identifier(can_id, False).encode() for can_id in can_ids]
+    size = len(heads[0])
+    if any(len(head) != size for head in heads):
+        return None
+    lines = np.zeros((len(heads), before + size + 17), np.uint8)
+    lines[:, before:-17] = np.frombuffer(b"".join(heads), np.uint8).reshape(-1, size)
+    lines[:, -1] = ord("\n")
+    return lines
+
+
+def _stamp(time_ns: int, channel: str) -> str:
+    """Return what precedes the identifier."""
+    seconds, fraction = divmod(time_ns, 1_000_000_000)
+    microseconds, rest = divmod(fraction, 1000)
+    digits = f"{fraction:09d}" if rest else f"{microseconds:06d}"
+    return f"({seconds:010d}.{digits}) {channel} "
+
+
+@lru_cache(maxsize=4096)
+def _identifier(can_id: int, fd: bool) -> str:
+    """Return the identifier, and what parts it from the data."""
+    digits = f"{can_id & ~EXTENDED:08X}" if can_id & EXTENDED else f"{can_id:03X}"
+    return f"{digits}{'##1' if fd else '#'}"

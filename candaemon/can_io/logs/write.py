@@ -1,0 +1,209 @@
+"""Writes logs: the same frames give the same bytes, in every format, on every machine.
+
+`.log` is written by candaemon itself; `.asc`, `.blf`, `.csv` and `.trc` by python-can, whose headers are replaced where
+they would hold the wall clock, the time zone or the file's own path. What each format keeps is listed in
+`candaemon.can_io.logs.read`. Frames are to be written in order of time.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self, cast
+
+import can
+
+from candaemon.can_io.logs.candump import candump_text
+from candaemon.can_io.logs.read import log_suffix
+from candaemon.can_io.logs.stream import channel_number
+from candaemon.can_io.messages import to_message
+from candaemon.errors import InputError
+from candaemon.frames.frame import Frame
+
+_BUFFER = 1 << 16  # bytes; a cycle writes some 3,000
+
+
+class LogWriter(ABC):
+    """Writes frames to a log until it is closed.
+
+    Args:
+        path: the log; compressed where its name ends in `.gz`.
+
+    Raises:
+        InputError: the file cannot be created, or, later, cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            self._file: BinaryIO = path.open("wb", buffering=_BUFFER)
+        except OSError as error:
+            raise self._failed(error) from error
+        self._target: BinaryIO = self._file
+        if path.suffix.lower() == ".gz":
+            # neither name nor time in the gzip header: they would make two runs differ
+            self._target = cast("BinaryIO", gzip.GzipFile(filename="", mode="wb", fileobj=self._file, mtime=0))
+
+    def write(self, frames: Sequence[Frame]) -> None:
+        """Write frames.
+
+        Args:
+            frames: frames of the buses that `open_log_writer` was given the names of.
+
+        Raises:
+            InputError: the disk refuses, or the format cannot hold such a frame.
+        """
+        try:
+            self._write(frames)
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def close(self) -> None:
+        """Finish the log. Calling it again does nothing.
+
+        Raises:
+            InputError: the disk refuses.
+        """
+        if self._file.closed:
+            return
+        try:
+            self._finish()
+            self._target.close()
+        except OSError as error:
+            raise self._failed(error) from error
+        finally:
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @abstractmethod
+    def _write(self, frames: Sequence[Frame]) -> None:
+        """Write frames to the target."""
+
+    @abstractmethod
+    def _finish(self) -> None:
+        """Write what ends the log."""
+
+    def _failed(self, error: OSError) -> InputError:
+        """Say why the log cannot be written."""
+        return InputError(
+            f"the log cannot be written: {error.strerror}; choose another path or make room", file=self._path
+        )
+
+
+class CandumpWriter(LogWriter):
+    """Writes `.log`.
+
+    Args:
+        path: the log.
+        channels: names of the buses, by index.
+    """
+
+    def __init__(self, path: Path, channels: Sequence[str]) -> None:
+        super().__init__(path)
+        self._channels = tuple(channels)
+
+    def _write(self, frames: Sequence[Frame]) -> None:
+        self._target.write(candump_text(frames, self._channels))
+
+    def _finish(self) -> None:
+        """Write nothing: a candump log has no end mark."""
+
+
+class PythonCanWriter(LogWriter):
+    """Writes a log through one of python-can's writers.
+
+    Args:
+        path: the log.
+        channels: names of the buses, by index; the file takes the numbers that they end in where these differ from
+            one another, otherwise the indices.
+        start: starts python-can's writer; takes the target and the first frame's time in s.
+    """
+
+    def __init__(
+        self, path: Path, channels: Sequence[str], start: Callable[[BinaryIO, float], can.io.generic.MessageWriter]
+    ) -> None:
+        super().__init__(path)
+        named = [channel_number(name) for name in channels]
+        distinct = len({number for number in named if number is not None}) == len(named)
+        self._numbers = [number for number in named if number is not None] if distinct else [*range(len(named))]
+        self._start = start
+        self._writer: can.io.generic.MessageWriter | None = None
+
+    def _write(self, frames: Sequence[Frame]) -> None:
+        for frame in frames:
+            if self._writer is None:
+                self._writer = self._start(self._target, frame.time_ns / 1_000_000_000)
+            if frame.fd and isinstance(self._writer, can.TRCWriter):
+                raise InputError("python-can writes no CAN FD to .trc; choose .log, .asc or .blf", file=self._path)
+            self._writer.on_message_received(to_message(frame, self._numbers[frame.bus]))
+
+    def _finish(self) -> None:
+        writer = self._writer or self._start(self._target, 0.0)
+        writer.stop()
+
+
+def open_log_writer(path: Path, channels: Sequence[str]) -> LogWriter:
+    """Create a log; its suffix tells the format.
+
+    Args:
+        path: the log, with one of the suffixes that can be read; `.gz` after it compresses (not `.blf`, which is
+            compressed by itself). An existing file is replaced.
+        channels: names of the buses, by index.
+
+    Raises:
+        InputError: no format has that suffix, or the file cannot be created.
+    """
+    suffix = log_suffix(path)
+    if suffix == ".log":
+        return CandumpWriter(path, channels)
+    if suffix == ".blf" and path.suffix.lower() == ".gz":
+        raise InputError("a .blf is compressed already; expected a name that ends in .blf", file=path)
+    return PythonCanWriter(path, channels, _STARTERS[suffix])
+
+
+def _text(target: BinaryIO) -> io.TextIOWrapper:
+    """Return a text layer that changes no line end."""
+    return io.TextIOWrapper(target, encoding="utf-8", newline="")
+
+
+def _start_asc(target: BinaryIO, first_s: float) -> can.ASCWriter:
+    """Start an `.asc` with the first frame's time, in UTC, where python-can writes the wall clock's."""
+    writer = can.ASCWriter(io.StringIO())
+    start = datetime.fromtimestamp(first_s, UTC)
+    date = f"{start:%a %b %d %H:%M:%S}.{start.microsecond // 1000:03d} {start:%Y}"
+    writer.file = _text(target)
+    writer.file.write(f"date {date}\nbase hex  timestamps absolute\ninternal events logged\n")
+    writer.file.write(f"Begin Triggerblock {date}\n")
+    writer.header_written = True
+    writer.started = writer.last_timestamp = first_s
+    writer.log_event("Start of measurement", first_s)
+    return writer
+
+
+def _start_trc(target: BinaryIO, first_s: float) -> can.TRCWriter:
+    """Start a `.trc` that does not hold its own path."""
+    writer = can.TRCWriter(_text(target))
+    writer.filepath = "candaemon"
+    writer.first_timestamp = first_s
+    writer.write_header(first_s)
+    return writer
+
+
+_STARTERS: dict[str, Callable[[BinaryIO, float], can.io.generic.MessageWriter]] = {
+    ".asc": _start_asc,
+    ".blf": lambda target, _: can.BLFWriter(target),
+    ".csv": lambda target, _: can.CSVWriter(_text(target)),
+    ".trc": _start_trc,
+}

@@ -1,0 +1,229 @@
+"""CAN over UDP multicast as python-can's `udp_multicast` has it: benches and simulations without a CAN interface.
+
+A frame is a datagram: a msgpack map of what python-can's `Message` holds. The kernel stamps each when it comes, and
+tells with the next one how many found no room in the receive buffer.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+import struct
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import Any
+
+from candaemon.can_io.port import Controller, PortRequest
+from candaemon.can_io.socketcan import make_room
+from candaemon.frames.block import FD_LENGTHS
+from candaemon.frames.frame import EXTENDED, Frame
+
+PORT = 43_113
+"""UDP port where the options give none, as python-can has it."""
+
+_SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40  # Linux; the socket module does not name them
+_STAMP, _DROPS, _INDEX = struct.Struct("@ll"), struct.Struct("@I"), struct.Struct("@I")
+_CONTROL = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_DROPS.size)
+_LONGEST = 4096
+_DATAGRAM_BYTES = 1280
+"""What a datagram takes of a receive buffer: a classic frame 832 with the kernel's book-keeping, CAN FD more."""
+_FULL = (errno.EAGAIN, errno.ENOBUFS)
+_ID_29, _ID_11, _CLASSIC = 0x1FFF_FFFF, 0x7FF, 8
+
+
+class MulticastPort:
+    """A multicast group as a CAN bus.
+
+    What is sent leaves by a socket of its own, so that its datagrams are known by their sender when they come back. A
+    bus of which no identifier is wanted is not listened to.
+
+    Args:
+        request: which bus; its options are `port` and `hop_limit`.
+
+    Attributes:
+        controller: active; a group has none.
+
+    Raises:
+        OSError: the group cannot be reached or joined.
+        ValueError: there is no such port.
+        ImportError: msgpack is not installed.
+        TypeError: an option that is not one of this interface.
+    """
+
+    def __init__(self, request: PortRequest) -> None:
+        import msgpack  # noqa: PLC0415  # an extra of this package: who has CAN interfaces needs none
+
+        self.controller: Controller = "active"
+        self._pack, self._unpack = msgpack.Packer().pack, msgpack.unpackb
+        self._index, self._counts, self._fd = request.index, request.counts, request.settings.fd
+        self._dropped = 0
+        options: dict[str, Any] = request.settings.options
+        family, address, hops = _where(request.settings.channel, **options)
+        with ExitStack() as opened:
+            self._sending = opened.enter_context(_sender(family, address, hops))
+            self._own = self._sending.getsockname()
+            self._hearing = self._sending
+            if request.ids is None or request.ids:
+                self._hearing = opened.enter_context(_listener(family, address))
+                make_room(self._hearing, request, _DATAGRAM_BYTES)
+            self._opened = opened.pop_all()
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when something has come."""
+        return self._hearing.fileno()
+
+    def receive(self, limit: int) -> list[Frame]:
+        """Return what has come, `limit` datagrams at most.
+
+        Raises:
+            OSError: the network is gone.
+        """
+        frames: list[Frame] = []
+        recvmsg, own = self._hearing.recvmsg, self._own
+        for _ in range(limit):
+            try:
+                content, control, _, sender = recvmsg(_LONGEST, _CONTROL)
+            except BlockingIOError:
+                break
+            if len(control) > 1:
+                self._count_lost(control)
+            if sender != own:
+                frame = self._frame(content, _time_ns(control))
+                if frame is not None:
+                    frames.append(frame)
+        return frames
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        """Send frames until the socket is full; return how many were sent.
+
+        Raises:
+            OSError: the network is gone.
+        """
+        send, pack = self._sending.send, self._pack
+        for sent, frame in enumerate(frames):
+            try:
+                send(pack(_message(frame)))
+            except OSError as error:
+                if error.errno in _FULL:
+                    return sent
+                raise
+        return len(frames)
+
+    def check(self) -> None:
+        """Do nothing: a group has no state."""
+
+    def close(self) -> None:
+        """Leave the group."""
+        self._opened.close()
+
+    def _count_lost(self, control: list[tuple[int, int, bytes]]) -> None:
+        """Count the datagrams that found no room before this one; the kernel tells of them once there were any."""
+        for _, kind, data in control:
+            if kind == _SO_RXQ_OVFL:
+                (dropped,) = _DROPS.unpack(data)
+                self._counts.kernel_lost += (dropped - self._dropped) % (1 << 32)
+                self._dropped = dropped
+
+    def _frame(self, content: bytes, time_ns: int) -> Frame | None:
+        """Return a datagram's data frame; None, and counted, if it is none."""
+        try:
+            message = self._unpack(content, raw=True)  # keys as bytes: to decode eleven names costs as much as all else
+            if message[b"is_error_frame"]:
+                self._counts.error_frames += 1
+                return None
+            if message[b"is_remote_frame"]:
+                self._counts.remote += 1
+                return None
+            can_id, data, extended = message[b"arbitration_id"], message[b"data"], message[b"is_extended_id"]
+            fd, size = bool(message[b"is_fd"]), len(data)
+            good = (
+                type(data) is bytes
+                and type(can_id) is int
+                and 0 <= can_id <= (_ID_29 if extended else _ID_11)
+                and size in FD_LENGTHS
+                and (size <= _CLASSIC or fd)
+                and (self._fd or not fd)
+                and size == message[b"dlc"]
+            )
+        except (ValueError, TypeError, LookupError):  # no msgpack, no map, a key that is missing or of another type
+            good = False
+        if not good:
+            self._counts.malformed += 1
+            return None
+        return Frame(time_ns, self._index, can_id | EXTENDED if extended else can_id, data, fd)
+
+
+def _time_ns(control: list[tuple[int, int, bytes]]) -> int:
+    """Return when a datagram came, ns; the kernel tells it first, where it was asked to."""
+    if not control:
+        return time.time_ns()
+    seconds, nanoseconds = _STAMP.unpack(control[0][2])
+    return int(seconds * 1_000_000_000 + nanoseconds)
+
+
+def _message(frame: Frame) -> dict[str, Any]:
+    """Return a frame as the map that python-can packs."""
+    return {
+        "timestamp": frame.time_ns / 1_000_000_000,
+        "arbitration_id": frame.can_id & _ID_29,
+        "is_extended_id": bool(frame.can_id & EXTENDED),
+        "is_remote_frame": False,
+        "is_error_frame": False,
+        "channel": None,
+        "dlc": len(frame.data),
+        "data": frame.data,
+        "is_fd": frame.fd,
+        "bitrate_switch": frame.fd,
+        "error_state_indicator": False,
+    }
+
+
+def _where(group: str, port: int = PORT, hop_limit: int = 1) -> tuple[socket.AddressFamily, Any, int]:
+    """Return address family, address and hop limit of a group.
+
+    Raises:
+        OSError: the group is no address.
+        ValueError: there is no such port.
+    """
+    if not 0 < port < 1 << 16:
+        raise ValueError(f"port {port}, expected 1 to 65535")
+    family, _, _, _, address = socket.getaddrinfo(group, port, type=socket.SOCK_DGRAM)[0]
+    return family, address, hop_limit
+
+
+def _sender(family: socket.AddressFamily, address: Any, hops: int) -> socket.socket:
+    """Return a socket that sends to the group."""
+    sending = socket.socket(family, socket.SOCK_DGRAM)
+    try:
+        if family == socket.AF_INET:
+            sending.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, hops)
+        else:
+            sending.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_MULTICAST_HOPS, hops)
+        sending.setblocking(False)
+        sending.connect(address)
+    except OSError:
+        sending.close()
+        raise
+    return sending
+
+
+def _listener(family: socket.AddressFamily, address: Any) -> socket.socket:
+    """Return a socket that hears the group and no other."""
+    hearing = socket.socket(family, socket.SOCK_DGRAM)
+    try:
+        for option in (socket.SO_REUSEADDR, socket.SO_REUSEPORT, _SO_TIMESTAMPNS, _SO_RXQ_OVFL):
+            hearing.setsockopt(socket.SOL_SOCKET, option, 1)
+        hearing.setblocking(False)
+        # bound to any address it would hear every group that this machine has joined on the port
+        hearing.bind(address)
+        packed = socket.inet_pton(family, address[0].partition("%")[0])
+        if family == socket.AF_INET:
+            membership = packed + _INDEX.pack(socket.INADDR_ANY)
+            hearing.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+        else:
+            hearing.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, packed + _INDEX.pack(address[3]))
+    except OSError:
+        hearing.close()
+        raise
+    return hearing

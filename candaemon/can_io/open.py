@@ -1,0 +1,124 @@
+"""Opens a bus: which port serves which interface, what to do where it fails, and a thread for what takes its time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Lock, Thread
+from typing import TypeAlias
+
+import can
+
+from candaemon.can_io.multicast import MulticastPort
+from candaemon.can_io.port import PORT_ERRORS, Port, PortRequest
+from candaemon.can_io.python_can import PythonCanPort
+from candaemon.can_io.socketcan import SocketCanPort
+from candaemon.can_io.threaded_port import ReaderPort
+from candaemon.config.buses import BusSettings
+from candaemon.errors import BusError
+
+_OPEN_ERRORS = (*PORT_ERRORS, ImportError, NotImplementedError, TypeError, AttributeError, NameError)
+"""Where a driver's library is not installed, some of python-can's wrappers miss the names that it would have had."""
+
+_HINTS = {
+    "socketcan": (
+        "see `ip link show {channel}`; `ip link set {channel} up type can bitrate {bitrate}` brings a real interface"
+        " up, `ip link add dev {channel} type vcan` makes a virtual one"
+    ),
+    "udp_multicast": (
+        "expected a multicast group such as 239.74.163.2 as channel, and `pip install 'candaemon[multicast]'`"
+    ),
+}
+_HINT = "check the bus's channel and options, and that the interface's driver is installed"
+
+PortMaker: TypeAlias = Callable[[PortRequest], Port]
+
+
+def through_python_can(request: PortRequest) -> Port:
+    """Open a bus through python-can, read by a thread: not every interface can be waited for by a descriptor."""
+    return ReaderPort(PythonCanPort(request), request.name, request.counts)
+
+
+PORTS: dict[str, PortMaker] = {"socketcan": SocketCanPort, "udp_multicast": MulticastPort}
+"""Ports made for one python-can interface, by its name; the others are served through python-can."""
+
+
+def open_port(request: PortRequest) -> Port:
+    """Open a bus.
+
+    Args:
+        request: what to open.
+
+    Raises:
+        BusError: it cannot be opened; says why and what to do.
+    """
+    settings = request.settings
+    try:
+        return PORTS.get(settings.interface, through_python_can)(request)
+    except _OPEN_ERRORS as error:
+        where = f"bus '{request.name}': cannot open {settings.interface} '{settings.channel}'"
+        raise BusError(f"{where}: {error}; {_hint(settings)}") from error
+
+
+def _hint(settings: BusSettings) -> str:
+    """Say what to do about a bus that cannot be opened."""
+    if settings.interface not in (*PORTS, *can.VALID_INTERFACES):
+        return f"expected one of python-can's interfaces: {', '.join(sorted(can.VALID_INTERFACES))}"
+    hint = _HINTS.get(settings.interface, _HINT)
+    return hint.format(channel=settings.channel, bitrate=settings.bitrate)
+
+
+class Opening:
+    """Opens a bus in a thread of its own: a driver may take seconds to say that there is nothing.
+
+    Args:
+        request: what to open.
+    """
+
+    def __init__(self, request: PortRequest) -> None:
+        self._request = request
+        self._lock = Lock()
+        self._unwanted = False
+        self._port: Port | None = None
+        self._error: BusError | None = None
+        self._thread = Thread(target=self._open, name=f"opening {request.name}", daemon=True)
+        self._thread.start()
+
+    def is_over(self) -> bool:
+        """Tell whether the bus is open, or could not be opened."""
+        return not self._thread.is_alive()
+
+    def port(self) -> Port:
+        """Return the open bus once it is over.
+
+        Raises:
+            BusError: it cannot be opened; says why and what to do.
+        """
+        if self._port is None:
+            raise self._error or BusError(f"bus '{self._request.name}': opening it has failed")
+        return self._port
+
+    def abandon(self) -> None:
+        """Close the bus as soon as it is open."""
+        with self._lock:
+            self._unwanted = True
+            _close(self._port)
+
+    def _open(self) -> None:
+        """Open the bus; close it at once where nobody waits for it."""
+        try:
+            port = open_port(self._request)
+        except BusError as error:
+            self._error = error
+            return
+        with self._lock:
+            self._port = port
+            if self._unwanted:
+                _close(port)
+
+
+def _close(port: Port | None) -> None:
+    """Close a bus if there is one; what fails then is of no use to anyone."""
+    if port is not None:
+        with suppress(*PORT_ERRORS):
+            port.close()

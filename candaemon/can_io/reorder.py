@@ -1,0 +1,214 @@
+"""Puts frames of several buses in order of time, and keeps steps of the clock out of it.
+
+Time never runs backwards behind a sequencer, and equal times keep the order in which they came:
+
+- Within the *window* frames are sorted. They are held back for that long, measured by the newest time stamp seen.
+- A frame that is older than what was passed on already, but by no more than the *step*, is late (it waited in a driver,
+  or the window is too short): it is passed on at once with the time of the last one. Counted as `late`.
+- A frame that is older by more than that shows that the clock was set back. Time goes on from the newest time seen:
+  the difference is added to this and all further time stamps. Counted as `backward_steps`.
+- A frame that is far ahead is a pause of the recording in a log, and so is obeyed; live, where a tick comes every few
+  milliseconds, it shows that the clock was set forward: given `max_gap_ns`, it is treated like a step backwards and
+  counted as `forward_steps`.
+- When the clock is set, other buses may still deliver frames with the clock as it was: for these the difference before
+  the last step holds. Without that each would look like another step.
+"""
+
+from __future__ import annotations
+
+from bisect import insort_right
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, islice
+from operator import itemgetter
+from typing import TypeAlias
+
+from candaemon.frames.block import FrameBlock
+from candaemon.frames.frame import Frame, Tick
+
+Item: TypeAlias = Frame | Tick
+
+STEP_NS = 200_000_000
+"""Default lateness in ns from which on the clock must have been set back: time servers slew it by less than 128 ms."""
+
+_BATCH = 128  # items
+_time_of = itemgetter(0)
+
+
+@dataclass(slots=True)
+class ClockSteps:
+    """What several sequencers counted together.
+
+    Attributes:
+        backward_steps, forward_steps, reordered, late: as theirs.
+    """
+
+    backward_steps: int = 0
+    forward_steps: int = 0
+    reordered: int = 0
+    late: int = 0
+
+    def add(self, sequence: Reorder) -> None:
+        """Add the counts of one."""
+        self.backward_steps += sequence.backward_steps
+        self.forward_steps += sequence.forward_steps
+        self.reordered += sequence.reordered
+        self.late += sequence.late
+
+
+class Reorder:
+    """Passes frames and ticks on in order of time.
+
+    Args:
+        window_ns: how long frames are held back to be sorted, in ns; 0 passes them on at once.
+        step_ns: lateness in ns from which on the clock is taken to have been set back; at least the window.
+        max_gap_ns: distance in ns ahead from which on the clock is taken to have been set forward; None never.
+
+    Attributes:
+        backward_steps: times that the clock was set back.
+        forward_steps: times that the clock was set forward.
+        reordered: items sorted into an earlier place.
+        late: items whose time was raised to that of the last one passed on.
+        offset_ns: what is added to time stamps, in ns.
+    """
+
+    __slots__ = (
+        "_before_ns",
+        "_held",
+        "_max_gap_ns",
+        "_newest_ns",
+        "_passed_ns",
+        "_step_ns",
+        "_window_ns",
+        "backward_steps",
+        "forward_steps",
+        "late",
+        "offset_ns",
+        "reordered",
+    )
+
+    def __init__(self, window_ns: int = 0, *, step_ns: int = STEP_NS, max_gap_ns: int | None = None) -> None:
+        self._window_ns = window_ns
+        self._step_ns = max(step_ns, window_ns)
+        self._max_gap_ns = max_gap_ns
+        self._newest_ns: int | None = None
+        self._passed_ns: int | None = None
+        self._held: deque[Item] = deque()
+        self._before_ns: int | None = None
+        self.offset_ns = 0
+        self.backward_steps = 0
+        self.forward_steps = 0
+        self.reordered = 0
+        self.late = 0
+
+    def sequenced(self, items: Iterable[Item]) -> Iterator[Item]:
+        """Return all items in order, the held ones at the end; the way for a log.
+
+        Takes them in batches: what is in order passes in C, an item that is late costs its batch alone the longer way.
+        """
+        return chain.from_iterable(self._runs(iter(items)))
+
+    def sequenced_blocks(self, blocks: Iterable[FrameBlock | Sequence[Item]]) -> Iterator[FrameBlock | Sequence[Item]]:
+        """As `sequenced`, block by block: a block that is in order stays one."""
+        for block in blocks:
+            if isinstance(block, FrameBlock) and self._passes_whole(block):
+                self._newest_ns = self._passed_ns = int(block.time_ns[-1])
+                yield block
+            else:
+                items = block.frames() if isinstance(block, FrameBlock) else block
+                yield [due for item in items for due in self.push(item)]
+        yield self.flush()
+
+    def push(self, item: Item) -> list[Item]:
+        """Take an item; return those that can be passed on, in order.
+
+        Args:
+            item: a frame or a tick, with the time of its source's clock.
+        """
+        item = self._in_time(item)
+        time_ns = item[0]
+        newest_ns = time_ns if self._newest_ns is None else max(self._newest_ns, time_ns)
+        self._newest_ns = newest_ns
+        held = self._held
+        if not held or time_ns >= held[-1][0]:
+            held.append(item)
+        else:
+            self.reordered += 1
+            insort_right(held, item, key=_time_of)
+        due_ns = newest_ns - self._window_ns
+        due = []
+        while held and held[0][0] <= due_ns:
+            due.append(held.popleft())
+        if due:
+            self._passed_ns = due[-1][0]
+        return due
+
+    def tune(self, window_ns: int, *, max_gap_ns: int | None = None) -> None:
+        """Go on with another window and gap, as the constructor takes them; to be called when nothing is held back."""
+        self._window_ns, self._max_gap_ns = window_ns, max_gap_ns
+        self._step_ns = max(self._step_ns, window_ns)
+
+    def flush(self) -> list[Item]:
+        """Return what is held back, in order."""
+        due = list(self._held)
+        self._held.clear()
+        if due:
+            self._passed_ns = due[-1][0]
+        return due
+
+    def _runs(self, items: Iterator[Item]) -> Iterator[list[Item]]:
+        """Yield what can be passed on, batch by batch."""
+        while batch := list(islice(items, _BATCH)):
+            if self._passes_untouched(batch):
+                self._newest_ns = self._passed_ns = batch[-1][0]
+                yield batch
+            else:
+                for item in batch:
+                    yield self.push(item)
+        yield self.flush()
+
+    def _passes_untouched(self, batch: list[Item]) -> bool:
+        """Tell whether pushing the items one by one would give them back as they are."""
+        if self._window_ns or self.offset_ns or batch != sorted(batch, key=_time_of):
+            return False
+        first_ns, last_ns = batch[0][0], batch[-1][0]
+        newest_ns = first_ns if self._newest_ns is None else self._newest_ns
+        return newest_ns <= first_ns and (self._max_gap_ns is None or last_ns - newest_ns <= self._step_ns)
+
+    def _passes_whole(self, block: FrameBlock) -> bool:
+        """Tell the same of a block."""
+        times = block.time_ns
+        if self._window_ns or self.offset_ns or not len(times) or bool((times[1:] < times[:-1]).any()):
+            return False
+        newest_ns = times[0] if self._newest_ns is None else self._newest_ns
+        return bool(newest_ns <= times[0] and (self._max_gap_ns is None or times[-1] - newest_ns <= self._step_ns))
+
+    def _in_time(self, item: Item) -> Item:
+        """Return the item with its time free of steps and not before what was passed on."""
+        source_ns = item[0]
+        time_ns = source_ns + self.offset_ns
+        newest_ns = self._newest_ns
+        if newest_ns is not None and not -self._step_ns <= time_ns - newest_ns <= self._step_ns:
+            time_ns = self._over_a_gap(source_ns, newest_ns)
+        passed_ns = self._passed_ns
+        if passed_ns is not None and time_ns < passed_ns:
+            self.late += 1
+            time_ns = passed_ns
+        return item if time_ns == source_ns else item._replace(time_ns=time_ns)
+
+    def _over_a_gap(self, source_ns: int, newest_ns: int) -> int:
+        """Return the time of an item whose time stamp is far from the newest: a pause, a step, or a leftover of one."""
+        if self._before_ns is not None and abs(source_ns + self._before_ns - newest_ns) <= self._step_ns:
+            return source_ns + self._before_ns
+        time_ns = source_ns + self.offset_ns
+        gap_ns = time_ns - newest_ns
+        if gap_ns < 0:
+            self.backward_steps += 1
+        elif self._max_gap_ns is not None and gap_ns > self._max_gap_ns:
+            self.forward_steps += 1
+        else:
+            return time_ns
+        self._before_ns = self.offset_ns
+        self.offset_ns -= gap_ns
+        return newest_ns

@@ -1,0 +1,361 @@
+"""SocketCAN, through a raw socket of our own: what python-can's interface leaves out is why.
+
+The kernel filters by identifier, stamps each frame as it is received, keeps frames while the daemon is busy and tells
+how many it had no room for; the controller's error frames come too. Many frames are taken in one system call.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import logging
+import os
+import socket
+import struct
+import sys
+import time
+from collections.abc import Collection, Sequence
+from typing import Final
+
+from candaemon.can_io import timestamps
+from candaemon.can_io.port import Controller, PortCounts, PortRequest
+from candaemon.can_io.recvmmsg import Datagrams
+from candaemon.frames.block import FD_LENGTHS
+from candaemon.frames.frame import EXTENDED, Frame
+
+ERROR_FLAG = 0x2000_0000
+"""CAN_ERR_FLAG in the identifier of an error frame."""
+EVERY_ERROR = 0x1FFF_FFFF
+"""CAN_ERR_MASK: the filter that takes every class of error."""
+
+_LOST_ARBITRATION = 0x002
+_CONTROLLER = 0x004
+_NO_ACKNOWLEDGE = 0x020
+_BUS_OFF = 0x040
+_RESTARTED = 0x100
+
+_OVERFLOW = 0x03  # CAN_ERR_CRTL_RX_OVERFLOW | CAN_ERR_CRTL_TX_OVERFLOW, in byte 1
+_WARNING = 0x0C
+_PASSIVE = 0x30
+_ACTIVE = 0x40
+
+
+def take_error(can_id: int, data: bytes, counts: PortCounts, before: Controller) -> Controller:
+    """Count what an error frame tells.
+
+    Args:
+        can_id: with the classes of error in its bits.
+        data: its 8 bytes; byte 1 details a problem of the controller.
+        counts: counted there.
+        before: state of the controller up to this frame.
+
+    Returns:
+        state of the controller from this frame on.
+    """
+    counts.error_frames += 1
+    if can_id & _LOST_ARBITRATION:
+        counts.arbitration_lost += 1
+    if can_id & _NO_ACKNOWLEDGE:
+        counts.no_acknowledge += 1
+    if can_id & _BUS_OFF:
+        counts.bus_off += 1
+        return "bus-off"
+    if can_id & _RESTARTED:
+        counts.restarts += 1
+        return "active"
+    return _controller_state(data[1], counts, before) if can_id & _CONTROLLER else before
+
+
+def _controller_state(detail: int, counts: PortCounts, before: Controller) -> Controller:
+    """Count a problem of the controller; return its state."""
+    if detail & _OVERFLOW:
+        counts.controller_overflows += 1
+    if detail & _PASSIVE:
+        counts.error_passive += before != "passive"
+        return "passive"
+    if detail & _WARNING:
+        counts.error_warning += before != "warning"
+        return "warning"
+    return "active" if detail & _ACTIVE else before
+
+
+logger = logging.getLogger(__name__)
+
+FRAME_BITS: Final = 111
+"""A classic frame of 8 bytes without stuff bits: a full bus has no more of them a second."""
+
+_MOST: Final = (1 << 30) - 1
+"""No kernel gives more than twice this."""
+
+
+def make_room(receiving: socket.socket, request: PortRequest, frame_bytes: int) -> None:
+    """Give a socket a receive buffer for the configured traffic; warn where the kernel allows less.
+
+    Args:
+        receiving: the socket.
+        request: which bus, how many frames/s it expects and for how long they are to be kept.
+        frame_bytes: what a frame takes of the buffer, the kernel's book-keeping included.
+
+    Raises:
+        OSError: the kernel refuses.
+    """
+    settings = request.settings
+    rate = settings.bitrate / FRAME_BITS if request.rate is None else request.rate
+    wanted = int(settings.receive_buffer * rate * frame_bytes)
+    given = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    if wanted <= given:
+        return
+    half = wanted // 2 + 1  # the kernel doubles it
+    receiving.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, min(half, _MOST))
+    given = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    if given < wanted:
+        logger.warning(
+            "bus '%s': the kernel keeps %d frames (%.2f s) while the daemon is busy, expected %d (receive_buffer: "
+            "%g s); set the sysctl net.core.rmem_max to %d or more, as config/sysctl.d/90-candaemon.conf does",
+            request.name,
+            given // frame_bytes,
+            given / frame_bytes / rate,
+            wanted // frame_bytes,
+            settings.receive_buffer,
+            half,
+        )
+
+
+FRAME_BYTES: Final = 768
+"""What a frame takes of a receive buffer, classic or FD: the kernel counts its own book-keeping."""
+
+_CAN_RAW_ERR_FILTER: Final = 2  # these are Linux's, and Python has no names for them
+_SO_RXQ_OVFL: Final = 40
+_SO_MEMINFO: Final = 55
+_SIOCGIFFLAGS: Final = 0x8913
+_SIOCGIFMTU: Final = 0x8921
+_SIOCGIFINDEX: Final = 0x8933
+_IFF_UP: Final = 0x01
+_IFF_RUNNING: Final = 0x40
+_CARRIER_S: Final = 1.5
+"""The kernel tells that a carrier has changed up to a second late."""
+
+_REMOTE_FLAG: Final = 0x4000_0000
+_FD_SWITCH: Final = 0x01  # CANFD_BRS: the payload has the data bit rate
+_MOST_FILTERS: Final = 512  # CAN_RAW_FILTER_MAX
+_CLASSIC: Final = struct.Struct("=IB3x8s")
+_FD: Final = struct.Struct("=IBB2x64s")
+
+_BATCH: Final = 64
+_PATIENCE: Final = 4
+"""How many times the limit is read where what comes are error frames, which no limit counts."""
+
+_STAMPS_SPACE: Final = struct.calcsize("@Nii6l0N")
+_COUNT_SPACE: Final = struct.calcsize("@NiiI0N")
+_HEADER: Final = f"{struct.calcsize('@Nii')}x"
+_MEMORY: Final = struct.Struct("@32xI")
+"""SO_MEMINFO: the last of its numbers is the count of SO_RXQ_OVFL."""
+_RECORD: Final = struct.Struct(f"@IB3x64s {_HEADER}6l0N {_HEADER}I0N")
+"""A frame, SCM_TIMESTAMPING's three times (software, unused, hardware), and SO_RXQ_OVFL's count."""
+
+
+class SocketCanPort:
+    """An interface of SocketCAN.
+
+    An interface that goes down keeps its socket, which hears it come up again; one that is deleted does not.
+
+    Args:
+        request: what to open.
+
+    Attributes:
+        controller: what the controller says of itself.
+
+    Raises:
+        OSError: it is not there, is down, or cannot carry CAN FD where that is wanted; or this system has no SocketCAN.
+    """
+
+    def __init__(self, request: PortRequest) -> None:
+        if sys.platform != "linux":
+            raise OSError(errno.ENOSYS, "SocketCAN is Linux's own")
+        self.controller: Controller = "active"
+        self._index = request.index
+        self._counts = request.counts
+        self._name = request.settings.channel
+        self._lost = 0
+        self._contradicted_s: float | None = None
+        self._clock = timestamps.HardwareClock()
+        self._datagrams = Datagrams(_BATCH, _FD.size, _STAMPS_SPACE + _COUNT_SPACE)
+        self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW | socket.SOCK_NONBLOCK, socket.CAN_RAW)
+        try:
+            self._set_up(request)
+            self._socket.bind((self._name,))
+            self._interface = self._ask(_SIOCGIFINDEX)
+            self.check()
+        except BaseException:
+            self._socket.close()
+            raise
+
+    def fileno(self) -> int:
+        """Return the socket's descriptor."""
+        return self._socket.fileno()
+
+    def receive(self, limit: int) -> list[Frame]:
+        """Return what has come, `limit` frames at most, give or take a batch.
+
+        Raises:
+            OSError: the interface went down (ENETDOWN) or was deleted (ENODEV). What came before can still be received.
+        """
+        frames: list[Frame] = []
+        before = self.controller
+        for _ in range(1 + _PATIENCE * limit // _BATCH):
+            try:
+                number = self._datagrams.receive(self._socket.fileno(), _BATCH)
+            except OSError:
+                self.controller = "active"  # as which it starts with its link
+                raise
+            self._take(number, frames)
+            if number < _BATCH or len(frames) >= limit:
+                break
+        if frames and before == self.controller == "bus-off":  # it hears, so it is back on the bus
+            self.controller = "active"
+        return frames
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        """Send frames until the transmit queue is full; return how many it took.
+
+        Raises:
+            OSError: the interface is down or was deleted, or the frames are none that it can carry.
+        """
+        send = self._socket.send
+        for sent, frame in enumerate(frames):
+            try:
+                send(_packed(frame))
+            except BlockingIOError:
+                return sent
+            except OSError as error:
+                if error.errno != errno.ENOBUFS:
+                    raise
+                return sent
+        return len(frames)
+
+    def check(self) -> None:
+        """Look whether this is still the interface of that name, and up; count what was lost behind the last frame.
+
+        Raises:
+            OSError: it is not.
+        """
+        if self._ask(_SIOCGIFINDEX) != self._interface:
+            raise OSError(errno.ENODEV, "the interface was made anew")
+        flags = self._ask(_SIOCGIFFLAGS)
+        if not flags & _IFF_UP:
+            raise OSError(errno.ENETDOWN, os.strerror(errno.ENETDOWN))
+        self._heed_carrier(bool(flags & _IFF_RUNNING), time.monotonic())
+        self._count_lost(self._lost_in_all())
+
+    def close(self) -> None:
+        """Close the socket; count what was lost behind the last frame."""
+        self._count_lost(self._lost_in_all())
+        self._socket.close()
+
+    def _heed_carrier(self, there: bool, now_s: float) -> None:
+        """Learn from the carrier that the controller is off the bus, or back, where no error frame told of it.
+
+        It may have gone before the socket was there, and an error frame may have found no room.
+
+        Args:
+            there: whether the interface has a carrier, as it has while its controller takes part.
+            now_s: monotonic s.
+        """
+        if there == (self.controller != "bus-off"):
+            self._contradicted_s = None
+        elif self._contradicted_s is None:
+            self._contradicted_s = now_s
+        elif now_s - self._contradicted_s >= _CARRIER_S:
+            self._contradicted_s = None
+            self._counts.bus_off += not there
+            self.controller = "active" if there else "bus-off"
+
+    def _lost_in_all(self) -> int:
+        """Return how many frames this socket had no room for."""
+        try:
+            return int(_MEMORY.unpack(self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMORY.size))[0])
+        except (OSError, struct.error):  # a kernel before 4.12, which tells it with the next frame only
+            return self._lost
+
+    def _count_lost(self, in_all: int) -> None:
+        """Count the frames that found no room; a frame that came before the last look knows of fewer."""
+        more = (in_all - self._lost) & 0xFFFF_FFFF
+        if more < 1 << 31:
+            self._counts.kernel_lost += more
+            self._lost = in_all
+
+    def _set_up(self, request: PortRequest) -> None:
+        """Set all that must hold before the first frame comes."""
+        settings = request.settings
+        if settings.fd:
+            self._demand_fd()
+        option = self._socket.setsockopt
+        option(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, int(settings.fd))
+        option(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)  # what other programs of this machine send is heard
+        option(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, EVERY_ERROR)
+        if request.ids is not None and len(request.ids) <= _MOST_FILTERS:
+            option(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters(request.ids))
+        option(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        option(socket.SOL_SOCKET, timestamps.SO_TIMESTAMPING, timestamps.wanted(settings.time_stamps))
+        make_room(self._socket, request, FRAME_BYTES)
+
+    def _demand_fd(self) -> None:
+        """Refuse an interface that would refuse every CAN FD frame."""
+        if self._ask(_SIOCGIFMTU) < _FD.size:
+            raise OSError(errno.EMSGSIZE, f"the interface is classic CAN; expected mtu {_FD.size}, as fd: true needs")
+
+    def _ask(self, request: int) -> int:
+        """Ask the kernel for one number about the interface of that name.
+
+        Raises:
+            OSError: there is none.
+        """
+        answer: bytes = fcntl.ioctl(self._socket, request, struct.pack("16s24x", self._name.encode()))
+        if request == _SIOCGIFFLAGS:
+            return int(struct.unpack_from("16xH", answer)[0])
+        return int(struct.unpack_from("16xi", answer)[0])
+
+    def _take(self, number: int, frames: list[Frame]) -> None:
+        """Append the frames of as many datagrams; count the others and the losses before them."""
+        datagrams = self._datagrams
+        for (length, control), record in zip(
+            datagrams.lengths(number), datagrams.records(number, _RECORD), strict=False
+        ):
+            can_id, size, data, seconds, nanoseconds, _, _, hardware_s, hardware_ns, lost = record
+            if control >= _STAMPS_SPACE:
+                time_ns = seconds * 1_000_000_000 + nanoseconds
+                if hardware_s or hardware_ns:
+                    time_ns = self._clock.system_ns(hardware_s * 1_000_000_000 + hardware_ns, time_ns)
+            else:
+                time_ns = time.time_ns()
+            if control == _STAMPS_SPACE + _COUNT_SPACE and lost != self._lost:
+                self._count_lost(lost)
+            fd = length == _FD.size
+            if can_id & ERROR_FLAG:
+                self.controller = take_error(can_id, data, self._counts, self.controller)
+            elif can_id & _REMOTE_FLAG:
+                self._counts.remote += 1
+            elif size not in FD_LENGTHS:
+                self._counts.malformed += 1
+            else:
+                frames.append(Frame(time_ns, self._index, can_id, data[:size], fd))
+
+
+def filters(ids: Collection[int]) -> bytes:
+    """Return the kernel's filters that pass the data frames of some identifiers; none at all pass nothing.
+
+    Each names one identifier wholly, its length too: such filters the kernel finds at once, others it tries in turn.
+
+    Args:
+        ids: with `EXTENDED`.
+    """
+    of_all = EXTENDED | _REMOTE_FLAG
+    masks = ((can_id, of_all | (0x1FFF_FFFF if can_id & EXTENDED else 0x7FF)) for can_id in sorted(ids))
+    return b"".join(struct.pack("=II", *each) for each in masks)
+
+
+def _packed(frame: Frame) -> bytes:
+    """Return a frame as the kernel takes it."""
+    if frame.fd:
+        return _FD.pack(frame.can_id, len(frame.data), _FD_SWITCH, frame.data)
+    return _CLASSIC.pack(frame.can_id, len(frame.data), frame.data)

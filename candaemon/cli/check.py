@@ -1,0 +1,292 @@
+"""What a configuration does, told before it does it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from candaemon.binding.bind_ego import BoundEgo
+from candaemon.binding.bound import Binding, BoundOutput, BoundSensor
+from candaemon.cli.console import Sheet
+from candaemon.config.base import Condition
+from candaemon.config.ego import InsSettings
+from candaemon.config.estimators import (
+    CsEstimatorSettings,
+    EstimatorSettings,
+    FederatedEstimatorSettings,
+    ImmEstimatorSettings,
+    InformationEstimatorSettings,
+    ModelSettings,
+    SwitchingEstimatorSettings,
+)
+from candaemon.config.gnss import DriftFilterSettings, GnssSettings, ImmFilterSettings, SwitchingFilterSettings
+from candaemon.config.protection import InputProtectionSettings, ProtectionSettings
+from candaemon.config.sensors import CounterScan, HeaderScan, ObjectFormat, ScanSettings, TimeoutScan, TriggerScan
+from candaemon.config.tracker import TrackerSettings
+from candaemon.dbc.types import MessageSpec
+from candaemon.frames.frame import EXTENDED
+from candaemon.objects.layout import Part
+from candaemon.objects.signals import DIMENSIONS, SI_NAMES, SignalBinding
+from candaemon.radar.plausibility import tells_new
+
+
+def check_report(binding: Binding) -> Iterator[Sheet]:
+    """Yield all that a configuration binds, and last what looks wrong."""
+    config = binding.settings
+    yield Sheet("configuration", (("file", str(binding.loaded.path)), ("name", config.name or "-")))
+    yield _buses(binding)
+    yield from _ego(binding)
+    for sensor in binding.sensors:
+        yield from _sensor(binding, sensor)
+    yield _tracker("tracker", config.tracker)
+    for name, group in config.groups.items():
+        yield _tracker(f"tracker of group {name} ({', '.join(group.sensors)})", group.tracker)
+    if binding.output is not None:
+        yield from _output(binding, binding.output)
+    yield _warnings(binding.warnings)
+
+
+def _buses(binding: Binding) -> Sheet:
+    rows = (
+        (
+            bus.name,
+            bus.settings.interface,
+            bus.settings.channel,
+            ", ".join(bus.settings.names_in_logs),
+            f"{bus.settings.bitrate / 1000:g}" + (f"/{bus.settings.data_bitrate / 1000:g}" if bus.settings.fd else ""),
+            str(len(bus.can_ids)),
+            f"{bus.load:.1%}",
+            f"{bus.output_load:.1%}",
+        )
+        for bus in binding.buses
+    )
+    header = ("", "interface", "channel", "in logs", "kbit/s", "ids read", "load in", "output adds")
+    return Sheet("buses", tuple(rows), header)
+
+
+def _ego(binding: Binding) -> Iterator[Sheet]:
+    ego = binding.ego
+    if ego is None:
+        yield Sheet("own motion", (("kind", "static: the vehicle stands for good"),))
+        return
+    settings = ego.settings
+    rows = [
+        ("kind", settings.kind),
+        ("bus", settings.bus),
+        ("DBC", settings.dbc),
+        ("age limit", f"{settings.age_limit:g} s, then dead reckoning for {settings.dead_reckoning:g} s"),
+    ]
+    if isinstance(settings, InsSettings):
+        rows.append(("lever arm", f"x {settings.lever_arm.x:g} m, y {settings.lever_arm.y:g} m"))
+        rows += [("place on earth", "not told")] if settings.gnss is None else _placement(settings.gnss)
+    rows += [(f"protection of {name}", _protection(each)) for name, each in settings.protection.items()]
+    yield Sheet("own motion", tuple(rows))
+    yield _signals("own motion's signals", _ego_signals(ego))
+
+
+def _placement(gnss: GnssSettings) -> Iterator[tuple[str, str]]:
+    """Yield rows on how the level frame is placed on earth."""
+    match gnss.filter:
+        case DriftFilterSettings():
+            yield "place on earth", f"by fixes, the level frame drifting {gnss.filter.walk:g} m per √s"
+        case SwitchingFilterSettings():
+            yield "place on earth", "by fixes, smoothed by CV or CS, switched"
+        case ImmFilterSettings():
+            yield "place on earth", "by fixes, smoothed by an IMM of CV, CA"
+    doubt = f"refused beyond a NIS of {gnss.gate:g}, believed again after {gnss.reacquire:g} s"
+    yield "fixes", f"{gnss.noise:g} m; {doubt}; good for {gnss.hold:g} s"
+
+
+def _ego_signals(ego: BoundEgo) -> Iterator[tuple[MessageSpec, SignalBinding]]:
+    for each in ego.messages.values():
+        for binding in each.bindings:
+            yield each.message, binding
+
+
+def _sensor(binding: Binding, sensor: BoundSensor) -> Iterator[Sheet]:
+    settings, mount = sensor.settings, sensor.settings.mount
+    rows = [
+        ("bus", settings.bus),
+        ("DBC", settings.dbc),
+        ("mount", f"x {mount.x:g} m, y {mount.y:g} m, yaw {mount.yaw_deg:g}°"),
+        ("scans", f"{1 / settings.cycle_time:.4g} Hz, closed {_closing(settings.scan)}"),
+        ("time-out", f"{settings.timeout:g} s after a scan's first frame"),
+        *_format(settings.objects, sensor.reader.parts),
+        *_protections(settings.objects, settings.protection),
+        ("failed frames", f"over {settings.protection.max_failed:.0%} of a scan discard it"),
+        ("plausible", _plausible(sensor)),
+        ("tracked by", _group_of(binding, sensor.name)),
+    ]
+    yield Sheet(f"{settings.kind} {sensor.name}", tuple(rows))
+    bound = [
+        (part.layout, each)
+        for part in sensor.reader.parts
+        for each in sensor.reader.bindings
+        if each.signal in part.layout.signals
+    ]
+    yield _signals(f"{sensor.name}'s signals", bound)
+
+
+def _format(form: ObjectFormat, parts: Iterable[Part]) -> Iterator[tuple[str, str]]:
+    """Yield rows on how objects lie in frames."""
+    for part in parts:
+        first, last = part.messages[0], part.messages[-1]
+        names = " … ".join(dict.fromkeys((first.name, last.name)))
+        ids = (
+            _identifier(first.can_id) if first is last else f"{_identifier(first.can_id)} … {_identifier(last.can_id)}"
+        )
+        yield "messages", f"{names}, {ids}, {part.length} bytes" + (", optional" if part.optional else "")
+    yield "slots", f"{form.slots}" + (", told apart by an id in the payload" if form.multiplexed else "")
+    yield "identity", form.identity or "the slot"
+    yield "valid", _conditions(form.valid) or "always"
+    if form.new:
+        yield "new", _conditions(form.new)
+    if form.pair:
+        yield "pairs", " = ".join(form.pair)
+
+
+def _output(binding: Binding, output: BoundOutput) -> Iterator[Sheet]:
+    settings, bus = output.settings, binding.buses[output.bus]
+    parts = output.writer.parts
+    frames = output.writer.slots * len(parts) + (output.status is not None)
+    rows = [
+        ("bus", settings.bus),
+        ("DBC", settings.dbc),
+        *_format(settings.objects, parts),
+        ("status", "-" if output.status is None else output.status.message.name),
+        ("frames a cycle", f"{frames} at most; sent: {settings.send}"),
+        ("load added", f"{bus.output_load:.1%} with every slot occupied"),
+        *_protections(settings.objects, settings.protection),
+    ]
+    yield Sheet("output", tuple(rows))
+
+
+def _estimator(settings: EstimatorSettings) -> str:
+    """Describe a filter in a line."""
+    match settings:
+        case ImmEstimatorSettings():
+            how = f"IMM of {_named(settings.models)}"
+        case InformationEstimatorSettings():
+            how = f"IMM of information filters on {_named(settings.models)}"
+        case SwitchingEstimatorSettings():
+            how = "Kalman filter that switches between CV and CS"
+        case FederatedEstimatorSettings():
+            how = f"federated filter, {_named([settings.model])} for each sensor"
+        case CsEstimatorSettings():
+            how = f"adaptive Kalman filter on the current statistical model, α {settings.alpha:g} 1/s"
+        case _:
+            how = f"Kalman filter, {settings.kind.upper()}"
+    noise = settings.measurement_noise.kind
+    return how if noise == "fixed" else f"{how}; measurement noise from innovations ({noise})"
+
+
+def _named(models: Sequence[ModelSettings]) -> str:
+    return ", ".join(model.kind.upper() for model in models)
+
+
+def _tracker(title: str, settings: TrackerSettings) -> Sheet:
+    life = settings.lifecycle
+    merge = settings.reflections
+    rows = (
+        ("estimator", _estimator(settings.estimator)),
+        ("association", settings.association.method),
+        ("reflections", f"joined within {merge.along:g} m × {merge.across:g} m" if merge.merge else "kept apart"),
+        ("confirmed", f"by {life.confirm} of {life.window} scans"),
+        ("coasts", f"{life.coast:g} s"),
+    )
+    return Sheet(title, rows)
+
+
+def _signals(title: str, bound: Iterable[tuple[MessageSpec, SignalBinding]]) -> Sheet:
+    """Return which signal is which quantity, and what one step of it is worth."""
+    rows = tuple(
+        (
+            each.quantity,
+            f"{message.name}.{each.signal.name}",
+            each.signal.unit or "-",
+            f"{each.gain * each.signal.scale:.6g}",
+            _unit(each.quantity),
+            "-" if message.cycle_time is None else f"{1 / message.cycle_time:.4g}",
+        )
+        for message, each in bound
+    )
+    return Sheet(title, rows, ("", "signal", "DBC unit", "one step is", "SI unit", "Hz by DBC"))
+
+
+def _unit(quantity: str) -> str:
+    dimension = DIMENSIONS.get(quantity, "number")
+    return SI_NAMES[dimension].rpartition("or ")[2]
+
+
+def _closing(scan: ScanSettings) -> str:
+    match scan:
+        case CounterScan():
+            return f"by counter {scan.signal}"
+        case TriggerScan():
+            return f"by message {scan.message}"
+        case HeaderScan():
+            return f"by the count {scan.count} in header {scan.message}"
+        case TimeoutScan():
+            return "by time-out"
+
+
+def _conditions(conditions: Iterable[Condition]) -> str:
+    return " and ".join(_condition(each) for each in conditions)
+
+
+def _condition(test: Condition) -> str:
+    """Write a condition as one would say it."""
+    bounds = (("≥", test.min), ("≤", test.max), ("<", test.below), (">", test.above))
+    said = [f"{test.signal} {sign} {bound:g}" for sign, bound in bounds if bound is not None]
+    if test.values is not None:
+        said.insert(0, f"{test.signal} in {', '.join(f'{value:g}' for value in test.values)}")
+    return " and ".join(said)
+
+
+def _protections(form: ObjectFormat, settings: ProtectionSettings) -> Iterator[tuple[str, str]]:
+    """Yield rows on how the frames of objects are protected."""
+    yield "protection", _protection(settings)
+    for entry in form.messages:
+        if entry.protection is not None:
+            yield f"protection of {entry.message}", _protection(entry.protection)
+
+
+def _protection(settings: ProtectionSettings) -> str:
+    """Write a protection as one would say it."""
+    said = [] if settings.counter is None else [f"counter {settings.counter}"]
+    if settings.checksum is not None and settings.e2e is None:
+        said.append(f"checksum {settings.checksum} ({settings.kind})")
+    if settings.e2e is not None:
+        said.append(f"AUTOSAR E2E profile {settings.e2e.profile}")
+    if isinstance(settings, InputProtectionSettings):
+        bounds = (
+            ("steps up to", settings.greatest_step, ""),
+            ("time-out", settings.timeout, " s"),
+            ("rate up to", settings.max_rate, " × nominal"),
+        )
+        said += [f"{name} {bound:g}{unit}" for name, bound, unit in bounds if bound is not None]
+    return ", ".join(said) or "none"
+
+
+def _plausible(sensor: BoundSensor) -> str:
+    """Write which objects are believed."""
+    settings = sensor.settings.plausibility
+    within = "within the DBC's ranges" if settings.ranges else "of any value"
+    if settings.max_speed is None:
+        return within
+    if not tells_new(sensor):
+        return f"{within}; jumps are not watched, for objects do not say if they are new"
+    return f"{within}, up to {settings.max_speed:g} m/s from scan to scan"
+
+
+def _group_of(binding: Binding, sensor: str) -> str:
+    groups = binding.settings.groups
+    return next((f"group {name}" for name, group in groups.items() if sensor in group.sensors), "tracker")
+
+
+def _identifier(can_id: int) -> str:
+    return f"0x{can_id & ~EXTENDED:X}" + (" (29 bits)" if can_id & EXTENDED else "")
+
+
+def _warnings(warnings: tuple[str, ...]) -> Sheet:
+    rows = tuple((text,) for text in warnings) or (("nothing looks wrong",),)
+    return Sheet(f"{len(warnings)} warnings" if warnings else "warnings", rows)

@@ -1,0 +1,217 @@
+"""What a terminal is shown, and what a pipe gets instead: results on standard output, talk on standard error."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from candaemon.can_io.logs.stream import LogCounts
+
+_WARNINGS = 5
+"""Warnings of a configuration that are shown before each run; `check` shows all."""
+
+_NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?%?|-")
+
+
+def log_to_stderr(level: int = logging.WARNING) -> None:
+    """Send log records to standard error, a line each."""
+    logging.basicConfig(stream=sys.stderr, level=level, format="candaemon: %(message)s", force=True)
+
+
+def say(text: str) -> None:
+    """Write a line of talk to standard error."""
+    print(f"candaemon: {text}", file=sys.stderr)
+
+
+def warn(warnings: Sequence[str]) -> None:
+    """Show the first few warnings of a configuration."""
+    for warning in warnings[:_WARNINGS]:
+        say(f"warning: {warning}")
+    if len(warnings) > _WARNINGS:
+        say(f"warning: and {len(warnings) - _WARNINGS} more, which `candaemon check` shows")
+
+
+def abandon_stdout() -> None:
+    """Let nothing be written to a standard output whose reader has gone, not even at the interpreter's end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """A small table of texts.
+
+    Attributes:
+        title: what it is about.
+        rows: the cells.
+        header: names of the columns; empty where they need none.
+    """
+
+    title: str
+    rows: tuple[tuple[str, ...], ...]
+    header: tuple[str, ...] = ()
+
+
+def console() -> Console:
+    """Return rich's console on standard output."""
+    from rich.console import Console  # noqa: PLC0415 - costs time that the service need not spend
+
+    return Console()
+
+
+def print_sheets(sheets: Iterable[Sheet]) -> None:
+    """Print sheets: tables on a terminal, plain lines with columns aligned by blanks elsewhere."""
+    if not sys.stdout.isatty():
+        for sheet in sheets:
+            print("\n".join(_lines(sheet)))
+        return
+    from rich.table import Table  # noqa: PLC0415 - as above
+
+    shown = console()
+    for sheet in sheets:
+        table = Table(title=sheet.title, title_justify="left", title_style="bold", show_header=bool(sheet.header))
+        for k, cells in enumerate(zip(*sheet.rows, strict=True)):
+            name = sheet.header[k] if sheet.header else ""
+            table.add_column(name, justify="right" if _numeric(cells) else "left", overflow="fold")
+        for row in sheet.rows:
+            table.add_row(*row)
+        shown.print(table)
+
+
+def _lines(sheet: Sheet) -> Iterator[str]:
+    """Yield a sheet as plain lines."""
+    yield sheet.title
+    rows = (sheet.header, *sheet.rows) if sheet.header else sheet.rows
+    columns = list(zip(*rows, strict=True))
+    widths = [max(map(len, cells)) for cells in columns]
+    right = [_numeric(cells) for cells in zip(*sheet.rows, strict=True)]
+    for row in rows:
+        cells = (
+            cell.rjust(width) if to_right else cell.ljust(width)
+            for cell, width, to_right in zip(row, widths, right, strict=True)
+        )
+        yield ("  " + "  ".join(cells)).rstrip()
+
+
+def _numeric(cells: Iterable[str]) -> bool:
+    """Tell whether a column holds nothing but numbers, perhaps with a percent sign."""
+    return all(_NUMBER.fullmatch(cell) for cell in cells)
+
+
+def print_figures(title: str, figures: Mapping[str, Any]) -> None:
+    """Print a tree of figures: a table a branch on a terminal, `key: value` lines elsewhere."""
+    if sys.stdout.isatty():
+        print_sheets(_branches(title, figures))
+    else:
+        print("\n".join(f"{key}: {value}" for key, value in flattened(figures)))
+
+
+def _branches(title: str, figures: Mapping[str, Any]) -> Iterator[Sheet]:
+    """Yield a sheet for each branch of a tree, and last one for its leaves."""
+    leaves = {}
+    for key, branch in figures.items():
+        match branch:
+            case Mapping() if branch and all(isinstance(each, Mapping) for each in branch.values()):
+                first = next(iter(branch.values()))
+                yield Sheet(
+                    key, tuple((name, *map(_text, each.values())) for name, each in branch.items()), ("", *first)
+                )
+            case list() if branch and all(isinstance(each, Mapping) for each in branch):
+                yield Sheet(key, tuple(tuple(map(_text, each.values())) for each in branch), tuple(branch[0]))
+            case Mapping() if branch:
+                yield Sheet(key, (tuple(map(_text, branch.values())),), tuple(branch))
+            case _:
+                leaves[key] = _text(branch)
+    if leaves:
+        yield Sheet(title, (tuple(leaves.values()),), tuple(leaves))
+
+
+def flattened(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield each figure of a tree as a dotted key and text."""
+    for key, value in figures.items():
+        match value:
+            case Mapping():
+                yield from flattened(value, f"{prefix}{key}.")
+            case list() if value and all(isinstance(each, Mapping) for each in value):
+                yield from flattened({str(k): each for k, each in enumerate(value)}, f"{prefix}{key}.")
+            case _:
+                yield f"{prefix}{key}", _text(value)
+
+
+def _text(value: Any) -> str:
+    """Return a figure as text; `-` stands for one that there is none of."""
+    match value:
+        case None:
+            return "-"
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:g}"
+        case Mapping():
+            return ", ".join(f"{key} {_text(each)}" for key, each in value.items()) or "-"
+        case list():
+            return "; ".join(map(_text, value)) or "-"
+        case _:
+            return str(value)
+
+
+@contextmanager
+def log_progress(name: str) -> Iterator[Callable[[LogCounts], None] | None]:
+    """Show how much of a log has been read, on standard error where that is a terminal.
+
+    Args:
+        name: of the log.
+
+    Yields:
+        What takes the reader's counts; None where nothing is shown.
+    """
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console  # noqa: PLC0415 - costs time that a pipe need not spend
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[frames]:,} frames"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(name, total=None, frames=0)
+
+        def show(counts: LogCounts) -> None:
+            bar.update(task, total=counts.bytes_total, completed=counts.bytes_read, frames=counts.frames)
+
+        yield show
+
+
+@contextmanager
+def share_progress(name: str) -> Iterator[Callable[[float], None]]:
+    """Show what share of a piece of work is done, on standard error where that is a terminal.
+
+    Args:
+        name: of the work.
+
+    Yields:
+        What takes the share done since the last call; the shares sum to one.
+    """
+    if not sys.stderr.isatty():
+        yield lambda _share: None
+        return
+    from rich.console import Console  # noqa: PLC0415 - as above
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(name, total=1.0)
+        yield lambda share: bar.advance(task, share)

@@ -1,0 +1,158 @@
+"""A drive through the whole daemon on in-process buses, and what came of it.
+
+Scenario → frames → virtual buses → daemon → virtual bus → frames → obstacles: what is shown and compared with the truth
+was read back from the obstacles' bus, with its DBC. The daemon is given frames no faster than it takes them, so that
+the result is the same at any speed.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from itertools import groupby
+from pathlib import Path
+
+import can
+
+from candaemon.binding.bound import Binding, BoundOutput
+from candaemon.can_io.messages import to_frame, to_message
+from candaemon.cli.console import console, say
+from candaemon.cli.demo_view import LinesShow, TableShow
+from candaemon.daemon.daemon import Daemon, Observer, Told
+from candaemon.errors import BusError, ConfigError
+from candaemon.evaluation.metrics import evaluate
+from candaemon.evaluation.text import print_sections, sections
+from candaemon.evaluation.writers import TrackWriter
+from candaemon.frames.frame import Frame
+from candaemon.output.decoder import DecodedCycle, OutputDecoder
+from candaemon.simulation.scenario import Scenario
+from candaemon.simulation.simulate import Simulation, simulate
+from candaemon.simulation.write import write_truth
+
+_SPEED = 4.0
+"""Times real time on a terminal."""
+_PATIENCE_S = 10.0
+"""After which a daemon that takes no frame counts as stuck."""
+
+
+def run_demo(binding: Binding, scenario: Scenario, *, seed: int, speed: float | None) -> None:
+    """Run a drive and print it.
+
+    Args:
+        binding: a configuration whose buses are virtual, with an output.
+        scenario: the drive.
+        seed: of all random numbers.
+        speed: times real time; None: a pace to watch on a terminal, as fast as it goes elsewhere.
+    """
+    watched = sys.stdout.isatty()
+    speed = speed or (_SPEED if watched else None)
+    simulation = simulate(scenario, binding, seed)
+    say(f"{scenario.duration:g} s of a simulated drive, as CAN frames through {len(binding.buses)} virtual buses")
+    with tempfile.TemporaryDirectory() as folder:
+        tracks, truth = Path(folder, "tracks.csv"), Path(folder, "truth.csv")
+        with TrackWriter(tracks) as table, TableShow() if watched else LinesShow() as show:
+            for obstacles in DemoDrive(binding, simulation, speed):
+                table.write_cycle(obstacles.time_ns, obstacles.columns())
+                show.cycle(obstacles)
+        write_truth(simulation, truth)
+        # The wire rounds standard deviations to 0.1: too coarse to judge them by.
+        told = [part for part in sections(evaluate(tracks, truth)) if not part.title.startswith("NEES")]
+        print_sections(console(), told)
+
+
+class DemoDrive:
+    """A simulated drive through the daemon: iterate it for what the obstacles' bus tells, cycle by cycle.
+
+    Args:
+        binding: a configuration whose buses are virtual, with an output.
+        simulation: the drive.
+        speed: times real time; None: as fast as it goes.
+
+    Raises:
+        ConfigError: a bus is not virtual, or there is no output.
+    """
+
+    def __init__(self, binding: Binding, simulation: Simulation, speed: float | None = None) -> None:
+        if binding.output is None or any(bus.settings.interface != "virtual" for bus in binding.buses):
+            raise ConfigError("a drive through virtual buses needs these, and an output", file=binding.loaded.path)
+        self._output: BoundOutput = binding.output
+        self._channels = [bus.settings.channel for bus in binding.buses]
+        self._binding, self._simulation, self._speed = binding, simulation, speed
+        self._now_ns = 0
+        self._measured_ns: list[int] = []
+        self._sent = 0
+
+    def __iter__(self) -> Iterator[DecodedCycle]:
+        with ExitStack() as closing:
+            sides = [closing.enter_context(_virtual(channel)) for channel in self._channels]
+            notes = _Notes(self._measured_ns)
+            daemon = closing.enter_context(Daemon(self._binding, clock=self._clock, observers=[notes]))
+            receiver = OutputDecoder(self._output)
+            for bus, burst in groupby(self._paced(), key=lambda frame: frame.bus):
+                # One bus at a time: the daemon sees the frames of all in the order of the drive.
+                for frame in burst:
+                    sides[bus].send(to_message(frame))
+                    self._now_ns = frame.time_ns
+                    self._sent += 1
+                self._hand_over(daemon)
+                yield from self._read(sides[self._output.bus], receiver)
+            daemon.finish()
+            yield from self._read(sides[self._output.bus], receiver)
+            yield from self._timed(receiver.flush())
+
+    def _clock(self) -> int:
+        """Return the time of the newest frame given: the drive's clock."""
+        return self._now_ns
+
+    def _paced(self) -> Iterator[Frame]:
+        """Yield the frames of the drive at its pace."""
+        started_s, first_ns = time.monotonic(), None
+        for frame in self._simulation.frames():
+            first_ns = frame.time_ns if first_ns is None else first_ns
+            if self._speed is not None:
+                ahead_s = (frame.time_ns - first_ns) * 1e-9 / self._speed - (time.monotonic() - started_s)
+                if ahead_s > 0.0:
+                    time.sleep(ahead_s)
+            yield frame
+
+    def _hand_over(self, daemon: Daemon) -> None:
+        """Let the daemon take all frames sent so far."""
+        deadline_s = time.monotonic() + _PATIENCE_S
+        while daemon.received < self._sent:
+            daemon.step(_PATIENCE_S)
+            if time.monotonic() > deadline_s:
+                raise BusError(f"the virtual buses delivered {daemon.received} of {self._sent} frames")
+
+    def _read(self, side: can.BusABC, receiver: OutputDecoder) -> Iterator[DecodedCycle]:
+        """Yield the cycles that have arrived on the obstacles' bus."""
+        while (message := side.recv(0)) is not None:
+            frame = to_frame(message, self._output.bus)
+            yield from self._timed(receiver.push(frame.can_id, frame.data))
+
+    def _timed(self, cycles: Iterator[DecodedCycle]) -> Iterator[DecodedCycle]:
+        """Yield cycles with the instants they hold for."""
+        for cycle in cycles:
+            yield cycle.at(self._measured_ns[cycle.number])
+
+
+class _Notes(Observer):
+    """Keeps for which instant each cycle's obstacles hold, which the wire does not tell.
+
+    Args:
+        measured_ns: where it is kept.
+    """
+
+    def __init__(self, measured_ns: list[int]) -> None:
+        self._measured_ns = measured_ns
+
+    def told(self, told: Told) -> None:
+        """Keep a cycle's."""
+        self._measured_ns.append(told.cycle.obstacles.time_ns)
+
+
+def _virtual(channel: str) -> can.BusABC:
+    """Open the other side of a virtual bus; its messages keep their time stamps."""
+    return can.Bus(channel=channel, interface="virtual", ignore_config=True, preserve_timestamps=True)

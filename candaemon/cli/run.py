@@ -1,0 +1,99 @@
+"""The service as a command: what systemd starts."""
+
+from __future__ import annotations
+
+import faulthandler
+import logging
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from candaemon.binding.bound import Binding
+from candaemon.daemon.daemon import Daemon, Observer
+from candaemon.daemon.journal import LogForm, log_faults, log_service
+from candaemon.daemon.reload import Reloader, load
+from candaemon.daemon.signals import service_signals
+from candaemon.recording.recorder import Recording
+from candaemon.status.endpoint import MetricsEndpoint
+from candaemon.status.health_summary import StatusLine
+from candaemon.status.meter import Meter
+from candaemon.status.notify import Notifier, Supervision
+from candaemon.status.socket import StatusSocket
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class ServeRequest:
+    """What the command line asks of the service.
+
+    Attributes:
+        config_path: the YAML file; a reload reads it again.
+        record: folder of the recording; None: what the configuration says.
+        status: s between status lines, 0: none; None: what the configuration says.
+        log: form of the log's lines; None: what the configuration says.
+    """
+
+    config_path: Path
+    record: Path | None = None
+    status: float | None = None
+    log: Literal["text", "json"] | None = None
+
+
+def serve(request: ServeRequest) -> None:
+    """Serve until SIGTERM or SIGINT; SIGHUP loads the configuration again.
+
+    Args:
+        request: what to serve, and how.
+
+    Raises:
+        ConfigError: the configuration cannot be used; no bus is opened then.
+        InputError: the recording's folder cannot be used.
+    """
+    notifier = Notifier.from_environment()
+    log_service(request.log or "text")
+    log_faults()
+    binding = load(request.config_path)
+    log_service(request.log or binding.settings.service.log)
+    if binding.warnings:
+        logger.warning("%s; `candaemon check` shows all %d warnings", binding.warnings[0], len(binding.warnings))
+    reloader = Reloader(lambda: load(request.config_path))
+    daemon = Daemon(binding, observers=list(_observers(binding, request, notifier)), reloader=reloader)
+    faulthandler.enable()  # the watchdog ends a loop that hangs with SIGABRT: then the log shows where it hung
+    with service_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark), daemon:
+        daemon.run()
+
+
+def _observers(binding: Binding, request: ServeRequest, notifier: Notifier) -> Iterator[Observer]:
+    """Yield what the command line, the configuration and systemd ask for; each after those that it reads."""
+    recording = _recording(binding, request)
+    meter = Meter(binding.settings.service.metrics, recording=recording.figures if recording is not None else None)
+    if recording is not None:
+        yield recording
+    yield meter
+    yield StatusSocket(meter)
+    yield MetricsEndpoint(meter)
+    yield LogForm(request.log)
+    yield StatusLine(request.status)
+    yield Supervision(notifier)
+
+
+def _recording(binding: Binding, request: ServeRequest) -> Recording | None:
+    """Return the recording that is asked for."""
+    settings = binding.settings.service.recording
+    if request.record is None and not settings.enabled:
+        return None
+    return Recording(settings, request.record or _state_folder(binding) / "recording", binding)
+
+
+def _state_folder(binding: Binding) -> Path:
+    """Return where systemd lets the service keep files."""
+    folder, *_ = os.environ.get("STATE_DIRECTORY", "").split(":")
+    if not folder:
+        raise binding.loaded.error(
+            ("service", "recording", "enabled"),
+            "there is no folder to record into; a unit with StateDirectory= gives one, or `run --record DIR`",
+        )
+    return Path(folder)

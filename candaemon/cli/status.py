@@ -1,0 +1,284 @@
+"""`candaemon status`: what a running service tells of itself, from its status socket."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sys
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import closing
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
+
+from candaemon.cli import console
+from candaemon.cli.console import Sheet
+from candaemon.errors import InputError
+from candaemon.status.paths import running
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+Tree: TypeAlias = Mapping[str, Any]
+"""What `candaemon.status.model.Figures.tree` gives."""
+
+_DAY_S, _HOUR_S, _MINUTE_S = 86_400, 3600, 60
+
+
+def sheets(figures: Tree) -> list[Sheet]:
+    """Return the figures as sheets: the service, its obstacles, its buses and its sensors."""
+    return [
+        _service(figures),
+        _obstacles(figures),
+        _times(figures),
+        _buses(figures),
+        _sensors(figures),
+        *_rare(figures),
+    ]
+
+
+class LiveView:
+    """The sheets on a terminal, drawn anew with each set of figures. A context manager.
+
+    Args:
+        console: where; default: rich's own on standard output.
+    """
+
+    def __init__(self, console: Console | None = None) -> None:
+        from rich.live import Live  # noqa: PLC0415 - costs time that a pipe need not spend
+
+        self._live = Live(console=console, auto_refresh=False)
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._live.stop()
+
+    def show(self, figures: Tree) -> None:
+        """Draw a set of figures."""
+        from rich.console import Group  # noqa: PLC0415 - as above
+
+        self._live.update(Group(*map(_table, sheets(figures))), refresh=True)
+
+
+def _table(sheet: Sheet) -> RenderableType:
+    """Return a sheet as a table without lines, so that much fits."""
+    from rich import box  # noqa: PLC0415 - as above
+    from rich.table import Table  # noqa: PLC0415 - as above
+
+    table = Table(
+        *sheet.header, title=sheet.title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False
+    )
+    for row in sheet.rows:
+        table.add_row(*row)
+    return table
+
+
+def _service(figures: Tree) -> Sheet:
+    service = figures["service"]
+    memory = "-" if service["memory"] is None else f"{service['memory'] / 1e6:.0f} MB"
+    load = 100 * service["cpu"] / max(service["uptime"], 1e-3)
+    row = (
+        f"{service['pid']}",
+        service["version"],
+        _span(service["uptime"]),
+        f"{load:.1f} %",
+        memory,
+        service["config"],
+    )
+    return Sheet(service["name"], (row,), ("pid", "version", "up", "cpu", "memory", "configuration"))
+
+
+def _obstacles(figures: Tree) -> Sheet:
+    tracks, cycles = figures["tracks"], figures["cycles"]
+    row = (
+        *(f"{count}" for count in tracks.values()),
+        figures["own_motion"]["status"],
+        f"{cycles['rate']:.1f}",
+        f"{cycles['told']}",
+        f"{cycles['coasting']}",
+        f"{cycles['without_ego']}",
+    )
+    return Sheet("obstacles", (row,), (*tracks, "own motion", "cycles/s", "cycles", "coasting cycles", "without ego"))
+
+
+def _times(figures: Tree) -> Sheet:
+    rows = tuple(
+        (title, *(_milliseconds(figures[key][name]) for name in ("p50", "p90", "p99", "max")))
+        for title, key in (("cycle", "cycle_time"), ("latency", "latency"))
+    )
+    return Sheet("times in ms", rows, ("", "p50", "p90", "p99", "max"))
+
+
+def _buses(figures: Tree) -> Sheet:
+    rows = tuple(
+        (
+            name,
+            _bus_state(bus),
+            f"{bus['rate']:.0f}",
+            f"{bus['received']}",
+            f"{bus['sent']}",
+            f"{bus['taken']['unknown']}",
+            _causes(bus["dropped"]),
+            _causes(bus["unsent"]),
+            _causes(bus["events"]),
+        )
+        for name, bus in figures["buses"].items()
+    )
+    return Sheet("buses", rows, ("", "state", "frames/s", "received", "sent", "unknown", "dropped", "unsent", "events"))
+
+
+def _bus_state(bus: Tree) -> str:
+    """Say whether a bus is there and, where something is wrong, what."""
+    if not bus["up"]:
+        return f"down: {bus['error']}"
+    return "up" if bus["controller"] == "active" else f"up, {bus['controller']}"
+
+
+def _sensors(figures: Tree) -> Sheet:
+    rows = tuple(
+        (
+            name,
+            "lost" if sensor["lost"] else "ok",
+            f"{sensor['rate']:.1f}",
+            _number(sensor["age"], 2),
+            f"{sensor['frames']['used']}",
+            f"{sensor['counts']['missing']}",
+            _causes({fate: count for fate, count in sensor["frames"].items() if fate != "used"}),
+            _number(sensor["trust"], 2),
+            _number(sensor["nis"]["ratio"], 2),
+        )
+        for name, sensor in figures["sensors"].items()
+    )
+    return Sheet(
+        "sensors", rows, ("", "state", "scans/s", "age s", "used", "missing", "dropped", "trust", "NIS/freedom")
+    )
+
+
+def _rare(figures: Tree) -> Iterator[Sheet]:
+    """Yield what is worth a line only if it has happened."""
+    clock, service = figures["clock"], figures["service"]
+    steps = clock["backward_steps"] + clock["forward_steps"]
+    if steps:
+        row = (f"{clock['backward_steps']}", f"{clock['forward_steps']}", f"{clock['offset']:.3f}")
+        yield Sheet("steps of the clock", (row,), ("back", "ahead", "made up for, s"))
+    if service["reloads"] or service["refused"]:
+        row = (f"{service['reloads']}", f"{service['refused']}", service["reload_error"] or "-")
+        yield Sheet("reloads", (row,), ("applied", "refused", "last error"))
+    if figures["recording"]:
+        recording = {name: f"{value}" for name, value in figures["recording"].items()}
+        yield Sheet("recording", (tuple(recording.values()),), tuple(recording))
+
+
+def _causes(counts: Mapping[str, int]) -> str:
+    """Return a sum with its causes, those of 0 left out."""
+    found = ", ".join(f"{cause.replace('_', ' ')} {count}" for cause, count in counts.items() if count)
+    return found or "0"
+
+
+def _milliseconds(seconds: float | None) -> str:
+    return "-" if seconds is None else f"{1e3 * seconds:.2f}"
+
+
+def _number(value: float | None, decimals: int) -> str:
+    return "-" if value is None else f"{value:.{decimals}f}"
+
+
+def _span(seconds: float) -> str:
+    """Return a time span as days, hours, minutes and seconds, the two largest that there are."""
+    days, rest = divmod(int(seconds), _DAY_S)
+    hours, rest = divmod(rest, _HOUR_S)
+    minutes, left = divmod(rest, _MINUTE_S)
+    parts = [f"{count} {unit}" for count, unit in ((days, "d"), (hours, "h"), (minutes, "min"), (left, "s")) if count]
+    return " ".join(parts[:2]) or "0 s"
+
+
+_PATIENCE_S = 5.0
+
+
+def watch(instance: str | None, path: Path | None, *, once: bool, as_json: bool) -> None:
+    """Show what an instance does: live on a terminal until it ends, else once.
+
+    Args:
+        instance: NAME of candaemon@NAME, or stem of the configuration's file; None: the only one that runs.
+        path: the instance's status socket, if it is elsewhere.
+        once: show it once and end.
+        as_json: print the line of JSON as it came, once.
+
+    Raises:
+        InputError: no such instance runs, several do and none is named, or it has ended or hangs.
+    """
+    with closing(_lines(_found(instance) if path is None else path)) as lines:
+        if as_json:
+            line = next(lines)
+            _read(line)
+            print(line, end="")
+        elif once or not sys.stdout.isatty():
+            console.print_sheets(sheets(_read(next(lines))))
+        else:
+            with LiveView() as view:
+                for line in lines:
+                    view.show(_read(line))
+
+
+def _found(instance: str | None) -> Path:
+    """Return the socket of an instance that runs."""
+    there = running()
+    listed = ", ".join(sorted(there)) or "none"
+    start = "start one with `systemctl start candaemon@NAME` or `candaemon run CONFIG`"
+    if instance is not None:
+        if instance not in there:
+            raise InputError(f"no instance '{instance}' runs; running: {listed}; {start}, or give --socket PATH")
+        return there[instance]
+    match list(there.values()):
+        case [only]:
+            return only
+        case []:
+            raise InputError(f"no instance runs; {start}, or give --socket PATH")
+        case _:
+            raise InputError(f"several instances run: {listed}; name one: candaemon status NAME")
+
+
+def _lines(path: Path) -> Generator[str]:
+    """Yield what an instance sends, line by line.
+
+    Raises:
+        InputError: it cannot be reached, has ended, or sends nothing.
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+        connection.settimeout(_PATIENCE_S)
+        try:
+            connection.connect(os.fspath(path))
+            with connection.makefile("r", encoding="utf-8") as stream:
+                yield from stream
+        except TimeoutError as error:
+            raise InputError(
+                f"the instance says nothing for {_PATIENCE_S:g} s: its core loop hangs; see its log", file=path
+            ) from error
+        except OSError as error:
+            raise InputError(
+                f"cannot connect: {error.strerror or error}; expected the status socket of a running instance",
+                file=path,
+            ) from error
+    raise InputError("the instance has ended; see its log, `journalctl -u candaemon@NAME` for a service", file=path)
+
+
+def _read(line: str) -> dict[str, Any]:
+    """Return the figures of a line.
+
+    Raises:
+        InputError: it has none.
+    """
+    try:
+        tree = json.loads(line)
+    except ValueError as error:
+        raise InputError(f"found '{line[:40].strip()}', expected the figures of a running instance") from error
+    if not isinstance(tree, dict) or "service" not in tree:
+        reason = tree.get("error") if isinstance(tree, dict) else None
+        raise InputError(f"no figures came: {reason or 'this is no status socket of candaemon'}")
+    return tree

@@ -1,0 +1,4 @@
+"""The core loop on live buses: lifecycle, signals, reload, systemd, the service's log.
+
+Knows nothing of mathematics.
+"""

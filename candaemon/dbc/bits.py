@@ -1,0 +1,187 @@
+"""Where a signal's bits lie, when a frame carries it and which raw values it can hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple
+
+from candaemon.dbc.types import MessageSpec, SignalSpec
+
+LONGEST_NUMBER: Final = 512
+"""Bits of the longest signal that is read as a number: a whole CAN FD payload."""
+
+FLOAT_LIMIT: Final = {16: 65504.0, 32: 3.4028234663852886e38, 64: 1.7976931348623157e308}
+"""Greatest finite IEEE 754 number, by bits."""
+
+
+class Gate(NamedTuple):
+    """A condition for a signal to be in a frame: the multiplexer's value is one of the ids."""
+
+    multiplexer: str
+    ids: frozenset[int]
+
+
+class Place(NamedTuple):
+    """A signal within a 64-bit window of the payload.
+
+    Attributes:
+        byte: the window's first byte.
+        left: shift to the left that brings the signal's most significant bit to bit 63.
+    """
+
+    byte: int
+    left: int
+
+
+def first_bit(signal: SignalSpec) -> int:
+    """Count the bits before the signal, in the direction of its byte order.
+
+    Little-endian counts from each byte's least significant bit, big-endian from its most significant: either way the
+    signal's bits are then consecutive.
+    """
+    return signal.start if signal.byte_order == "little" else signal.start ^ 7
+
+
+def readable(message: MessageSpec, signal: SignalSpec) -> bool:
+    """Tell whether the signal lies within the message and is short enough to be a number."""
+    return first_bit(signal) + signal.length <= 8 * message.length and signal.length <= LONGEST_NUMBER
+
+
+def shift(message: MessageSpec, signal: SignalSpec) -> int:
+    """Bits below the signal when the whole payload is one integer of the signal's byte order."""
+    first = first_bit(signal)
+    return first if signal.byte_order == "little" else 8 * message.length - first - signal.length
+
+
+def place(signal: SignalSpec) -> Place | None:
+    """Choose the 64-bit window a signal is read from, an aligned one where possible; None if it fits in none."""
+    first = first_bit(signal)
+    for byte in (first // 64 * 8, first // 8):
+        left = first - 8 * byte if signal.byte_order == "big" else 64 - (first - 8 * byte) - signal.length
+        if first - 8 * byte + signal.length <= 64:
+            return Place(byte, left)
+    return None
+
+
+def known_ids(message: MessageSpec, multiplexer: SignalSpec) -> frozenset[int]:
+    """Values of a multiplexer that the DBC knows: those that select a signal, and those its value table names.
+
+    Empty where nothing depends on it, so that any value is known.
+    """
+    children = [s.multiplexer_ids for s in message.signals if s.multiplexer_signal == multiplexer.name]
+    return frozenset().union(*children, multiplexer.choices or ())
+
+
+def gates(message: MessageSpec, signal: SignalSpec) -> tuple[Gate, ...] | None:
+    """List the conditions for a frame to carry the signal, outermost multiplexer first; None if no frame can."""
+    by_name = {each.name: each for each in message.signals}
+    chain: list[Gate] = []
+    while signal.multiplexer_signal is not None:
+        parent = by_name.get(signal.multiplexer_signal)
+        endless = len(chain) > len(by_name)
+        if parent is None or not parent.is_multiplexer or not readable(message, parent) or endless:
+            return None
+        if not signal.multiplexer_ids:
+            return None
+        chain.append(Gate(parent.name, signal.multiplexer_ids))
+        signal = parent
+    return tuple(reversed(chain))
+
+
+def multiplexers(message: MessageSpec) -> tuple[SignalSpec, ...]:
+    """List the multiplexers whose value matters, outer before inner."""
+    found = [
+        (len(chain), signal)
+        for signal in message.signals
+        if signal.is_multiplexer and readable(message, signal) and known_ids(message, signal)
+        for chain in [gates(message, signal)]
+        if chain is not None
+    ]
+    return tuple(signal for _, signal in sorted(found, key=lambda pair: pair[0]))
+
+
+def is_integral(number: float) -> bool:
+    """Tell whether a scale or offset is a whole number of sane size, so that integers stay exact."""
+    return float(number).is_integer() and abs(number) < 1 << 63
+
+
+def to_raw(signal: SignalSpec, value: float) -> float:
+    """Convert a value to raw, unrounded."""
+    return (value - signal.offset) / signal.scale
+
+
+def raw_width(signal: SignalSpec) -> tuple[float, float]:
+    """Least and greatest raw value that the signal's bits can hold."""
+    if signal.is_float:
+        return -FLOAT_LIMIT[signal.length], FLOAT_LIMIT[signal.length]
+    if signal.signed:
+        return -(1 << signal.length - 1), (1 << signal.length - 1) - 1
+    return 0, (1 << signal.length) - 1
+
+
+def raw_range(signal: SignalSpec) -> tuple[float, float] | None:
+    """Least and greatest raw value by the DBC's [min|max], rounded as values are; None where it gives no range."""
+    if signal.minimum is None or signal.maximum is None or not signal.minimum < signal.maximum:
+        return None
+    ends = sorted((to_raw(signal, signal.minimum), to_raw(signal, signal.maximum)))
+    if signal.is_float:
+        return ends[0], ends[1]
+    low, high = (round(end) if math.isfinite(end) else end for end in ends)
+    return low, high
+
+
+def raw_limits(signal: SignalSpec) -> tuple[float, float]:
+    """Least and greatest raw value to send: the tighter of the DBC's range and of what the bits hold.
+
+    A range that the bits cannot reach at all is taken for a mistake in the DBC and left out.
+    """
+    low, high = raw_width(signal)
+    given = raw_range(signal)
+    if given is None or given[0] > high or given[1] < low:
+        return low, high
+    return max(low, given[0]), min(high, given[1])
+
+
+def raw_fallback(signal: SignalSpec) -> float:
+    """Raw value to send for NaN: the signal's start value, else that of zero, brought into its limits."""
+    low, high = raw_limits(signal)
+    wanted = signal.initial if signal.initial is not None else to_raw(signal, 0.0)
+    if not signal.is_float and math.isfinite(wanted):
+        wanted = round(wanted)
+    return min(max(wanted, low), high)
+
+
+def same_layout(a: MessageSpec, b: MessageSpec, signals: Iterable[str]) -> bool:
+    """Tell whether two messages carry the named signals identically, so that one batch codec serves both.
+
+    Lengths, bits, scaling, limits, start values and multiplexing are compared; ids, comments, units and texts are not.
+    """
+    names = list(signals)
+    traits = _traits(a, names)
+    return traits is not None and traits == _traits(b, names)
+
+
+def _traits(message: MessageSpec, names: Sequence[str]) -> tuple[object, ...] | None:
+    by_name = {signal.name: signal for signal in message.signals}
+    if not all(name in by_name for name in names):
+        return None
+    selectors = multiplexers(message)
+    bits = [
+        (
+            s.name,
+            s.start,
+            s.length,
+            s.byte_order,
+            s.signed,
+            s.is_float,
+            s.scale,
+            s.offset,
+            s.minimum,
+            s.maximum,
+            s.initial,
+        )
+        for s in (*(by_name[name] for name in names), *selectors)
+    ]
+    chains = [gates(message, by_name[name]) for name in names]
+    return message.length, bits, chains, [known_ids(message, selector) for selector in selectors]

@@ -1,0 +1,4 @@
+"""Ego motion: from an INS or odometry, with biases; the pose at any instant; the local frame's place on earth.
+
+Knows nothing of objects and tracks.
+"""

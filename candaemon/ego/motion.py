@@ -1,0 +1,220 @@
+"""Own motion: a history of samples, and the pose at any instant between and shortly after them.
+
+The level frame is continuous: positions are integrated from velocity over ground and heading, so that a GNSS fix
+that jumps moves nothing. Its origin is where the first sample was taken, its axes are east and north where the source
+knows them; with odometry alone, x is the vehicle's first heading.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, hypot, sin
+from typing import NamedTuple, Protocol
+
+from candaemon.config.ego import BiasSettings
+from candaemon.ego.pose import EgoPose, EgoStatus
+
+_KEPT = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class StationaryReturns:
+    """Detections of one scan that lie still, or nearly, for a source of own motion to learn from.
+
+    Attributes:
+        time_ns: measurement time.
+        speeds: for each, own speed along the line of sight that it implies, m/s, and the cosine of the angle between
+            line of sight and travel.
+        drifts: for each that was watched for long enough, how far it seems to have moved to the left over ground, m,
+            and its distance ahead integrated over that time, m·s: their ratio is the error of the yaw rate.
+    """
+
+    time_ns: int
+    speeds: tuple[tuple[float, float], ...]
+    drifts: tuple[tuple[float, float], ...]
+
+
+class EgoMotion(Protocol):
+    """A source of own motion.
+
+    Attributes:
+        teaching: how stationary returns may correct it; None where they may not.
+        wanted: the quantities it makes use of.
+    """
+
+    teaching: BiasSettings | None
+    wanted: frozenset[str]
+
+    @property
+    def known_until_ns(self) -> int:
+        """Time of the latest sample; poses after it are extrapolated."""
+        ...
+
+    def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
+        """Take the quantities of one frame, SI units."""
+        ...
+
+    def pose(self, time_ns: int) -> EgoPose | None:
+        """Return own pose at an instant; None before anything is known."""
+        ...
+
+    def learn(self, returns: StationaryReturns) -> None:
+        """Correct what the source reads wrongly by what stands still."""
+        ...
+
+
+class Sample(NamedTuple):
+    """Own motion at one instant: as `EgoPose`, with the accelerations east and north, m/s²."""
+
+    time_ns: int
+    east: float
+    north: float
+    heading: float
+    ve: float
+    vn: float
+    yaw_rate: float
+    ae: float
+    an: float
+
+
+class MotionHistory:
+    """Samples of own motion in order of time, bounded, and the pose between and after them.
+
+    Args:
+        age_limit: s after the last sample from which own motion counts as dead reckoning.
+        dead_reckoning: s after the last sample from which it counts as lost.
+        unseen_acceleration: m/s², by which the velocity may have changed since the last sample.
+        speed_variance: of a fresh sample, (m/s)².
+        smoothing: s, time constant of the acceleration.
+
+    Attributes:
+        unseen: s, all gaps between samples together over which positions were reckoned on.
+    """
+
+    def __init__(
+        self,
+        *,
+        age_limit: float,
+        dead_reckoning: float,
+        unseen_acceleration: float,
+        speed_variance: float,
+        smoothing: float,
+    ) -> None:
+        self._age_limit = age_limit
+        self._dead_reckoning = dead_reckoning
+        self._unseen_acceleration = unseen_acceleration
+        self._speed_variance = speed_variance
+        self._smoothing = smoothing
+        self.unseen = 0.0
+        self._times: list[int] = []
+        self._samples: list[Sample] = []
+
+    @property
+    def latest_ns(self) -> int:
+        """Time of the newest sample, 0 before the first."""
+        return self._times[-1] if self._times else 0
+
+    @property
+    def latest(self) -> Sample | None:
+        """The newest sample."""
+        return self._samples[-1] if self._samples else None
+
+    def add(self, time_ns: int, heading: float, ve: float, vn: float, yaw_rate: float) -> None:
+        """Add a sample; one that is not newer than the newest is ignored.
+
+        Args:
+            time_ns: when.
+            heading: continuous, not wrapped, rad from the frame's x axis, positive to the left.
+            ve: velocity over ground of the rear axle's centre, east, m/s.
+            vn: the same, north.
+            yaw_rate: rad/s, positive to the left.
+        """
+        last = self.latest
+        if last is None:
+            self._keep(Sample(time_ns, 0.0, 0.0, heading, ve, vn, yaw_rate, 0.0, 0.0))
+            return
+        dt = (time_ns - last.time_ns) * 1e-9
+        if dt <= 0.0:
+            return
+        if dt > self._age_limit:
+            self.unseen += dt
+            reckoned = self._extrapolated(last, time_ns)
+            east, north, ae, an = reckoned.east, reckoned.north, 0.0, 0.0
+        else:
+            share = dt / (dt + self._smoothing)
+            east = last.east + dt * (last.ve + ve) / 2
+            north = last.north + dt * (last.vn + vn) / 2
+            ae = last.ae + share * ((ve - last.ve) / dt - last.ae)
+            an = last.an + share * ((vn - last.vn) / dt - last.an)
+        self._keep(Sample(time_ns, east, north, heading, ve, vn, yaw_rate, ae, an))
+
+    def _keep(self, sample: Sample) -> None:
+        self._times.append(sample.time_ns)
+        self._samples.append(sample)
+        if len(self._times) > 2 * _KEPT:
+            del self._times[:_KEPT], self._samples[:_KEPT]
+
+    def pose(self, time_ns: int) -> EgoPose | None:
+        """Return the pose at an instant, interpolated between samples or extrapolated from the nearest one."""
+        after = bisect_right(self._times, time_ns)
+        if not self._times:
+            return None
+        if 0 < after < len(self._times):
+            before, behind = self._samples[after - 1], self._samples[after]
+            if behind.time_ns - before.time_ns <= self._age_limit * 1e9:
+                return self._interpolated(before, behind, time_ns)
+        return self._extrapolated(self._samples[max(after - 1, 0)], time_ns)
+
+    def _interpolated(self, a: Sample, b: Sample, time_ns: int) -> EgoPose:
+        span = (b.time_ns - a.time_ns) * 1e-9
+        dt = (time_ns - a.time_ns) * 1e-9
+        share = dt / span
+        ve, vn = a.ve + share * (b.ve - a.ve), a.vn + share * (b.vn - a.vn)
+        return EgoPose(
+            time_ns,
+            a.east + dt * (a.ve + ve) / 2,
+            a.north + dt * (a.vn + vn) / 2,
+            a.heading + share * (b.heading - a.heading),
+            ve,
+            vn,
+            a.yaw_rate + share * (b.yaw_rate - a.yaw_rate),
+            self._speed_variance,
+            EgoStatus.VALID,
+        )
+
+    def _extrapolated(self, last: Sample, time_ns: int) -> EgoPose:
+        """Go on from a sample: with its acceleration and yaw rate while it is fresh, straight on afterwards."""
+        age = (time_ns - last.time_ns) * 1e-9
+        fresh = max(min(age, self._age_limit), -self._age_limit)
+        turn = last.yaw_rate * fresh
+        c, s = cos(turn), sin(turn)
+        ve, vn = c * last.ve - s * last.vn, s * last.ve + c * last.vn
+        speed = hypot(ve, vn)
+        along = max(self._along(last) * fresh, -speed)  # who brakes unseen stops, and does not reverse
+        if speed > 1e-3:
+            ve, vn = ve + along * ve / speed, vn + along * vn / speed
+        east = last.east + fresh * (last.ve + ve) / 2 + (age - fresh) * ve
+        north = last.north + fresh * (last.vn + vn) / 2 + (age - fresh) * vn
+        unseen = max(abs(age) - self._age_limit, 0.0)
+        status = EgoStatus.VALID
+        if unseen > 0.0:
+            status = EgoStatus.DEAD_RECKONING if age < self._dead_reckoning else EgoStatus.LOST
+        return EgoPose(
+            time_ns,
+            east,
+            north,
+            last.heading + turn,
+            ve,
+            vn,
+            last.yaw_rate if unseen == 0.0 else 0.0,
+            self._speed_variance + (self._unseen_acceleration * unseen) ** 2,
+            status,
+        )
+
+    @staticmethod
+    def _along(sample: Sample) -> float:
+        """Acceleration along the velocity, m/s²."""
+        speed = hypot(sample.ve, sample.vn)
+        return (sample.ae * sample.ve + sample.an * sample.vn) / speed if speed > 0.1 else 0.0

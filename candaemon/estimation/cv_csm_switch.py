@@ -1,0 +1,106 @@
+"""Constant velocity or the current statistical model, one at a time: the switching of paper 003.
+
+A vehicle drives steadily for long and manoeuvres in between. The current statistical model (CSM) follows manoeuvres
+and is restless without them, constant velocity (CV) is quiet and lags in them; so the change of speed decides whose
+estimate is told.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
+from candaemon.estimation.manoeuvre import ManoeuvreWatch, SwitchRule
+from candaemon.estimation.motion_models import CurrentStatistical
+
+
+class CvCsmSwitch:
+    """Batched filter that tells CV or CSM, by the change of the CV filter's speed; rows are tracks.
+
+    State order of an axis [x, ẋ, ẍ]; m, m/s, m/s². Both filters always run: the paper stops CSM while CV is told, and
+    lets it start from nothing when the vehicle manoeuvres, which is when it is needed most.
+
+    The change of speed is that of the velocity vector. On one axis it is |Δẋ| of (7); in the plane a turn at a constant
+    speed is then a manoeuvre as well, as it is one that constant velocity cannot follow.
+
+    Args:
+        axes: of a track: 1, or 2 in the plane.
+        noise: power of the white noise of CV, (m/s²)²/Hz.
+        statistical: CSM.
+        rule: when to switch.
+    """
+
+    def __init__(
+        self, axes: int, noise: float, statistical: CurrentStatistical, rule: SwitchRule | None = None
+    ) -> None:
+        self._axes = axes
+        self._steady = AxisFilter(WhiteAxis(1, noise))
+        self._manoeuvre = AxisFilter(statistical)
+        self._watch = ManoeuvreWatch(axes, rule or SwitchRule())
+
+    def __len__(self) -> int:
+        return len(self._watch.manoeuvring)
+
+    @property
+    def manoeuvring(self) -> Booleans:
+        """Whether CSM is told, (n,); a track begins with it, as the paper's step (1) does."""
+        return self._watch.manoeuvring.copy()
+
+    @property
+    def mean(self) -> Floats:
+        """States (n, A, 3); of CV the acceleration is zero."""
+        told = np.zeros((len(self), self._axes, 3))
+        told[..., :2] = self._by_track(self._steady.mean)
+        told[self._watch.manoeuvring] = self._by_track(self._manoeuvre.mean)[self._watch.manoeuvring]
+        return told
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariances (n, A, 3, 3); of CV the acceleration is certain, as its model has none."""
+        told = np.zeros((len(self), self._axes, 3, 3))
+        told[..., :2, :2] = self._by_track(self._steady.covariance)
+        told[self._watch.manoeuvring] = self._by_track(self._manoeuvre.covariance)[self._watch.manoeuvring]
+        return told
+
+    def spawn(self, mean: Floats, covariance: Floats) -> None:
+        """Append k tracks, mean (k, A, 3) and covariance (k, A, 3, 3)."""
+        self._steady.spawn(mean[..., :2].reshape(-1, 2), covariance[..., :2, :2].reshape(-1, 2, 2))
+        self._manoeuvre.spawn(mean.reshape(-1, 3), covariance.reshape(-1, 3, 3))
+        self._watch.spawn(mean[..., 1])
+
+    def keep(self, rows: Indices | Booleans) -> None:
+        """Keep the given rows and forget the others."""
+        axes = self._rows_of(np.arange(len(self))[rows])
+        self._steady.keep(axes)
+        self._manoeuvre.keep(axes)
+        self._watch.keep(rows)
+
+    def predict(self, dt: float) -> None:
+        """Predict all tracks by dt (s) with both models."""
+        self._steady.predict(dt)
+        self._manoeuvre.predict(dt)
+        self._watch.advance(dt)
+
+    def update(self, positions: Floats, variance: Floats | float, rows: Indices | None = None) -> None:
+        """Update with measured positions, and switch where it is time.
+
+        Args:
+            positions: measured (m, A), m.
+            variance: R, of the positions, one or (m, A), m².
+            rows: tracks (m,) that were measured, each once; None: all n. The others keep their predicted state.
+        """
+        measured = np.arange(len(self)) if rows is None else rows
+        axes = None if rows is None else self._rows_of(measured)
+        flat = np.broadcast_to(variance, positions.shape).ravel()
+        self._steady.update(positions.ravel(), flat, axes)
+        self._manoeuvre.update(positions.ravel(), flat, axes)
+        self._watch.watch(measured, self._by_track(self._steady.mean)[measured, :, 1])
+
+    def _by_track(self, axes: Floats) -> Floats:
+        """Turn an array over all axes, (n · A, …), into one over tracks, (n, A, …)."""
+        return axes.reshape(-1, self._axes, *axes.shape[1:])
+
+    def _rows_of(self, tracks: Indices) -> Indices:
+        """Return the rows of the tracks' axes in the filters."""
+        return (tracks[:, None] * self._axes + np.arange(self._axes)).ravel()

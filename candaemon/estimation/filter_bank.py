@@ -1,0 +1,296 @@
+"""A bank of filters, one a motion model, over the same tracks: what the interacting, switching and federated share."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.estimation.kalman import propagated, symmetrise
+from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.measurement_update import correct
+from candaemon.estimation.mixing import moments
+from candaemon.estimation.motion_models import VELOCITY, CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel
+from candaemon.estimation.output_state import TOLD, OutputState
+from candaemon.estimation.sensor_noise import SensorNoise
+from candaemon.estimation.smoothing import Link, smoothing_gain
+
+
+class FilterBank(ABC):
+    """Batched filters on M motion models; rows are tracks.
+
+    State order [x, y, vx, vy, ax, ay, ω, jx, jy], cut after what the models use; level frame, SI units. Each model has
+    the components that it uses; the others stay zero.
+
+    Args:
+        models: the motion models.
+        acceleration: standard deviation of a track's first acceleration, m/s².
+        turn_rate: standard deviation of a track's first turn rate, rad/s.
+        jerk: standard deviation of a track's first jerk, m/s³.
+        noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
+
+    Attributes:
+        mean: (n, M, D).
+        covariance: (n, M, D, D).
+        probability: weights of the models, (n, M).
+        linking: whether `predict` leaves a `link` for smoothing.
+        link: what the latest prediction tells a smoother; None before the first.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[MotionModel],
+        *,
+        acceleration: float,
+        turn_rate: float,
+        jerk: float,
+        noise: SensorNoise | None,
+    ) -> None:
+        self._models = tuple(models)
+        self._noise = noise
+        self._width = 1 + max(component for model in models for component in model.components)
+        m, d = len(self._models), self._width
+        self._has = np.array([[c in model.components for c in range(d)] for model in self._models])
+        self._has_both = self._has[:, :, None] & self._has[:, None, :]
+        self._turning = [j for j, model in enumerate(self._models) if isinstance(model, CoordinatedTurn)]
+        self._memories = _memories(self._models)
+        self._first_variance = np.zeros(d)
+        self._first_variance[4:6] = acceleration**2
+        self._first_variance[6:7] = turn_rate**2
+        self._first_variance[7:] = jerk**2
+        self.mean: Floats = np.zeros((0, m, d))
+        self.covariance: Floats = np.zeros((0, m, d, d))
+        self.probability: Floats = np.zeros((0, m))
+        self._fit: Floats = np.ones((0, m))
+        self._dt = 0.0
+        self.linking = False
+        self.link: Link | None = None
+
+    def __len__(self) -> int:
+        return len(self.mean)
+
+    def spawn(
+        self, position: Floats, position_covariance: Floats, velocity: Floats, velocity_covariance: Floats
+    ) -> None:
+        """Append k tracks.
+
+        Args:
+            position: (k, 2), m.
+            position_covariance: (k, 2, 2).
+            velocity: over ground (k, 2), m/s.
+            velocity_covariance: (k, 2, 2).
+        """
+        k, m, d = len(position), len(self._models), self._width
+        mean, covariance = np.zeros((k, m, d)), np.zeros((k, m, d, d))
+        mean[:, :, :2], mean[:, :, 2:4] = position[:, None], velocity[:, None]
+        covariance[:] = np.diag(self._first_variance)
+        covariance[:, :, :2, :2] = position_covariance[:, None]
+        covariance[:, :, 2:4, 2:4] = velocity_covariance[:, None]
+        covariance *= self._has_both
+        self._append(mean, covariance, np.full((k, m), 1.0 / m))
+
+    def clone(self, rows: Indices, position: Floats, position_covariance: Floats) -> None:
+        """Append tracks that are as those of the given rows, but for positions of their own.
+
+        Args:
+            rows: (k,).
+            position: (k, 2), m.
+            position_covariance: (k, 2, 2).
+        """
+        first = len(self)
+        self.keep(np.concatenate([np.arange(first), rows]))
+        mean, covariance = self.mean, self.covariance
+        mean[first:, :, :2] = position[:, None]
+        covariance[first:, :, :2, :] = 0.0
+        covariance[first:, :, :, :2] = 0.0
+        covariance[first:, :, :2, :2] = position_covariance[:, None]
+        self.mean, self.covariance = mean, covariance  # for filters that keep them in another form
+
+    def keep(self, rows: Indices | Booleans) -> None:
+        """Keep the given rows and forget the others; a row given twice becomes two."""
+        self._keep_estimates(rows)
+        self.probability, self._fit = self.probability[rows], self._fit[rows]
+        if self._noise is not None:
+            self._noise.keep(rows)
+
+    def renumber(self, sensors: Mapping[int, int]) -> None:
+        """Give sensors other numbers; what is known of those left out is forgotten.
+
+        Args:
+            sensors: number of a sensor from here on, by the number it had.
+        """
+        if self._noise is not None:
+            self._noise.renumber(sensors)
+
+    def predict(self, dt: float, direction: Floats) -> None:
+        """Predict all tracks under every model, as extended Kalman filters do: f(x) and F P Fᵀ + Q.
+
+        That is (12) and (16) of paper 002, which write the covariance as the inverse of an information matrix.
+
+        Args:
+            dt: s.
+            direction: of travel, unit vectors (n, 2).
+        """
+        if not len(self):
+            self.link = None
+            return
+        self._dt = dt
+        self._interact(dt)
+        before = OutputState(self.mean.copy(), self.covariance.copy(), self._turning) if self.linking else None
+        transitions = [self._predict_model(j, dt, direction) for j in range(len(self._models))]
+        symmetrise(self.covariance)
+        if before is not None:
+            self.link = self._link(before, transitions)
+
+    @abstractmethod
+    def _interact(self, dt: float) -> None:
+        """Let the models' estimates meet before a prediction by dt, s."""
+
+    def _predict_model(self, j: int, dt: float, direction: Floats) -> Floats:
+        """Predict with one model; return its transition F (n or 1, D, D)."""
+        model = self._models[j]
+        if isinstance(model, CurrentStatistical) and model.innovation_memory is not None:
+            self.mean[:, j], f, q = model.transition(self.mean[:, j], dt, direction, self._fit[:, j])
+        else:
+            self.mean[:, j], f, q = model.transition(self.mean[:, j], dt, direction)
+        np.add(propagated(self.covariance[:, j], f), q, out=self.covariance[:, j])
+        return f
+
+    @property
+    def adapting(self) -> bool:
+        """Whether each track finds out how noisy the sensors are."""
+        return self._noise is not None
+
+    @property
+    def directional(self) -> bool:
+        """Whether any model treats the directions along and across the travel differently."""
+        return any(isinstance(model, LinearModel) and not model.isotropic for model in self._models)
+
+    def retreat(self, dt: float) -> None:
+        """Take all tracks back by a short dt (s), for a measurement that comes late; what was learnt since is kept."""
+        self.mean[:, :, :2] -= dt * self.mean[:, :, VELOCITY]
+
+    def update(self, rows: Indices, measurement: Measurement) -> Floats:
+        """Update the given rows (m,) with a measurement each; return their NIS (m,), weighted as the models are.
+
+        The other rows keep their predicted state and their predicted weights.
+        """
+        measurement = self._adapted(rows, measurement)
+        every = len(rows) == len(self) and bool((rows == np.arange(len(rows))).all())
+        mean = self.mean if every else self.mean[rows]
+        covariance = self.covariance if every else self.covariance[rows]
+        nis, log_likelihood = self._corrected(rows, mean, covariance, measurement)
+        if not every:
+            self.mean[rows], self.covariance[rows] = mean, covariance
+        self._note_fit(rows, nis, measurement)
+        if len(self._models) == 1:
+            return nis[:, 0]
+        prior = self.probability[rows]
+        self._weigh(rows, log_likelihood)
+        weighted: Floats = (prior * nis).sum(axis=1)
+        return weighted
+
+    def believed(self, rows: Indices, measurement: Measurement) -> Measurement:
+        """Return a measurement with the most noise that is believed of a sensor that keeps an object's id.
+
+        As it says where its noise is not found out. Nothing is learnt.
+
+        Args:
+            rows: the tracks of the ids, (m,).
+            measurement: a detection each.
+        """
+        return measurement if self._noise is None else self._noise.believed(rows, measurement)
+
+    def _corrected(
+        self, rows: Indices, mean: Floats, covariance: Floats, measurement: Measurement
+    ) -> tuple[Floats, Floats]:
+        """Update the estimates of the given rows in place; return NIS and log likelihood, (m, M) each."""
+        del rows  # the filters of all rows are alike
+        return correct(mean, covariance, measurement)
+
+    @abstractmethod
+    def _weigh(self, rows: Indices, log_likelihood: Floats) -> None:
+        """Weigh the models of the given rows after a measurement, whose log likelihood under each is (m, M)."""
+
+    def combined(self) -> tuple[Floats, Floats]:
+        """Return the combined mean (n, 6) and covariance (n, 6, 6) over [x, y, vx, vy, ax, ay].
+
+        A constant velocity model says that the acceleration is zero, a coordinated turn that it is ω × v. To be read:
+        the arrays may be the filter's own, which `predict` and `update` change.
+        """
+        if len(self._models) == 1 and self._width == TOLD:
+            return self.mean[:, 0], self.covariance[:, 0]
+        reading = self._reading()
+        return moments(self.probability, reading.told(), reading.covariance_told())
+
+    def expected_position(self, rows: Indices, horizon: float, direction: Floats) -> Floats:
+        """Return where the given rows' models expect their targets after a time.
+
+        Args:
+            rows: (m,) rows.
+            horizon: s.
+            direction: direction of travel of these rows, (m, 2).
+
+        Returns:
+            Positions (m, 2), m.
+        """
+        position = np.zeros((len(rows), 2))
+        for j, model in enumerate(self._models):
+            mean, _, _ = model.transition(self.mean[rows, j], horizon, direction)
+            position += self.probability[rows, j, None] * mean[:, :2]
+        return position
+
+    def _adapted(self, rows: Indices, measurement: Measurement) -> Measurement:
+        """Return the measurement as noisy as the tracks have found it to be."""
+        if self._noise is None:
+            return measurement
+        mean, covariance = self.combined()
+        return self._noise.adapted(rows, measurement, mean[rows, :2], covariance[rows, :2, :2])
+
+    def _note_fit(self, rows: Indices, nis: Floats, measurement: Measurement) -> None:
+        """Remember how the innovations of late fitted, for models whose noise follows them; NIS is (m, M)."""
+        if not self._memories:
+            return
+        freedom = measurement.measured
+        for j, memory in self._memories:
+            share = -np.expm1(-self._dt / memory)
+            self._fit[rows, j] += share * (nis[:, j] / freedom - self._fit[rows, j])
+
+    def _link(self, before: OutputState, transitions: Sequence[Floats]) -> Link:
+        """Return what a smoother needs of a prediction.
+
+        Args:
+            before: what the mixed estimates said before it.
+            transitions: F of each model.
+        """
+        mean, predicted = (each.copy() for each in self.combined())
+        cross = before.cross(self._reading(), self.probability, transitions)
+        return Link(mean, predicted, smoothing_gain(cross, predicted))
+
+    def _reading(self) -> OutputState:
+        return OutputState(self.mean, self.covariance, self._turning)
+
+    def _keep_estimates(self, rows: Indices | Booleans) -> None:
+        self.mean, self.covariance = self.mean[rows], self.covariance[rows]
+
+    def _append_estimates(self, mean: Floats, covariance: Floats) -> None:
+        self.mean = np.concatenate([self.mean, mean])
+        self.covariance = np.concatenate([self.covariance, covariance])
+
+    def _append(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
+        self._append_estimates(mean, covariance)
+        self.probability = np.concatenate([self.probability, probability])
+        if self._noise is not None:
+            self._noise.spawn(len(mean))
+        self._fit = np.concatenate([self._fit, np.ones(probability.shape)])
+
+
+def _memories(models: Sequence[MotionModel]) -> list[tuple[int, float]]:
+    """Return the models whose noise follows the innovations, each with the time constant of their mean."""
+    return [
+        (j, model.innovation_memory)
+        for j, model in enumerate(models)
+        if isinstance(model, CurrentStatistical) and model.innovation_memory is not None
+    ]

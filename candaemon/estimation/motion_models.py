@@ -1,0 +1,268 @@
+"""Motion models over ground, batched over tracks.
+
+Every model speaks of the state [x, y, vx, vy, ax, ay, ω, jx, jy] in the level frame (m, m/s, m/s², rad/s, m/s³; ω
+positive to the left) and uses the `components` it has; the others stay zero. Where a model treats the two axes
+differently, the axes are along and across the direction of travel, a unit vector a track.
+
+Linear models are built axis by axis: an axis has a transition and a noise over (position, velocity, acceleration,
+jerk), spread over the plane by `plane`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from candaemon.arrays import Floats
+from candaemon.estimation.axis import Axis, decaying_axis, white_axis
+from candaemon.estimation.plane import X, Y, directed, isotropic
+
+POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6
+JERK = slice(7, 9)
+
+
+class MotionModel(Protocol):
+    """A motion model of n tracks at once."""
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Indices of the state's components that the model has."""
+        ...
+
+    def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the predicted mean (n, D), the Jacobian F and the noise Q, each (n or 1, D, D).
+
+        Args:
+            mean: state, (n, D), D the width of the state that the filter carries.
+            dt: time step, s.
+            direction: unit vector of travel in the level frame, (n, 2).
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LinearModel:
+    """Nearly constant velocity, acceleration or jerk, its noise and memory chosen along and across the travel.
+
+    Of order 1 it is (1) to (3) of paper 003 and (5), (6) of paper 002; but for the noise, which is white in continuous
+    time, where those papers have an acceleration that is constant over a step, through G.
+
+    Attributes:
+        order: 1 constant velocity (CV, Friedland), 2 constant acceleration (CA, Hampton), 3 constant jerk (Hou's four
+            states of an axis).
+        noise: power of the white noise along and across, (m/s²)²/Hz for order 1, (m/s³)²/Hz for order 2, (m/s⁴)²/Hz
+            for order 3.
+        settling: time constants along and across with which the highest derivative decays, s; None: it keeps, as the
+            jerk always does. Across, it is the *velocity* that decays, whatever the order: vehicles keep to their lane.
+        wander: power of a random walk of position along and across, m²/s: the reflection moves over the vehicle.
+    """
+
+    order: int
+    noise: tuple[float, float]
+    settling: tuple[float | None, float | None] = (None, None)
+    wander: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.order == 3 and self.settling != (None, None):
+            raise ValueError("a constant jerk does not settle")
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Indices of the state's components that the model has."""
+        return (tuple(range(4)), tuple(range(6)), (*range(6), 7, 8))[self.order - 1]
+
+    @property
+    def isotropic(self) -> bool:
+        """Whether the model is the same along and across the travel."""
+        return self.settling == (None, None) and self.noise[0] == self.noise[1] and self.wander[0] == self.wander[1]
+
+    def axes(self, dt: float) -> tuple[Axis, Axis]:
+        """Return the axis along and the axis across the direction of travel."""
+        along = self._axis(0, self.order, dt)
+        if self.isotropic:
+            return along, along
+        return along, self._axis(1, self.order if self.settling[1] is None else 1, dt)
+
+    def _axis(self, which: int, order: int, dt: float) -> Axis:
+        time_constant = self.settling[which]
+        if time_constant is None:
+            axis = white_axis(dt, self.noise[which], order=order)
+        else:
+            axis = decaying_axis(1.0 / time_constant, dt, self.noise[which], order=order)
+        axis.noise[0, 0] += self.wander[which] * dt
+        return axis
+
+    def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
+        """Predict the mean with its own F; see `MotionModel.transition`."""
+        along, across = self.axes(dt)
+        f = directed(along.transition, across.transition, direction, mean.shape[1])
+        q = directed(along.noise, across.noise, direction, mean.shape[1])
+        predicted = mean @ f[0].T if len(f) == 1 else np.matmul(f, mean[:, :, None])[:, :, 0]
+        return predicted, f, q
+
+
+@dataclass(frozen=True, slots=True)
+class Singer:
+    """Singer's model: acceleration is coloured noise of zero mean, paper 000 (9) with ā = 0.
+
+    Attributes:
+        alpha: manoeuvre frequency α, 1/s.
+        deviation: standard deviation of the acceleration, m/s².
+    """
+
+    alpha: float
+    deviation: float
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Indices of the state's components that the model has."""
+        return tuple(range(6))
+
+    def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
+        """Predict with F by (15) and Q by (18), (19) of paper 000; see `MotionModel.transition`."""
+        del direction  # the model is the same in every direction
+        axis = decaying_axis(self.alpha, dt, 2 * self.alpha * self.deviation**2, order=2)
+        f = isotropic(axis.transition, mean.shape[1])
+        return mean @ f.T, f[None], isotropic(axis.noise, mean.shape[1])[None]
+
+
+@dataclass(frozen=True, slots=True)
+class CurrentStatistical:
+    """The current statistical model: acceleration decays to its current mean, its variance adapts.
+
+    It is (14) to (20) of paper 000, from the continuous (9) to (13), and (4) to (6) of paper 003.
+
+    The variance is that of a modified Rayleigh density between the current acceleration and the limit, (8) and (20).
+    At and beyond the limit (8) falls to zero, and past it grows again: a target that brakes at the limit would be lost.
+    So the distance to the limit is clamped at zero and the variance has a floor.
+
+    Attributes:
+        alpha: manoeuvre frequency α, 1/s.
+        limit: a_max, m/s², the same forwards and backwards.
+        floor: smallest variance of the acceleration, (m/s²)².
+        innovation_memory: time constant, s, of the mean NIS that the variance follows too, `driven_variance`; None: it
+            does not.
+    """
+
+    alpha: float
+    limit: float
+    floor: float
+    innovation_memory: float | None = None
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Indices of the state's components that the model has."""
+        return tuple(range(6))
+
+    def transition(
+        self, mean: Floats, dt: float, direction: Floats, fit: Floats | None = None
+    ) -> tuple[Floats, Floats, Floats]:
+        """Predict the mean with (14), F by (15), U by (16), Q by (18) to (20) of paper 000.
+
+        The mean acceleration ā is the current one (17), so that F x + U ā is the transition of constant acceleration,
+        and F the Jacobian with ā held. See `MotionModel.transition`.
+
+        Args:
+            mean: state, (n, D).
+            dt: time step, s.
+            direction: of travel, (n, 2).
+            fit: mean NIS of late over its degrees of freedom (n,), where the variance follows the innovations.
+        """
+        del direction  # the model is the same in every direction
+        width = mean.shape[1]
+        axis = decaying_axis(self.alpha, dt, 2 * self.alpha, order=2)
+        f = isotropic(axis.transition, width)
+        predicted = mean @ f.T
+        predicted[:, :6] += (axis.input[:, None] * mean[:, None, ACCELERATION]).reshape(-1, 6)
+        per_axis = np.zeros((2, width, width))
+        per_axis[0, X, X] = per_axis[1, Y, Y] = axis.noise
+        variance = self.variance(mean[:, ACCELERATION])
+        if fit is not None:
+            variance = driven_variance(variance, self.floor, fit[:, None])
+        q = variance @ per_axis.reshape(2, -1)
+        return predicted, f[None], q.reshape(-1, width, width)
+
+    def variance(self, acceleration: Floats) -> Floats:
+        """Return σₐ² of (8) and (20), with the clamp and the floor."""
+        room = np.maximum(self.limit - np.abs(acceleration), 0.0)
+        return np.maximum((4 - np.pi) / np.pi * room**2, self.floor)
+
+
+def driven_variance(variance: Floats, floor: float, fit: Floats) -> Floats:
+    """Return the acceleration's variance between its floor and (8), as the innovations ask for it.
+
+    As long as the innovations are as small as a target that keeps its acceleration makes them, the floor is enough;
+    where they are twice as large as predicted, it is (8) in full.
+
+    Args:
+        variance: by (8) and (20), (m/s²)².
+        floor: smallest variance, (m/s²)².
+        fit: mean NIS of late over its degrees of freedom.
+    """
+    return np.asarray(floor + np.clip(fit - 1.0, 0.0, 1.0) * (variance - floor))
+
+
+@dataclass(frozen=True, slots=True)
+class CoordinatedTurn:
+    """Nearly constant speed turn, (10), (11) and (15) of paper 002; valid on velocity over ground only.
+
+    The first row of (9) and (11) lacks a sign, −(1 − cos ωT) / ω. The noise is white in continuous time, where (11) has
+    accelerations that are constant over a step, through G.
+
+    Attributes:
+        noise: power of the white noise on velocity, (m/s²)²/Hz.
+        turn_noise: power of the white noise on ω, (rad/s²)²/Hz.
+        wander: power of a random walk of position, m²/s.
+        limit: largest turn rate, rad/s; beyond it, as far as no vehicle goes, the estimate is drawn back to it. A slow
+            target tells little of its turn rate, and past π/T any turn looks like another.
+    """
+
+    noise: float
+    turn_noise: float
+    wander: float = 0.0
+    limit: float = np.inf
+
+    @property
+    def components(self) -> tuple[int, ...]:
+        """Indices of the state's components that the model has."""
+        return (0, 1, 2, 3, TURN)
+
+    def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
+        """Turn the velocity by ωT, (11) of paper 002; F is the Jacobian after (17) there, f_ω its last column.
+
+        Beyond the limit F is that at the limit, its last column included: were the clip's own derivative taken, which
+        is none, the turn rate would count as known but for its noise. See `MotionModel.transition`.
+        """
+        del direction  # the model is the same in every direction
+        vx, vy, w = mean[:, 2], mean[:, 3], np.clip(mean[:, TURN], -self.limit, self.limit)
+        angle = w * dt
+        small = np.abs(angle) < 1e-4
+        divisor = np.where(small, 1.0, w)
+        sine, cosine = np.sin(angle), np.cos(angle)
+        s = np.where(small, dt * (1 - angle**2 / 6), sine / divisor)
+        c = np.where(small, dt * angle / 2, (1 - cosine) / divisor)
+        s_w = np.where(small, -dt * dt * angle / 3, (dt * cosine - s) / divisor)
+        c_w = np.where(small, dt * dt / 2, (dt * sine - c) / divisor)
+        predicted = mean.copy()
+        predicted[:, 0] += s * vx - c * vy
+        predicted[:, 1] += c * vx + s * vy
+        predicted[:, 2] = cosine * vx - sine * vy
+        predicted[:, 3] = sine * vx + cosine * vy
+        predicted[:, TURN] = w
+        f = np.zeros((len(mean), mean.shape[1], mean.shape[1]))
+        f[:, 0, 0] = f[:, 1, 1] = f[:, TURN, TURN] = 1.0
+        f[:, 0, 2] = f[:, 1, 3] = s
+        f[:, 0, 3], f[:, 1, 2] = -c, c
+        f[:, 2, 2] = f[:, 3, 3] = cosine
+        f[:, 2, 3], f[:, 3, 2] = -sine, sine
+        f[:, 0, TURN] = s_w * vx - c_w * vy
+        f[:, 1, TURN] = c_w * vx + s_w * vy
+        f[:, 2, TURN] = -dt * predicted[:, 3]
+        f[:, 3, TURN] = dt * predicted[:, 2]
+        axis = white_axis(dt, self.noise, order=1).noise
+        axis[0, 0] += self.wander * dt
+        q = isotropic(axis, mean.shape[1])
+        q[TURN, TURN] = self.turn_noise * dt
+        return predicted, f, q[None]

@@ -1,0 +1,97 @@
+"""What the models of a bank say of the state that is told, [x, y, vx, vy, ax, ay].
+
+A constant velocity model says that the acceleration is zero, a coordinated turn that it is ω × v.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from candaemon.arrays import Floats
+from candaemon.estimation.motion_models import ACCELERATION, TURN
+
+TOLD = 6
+"""Components that are told."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutputState:
+    """Estimates of n tracks under M models, to be read.
+
+    Attributes:
+        mean: (n, M, D).
+        covariance: (n, M, D, D).
+        turning: indices of the models that turn.
+    """
+
+    mean: Floats
+    covariance: Floats
+    turning: Sequence[int]
+
+    @property
+    def _shared(self) -> int:
+        """How many of the told components any model has."""
+        width: int = self.mean.shape[2]
+        return min(width, TOLD)
+
+    def told(self) -> Floats:
+        """Return what each model says, (n, M, 6)."""
+        mean = np.zeros((*self.mean.shape[:2], TOLD))
+        mean[:, :, : self._shared] = self.mean[:, :, : self._shared]
+        for j in self.turning:
+            turn_rate = self.mean[:, j, TURN]
+            mean[:, j, 4] = -turn_rate * self.mean[:, j, 3]
+            mean[:, j, 5] = turn_rate * self.mean[:, j, 2]
+        return mean
+
+    def covariance_told(self) -> Floats:
+        """Return how well each model knows what it says, (n, M, C, C) over the first C of the six that any has."""
+        covariance = self.covariance[:, :, : self._shared, : self._shared]
+        if not self.turning:
+            return covariance
+        covariance = covariance.copy()
+        for j in self.turning:
+            slope = self._slope(j)
+            reach = np.matmul(slope, self.covariance[:, j])
+            covariance[:, j, ACCELERATION, :4] = reach[:, :, :4]
+            covariance[:, j, :4, ACCELERATION] = np.swapaxes(reach[:, :, :4], 1, 2)
+            covariance[:, j, ACCELERATION, ACCELERATION] = np.matmul(reach, np.swapaxes(slope, 1, 2))
+        return covariance
+
+    def cross(self, predicted: OutputState, probability: Floats, transitions: Sequence[Floats]) -> Floats:
+        """Return the covariance of what is told here with what is told after a prediction, (n, 6, 6).
+
+        Args:
+            predicted: the same tracks after it.
+            probability: of the models, (n, M).
+            transitions: F of each model, (n or 1, D, D).
+        """
+        before, after = self.told(), predicted.told()
+        before -= np.matmul(probability[:, None, :], before)
+        after -= np.matmul(probability[:, None, :], after)
+        cross = np.matmul(np.swapaxes(before, 1, 2) * probability[:, None, :], after)
+        here, there = self._slopes(), predicted._slopes()
+        for j, f in enumerate(transitions):
+            own = here[:, j] @ self.covariance[:, j] @ np.swapaxes(there[:, j] @ f, -1, -2)
+            cross += probability[:, j, None, None] * own
+        return np.asarray(cross)
+
+    def _slope(self, j: int) -> Floats:
+        """Return how the acceleration ω × v that a turning model says depends on its state, (n, 2, D)."""
+        turn_rate = self.mean[:, j, TURN]
+        slope = np.zeros((len(self.mean), 2, self.mean.shape[2]))
+        slope[:, 0, 3], slope[:, 0, TURN] = -turn_rate, -self.mean[:, j, 3]
+        slope[:, 1, 2], slope[:, 1, TURN] = turn_rate, self.mean[:, j, 2]
+        return slope
+
+    def _slopes(self) -> Floats:
+        """Return how what each model says depends on its state, (n, M, 6, D)."""
+        slopes = np.zeros((*self.mean.shape[:2], TOLD, self.mean.shape[2]))
+        shared = np.arange(self._shared)
+        slopes[:, :, shared, shared] = 1.0
+        for j in self.turning:
+            slopes[:, j, ACCELERATION] = self._slope(j)
+        return slopes

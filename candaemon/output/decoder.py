@@ -1,0 +1,88 @@
+"""The other side of the output: obstacles as who listens on the bus reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.arrays import Floats
+from candaemon.binding.bound import BoundOutput
+from candaemon.config.base import SignalRef
+from candaemon.objects.reader import ObjectReader
+from candaemon.tracking.obstacles import MOTION
+
+FIRST_STATE = 1
+"""State on the wire of what the tables number 0; the wire's 0 is an empty slot."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedCycle:
+    """Obstacles of one cycle as they were on the wire.
+
+    Attributes:
+        number: of the cycle, from 0.
+        time_ns: the instant they hold for; 0 where nobody told.
+        quantities: by name, shape (n,), SI and vehicle axes.
+    """
+
+    number: int
+    time_ns: int
+    quantities: dict[str, Floats]
+
+    def at(self, time_ns: int) -> DecodedCycle:
+        """Return them with the instant they hold for."""
+        return replace(self, time_ns=time_ns)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return them as columns of the table of tracks."""
+        told = self.quantities
+        return {
+            "id": told["id"].astype(np.int64),
+            "state": told["state"].astype(np.int64) - FIRST_STATE,
+            **{name: told[name] for name in (*MOTION, "age") if name in told},
+        }
+
+
+class OutputDecoder:
+    """Puts the frames of an output together again. A status message begins each cycle.
+
+    Args:
+        output: the bound output; it must have a status message, and id and state among its quantities.
+    """
+
+    def __init__(self, output: BoundOutput) -> None:
+        settings = output.settings
+        signals: dict[str, SignalRef] = {str(name): refs[0] for name, refs in settings.signals.items()}
+        self._reader = ObjectReader(settings.objects, signals, output.database)
+        self._status_id = None if output.status is None else output.status.message.can_id
+        self._payloads: list[list[bytes | None]] = []
+        self._clear()
+        self._cycles = -1
+
+    def push(self, can_id: int, data: bytes) -> Iterator[DecodedCycle]:
+        """Take a frame; yield the cycle that it ends."""
+        if can_id == self._status_id:
+            yield from self.flush()
+            self._cycles += 1
+            return
+        route = self._reader.routes.get(can_id)
+        if route is not None:
+            part, slot = route
+            self._payloads[part][slot] = data
+
+    def flush(self) -> Iterator[DecodedCycle]:
+        """Yield the cycle that is open."""
+        if self._cycles < 0:
+            return
+        objects = self._reader.read(self._payloads)
+        values = objects.values[:, objects.valid]
+        self._clear()
+        yield DecodedCycle(self._cycles, 0, dict(zip(self._reader.quantities, values, strict=True)))
+
+    def _clear(self) -> None:
+        """Forget the frames of the cycle."""
+        self._payloads = [[None] * self._reader.slots for _ in self._reader.parts]

@@ -1,0 +1,82 @@
+"""What the pipeline tells and counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from candaemon.ego.georeference import Georeference
+from candaemon.ego.motion_plausibility import MotionFaults
+from candaemon.ego.pose import EgoPose
+from candaemon.frames.frame import Frame
+from candaemon.radar.detections import Detections
+from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.tracker import Tracker
+
+
+@dataclass(slots=True)
+class BusCounts:
+    """Frames of one bus.
+
+    Attributes:
+        frames: all.
+        spare: in a DBC of this bus, but nothing asks for them.
+        unknown: in no DBC of this bus.
+        short: in the DBC with more bytes than they have; those of sensors are counted with their scans.
+    """
+
+    frames: int = 0
+    spare: int = 0
+    unknown: int = 0
+    short: int = 0
+
+    @property
+    def used(self) -> int:
+        """Frames that a sensor or own motion took."""
+        return self.frames - self.spare - self.unknown - self.short
+
+
+@dataclass(slots=True)
+class PipelineCounts:
+    """What the pipeline did.
+
+    Attributes:
+        cycles: times that obstacles were told.
+        coasting_cycles: those of them without a scan, because every sensor was silent.
+        without_ego: scans dropped because own motion was not known yet.
+        own_motion_short: frames of own motion with fewer bytes than the DBC says.
+        own_motion: frames of own motion that failed otherwise, by cause.
+        sent: frames made for the output bus.
+        buses: per bus.
+    """
+
+    cycles: int = 0
+    coasting_cycles: int = 0
+    without_ego: int = 0
+    own_motion_short: int = 0
+    own_motion: MotionFaults = field(default_factory=MotionFaults)
+    sent: int = 0
+    buses: list[BusCounts] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """One cycle of the daemon.
+
+    Attributes:
+        time_ns: when it was told: the time of the frame that closed the scan.
+        obstacles: of all groups; their own time is that of the measurement.
+        frames: what goes onto the output bus.
+        pose: own pose at the obstacles' time.
+        detections: the scan's, None in a cycle without one.
+        tracker: the group's tracker that took them, to be asked before the next cycle.
+        placement: of the level frame on earth at the obstacles' time; None where it is not known or not asked for.
+    """
+
+    time_ns: int
+    obstacles: Obstacles
+    frames: Sequence[Frame]
+    pose: EgoPose
+    detections: Detections | None
+    tracker: Tracker | None
+    placement: Georeference | None = None

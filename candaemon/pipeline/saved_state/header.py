@@ -1,0 +1,109 @@
+"""The first line of a stored state: of which version, configuration and moment it is, as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from hashlib import sha256
+from typing import Any
+
+from candaemon._version import __version__
+from candaemon.errors import InputError
+from candaemon.pipeline.saved_state.fingerprint import Fingerprint, differences
+
+_FORMAT = "candaemon state 1"
+
+
+@dataclass(frozen=True, slots=True)
+class StateHeader:
+    """What a state says of itself.
+
+    Attributes:
+        fingerprint: of the configuration.
+        structure: digest of the pipeline's structure.
+        begins: why a recording's file begins with it: `start`, `rotation`, `gap` or `reload`; empty elsewhere.
+        follows: name of the file at whose end it was; empty where there is none.
+        time_ns: of the first item after it.
+        version: of candaemon.
+    """
+
+    fingerprint: Fingerprint
+    structure: str
+    begins: str
+    follows: str
+    time_ns: int
+    version: str = __version__
+
+    def written(self, content: bytes) -> bytes:
+        """Return the header and the content after it."""
+        line = {
+            "format": _FORMAT,
+            "version": self.version,
+            "structure": self.structure,
+            "begins": self.begins,
+            "follows": self.follows,
+            "time_ns": self.time_ns,
+            "sha256": sha256(content).hexdigest(),
+            "configuration": dict(self.fingerprint),
+        }
+        return json.dumps(line).encode() + b"\n" + content
+
+    def require(self, fingerprint: Fingerprint, structure: str) -> None:
+        """Refuse a state of something else.
+
+        Raises:
+            InputError: it is of another version or configuration; says what differs.
+        """
+        cure = "replay it with --fresh to do without the state"
+        if self.version != __version__:
+            raise InputError(
+                f"the state is of candaemon {self.version}, this is {__version__}; use that one, or {cure}"
+            )
+        differs = differences(self.fingerprint, fingerprint)
+        if differs:
+            raise InputError(
+                f"the state is of another configuration ({differs}); use the one kept beside the recording, or {cure}"
+            )
+        if self.structure != structure:
+            raise InputError(f"the state is of another build of candaemon {self.version}; use that one, or {cure}")
+
+
+def split(data: bytes) -> tuple[StateHeader, bytes]:
+    """Return a stored state's header and content.
+
+    Raises:
+        InputError: it is damaged, or none.
+    """
+    line, _, content = data.partition(b"\n")
+    header, digest = _read(line)
+    if sha256(content).hexdigest() != digest:
+        raise InputError("the state is damaged: its content is not what its first line says; use --fresh")
+    return header, content
+
+
+def header_of(data: bytes) -> StateHeader:
+    """Return a stored state's header; the content may be missing.
+
+    Raises:
+        InputError: it is damaged, or none.
+    """
+    return _read(data.partition(b"\n")[0])[0]
+
+
+def _read(line: bytes) -> tuple[StateHeader, str]:
+    """Return the header in a line and the digest of what follows."""
+    try:
+        found: Any = json.loads(line)
+        if found["format"] != _FORMAT:
+            raise InputError(f"found '{found['format']}', expected '{_FORMAT}'; use --fresh to do without")
+        header = StateHeader(
+            {str(key): str(value) for key, value in found["configuration"].items()},
+            str(found["structure"]),
+            str(found["begins"]),
+            str(found["follows"]),
+            int(found["time_ns"]),
+            str(found["version"]),
+        )
+        return header, str(found["sha256"])
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise InputError("it is no stored state, or a damaged one; use --fresh to do without") from error

@@ -1,0 +1,210 @@
+"""Counters' companions: checksums of frames, one at a time to verify, a whole cycle at once to fill.
+
+Every checksum covers all of the payload but itself; it fills a byte, honda's half a byte. Kinds:
+
+- `toyota`: sum of the identifier's bytes, the length and the payload, modulo 256.
+- `honda`: 8 less the sum of all half bytes of identifier and payload, 3 more with a 29-bit identifier, modulo 16.
+- `xor`: exclusive or of the payload.
+- `additive`: sum of the payload modulo 256.
+- `crc8_sae_j1850`: polynomial 0x1D, start 0xFF, final XOR 0xFF; "123456789" gives 0x4B.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from candaemon.arrays import Bytes, Integers
+from candaemon.dbc.bits import first_bit
+from candaemon.dbc.types import MessageSpec
+from candaemon.errors import ConfigError
+from candaemon.frames.frame import EXTENDED
+
+Kind = Literal["toyota", "honda", "xor", "additive", "crc8_sae_j1850"]
+
+POLYNOMIAL: Final = 0x1D
+
+
+def _crc_table() -> bytes:
+    """CRC-8 remainder of every byte."""
+    table = bytearray(256)
+    for byte in range(256):
+        crc = byte
+        for _ in range(8):
+            crc = (crc << 1) ^ (POLYNOMIAL if crc & 0x80 else 0)
+            crc &= 0xFF
+        table[byte] = crc
+    return bytes(table)
+
+
+CRC_TABLE: Final = _crc_table()
+NIBBLE_SUMS: Final = bytes((byte >> 4) + (byte & 0xF) for byte in range(256))
+"""Sum of the half bytes of every byte."""
+
+
+def crc8_sae_j1850(data: bytes) -> int:
+    """CRC-8 SAE J1850 of some bytes."""
+    crc, table = 0xFF, CRC_TABLE
+    for byte in data:
+        crc = table[crc ^ byte]
+    return crc ^ 0xFF
+
+
+def id_sum(kind: Kind, can_id: int) -> int:
+    """Give what an identifier adds to a checksum of a kind: its bytes' sum, for honda that of its half bytes."""
+    identifier = (can_id & ~EXTENDED).to_bytes(4, "big")
+    if kind == "honda":
+        return sum(identifier.translate(NIBBLE_SUMS)) - 3 * bool(can_id & EXTENDED)
+    return sum(identifier) if kind == "toyota" else 0
+
+
+class FrameProtector(Protocol):
+    """What protects the frames of some messages: checks it in one frame, writes it into one or many."""
+
+    def verify(self, can_id: int, data: bytes) -> bool:
+        """Tell whether a frame of one of the messages is what was sent; one too short never is."""
+        ...
+
+    def seal(self, can_id: int, payload: bytes) -> bytes:
+        """Give one frame's payload with its checksum written into it."""
+        ...
+
+    def fill(self, can_ids: Integers, payloads: Bytes) -> None:
+        """Write the checksums of frames (n, length) laid out alike into them, in place."""
+        ...
+
+
+class _Place(NamedTuple):
+    """Where one message keeps its checksum: byte, bits below it there and its mask; and what the identifier adds."""
+
+    position: int
+    shift: int
+    mask: int
+    length: int
+    id_sum: int
+
+
+class Protector:
+    """The checksum of messages of one kind; where in the frame it is may differ between them.
+
+    Args:
+        kind: how the checksum is made.
+        messages: the messages.
+        signal: name of the checksum signal in each: 8 bits on a byte of its own; for honda 4 bits, half of one.
+
+    Raises:
+        ConfigError: a message has no such signal, or it does not fill its byte or half byte.
+
+    """
+
+    def __init__(self, kind: Kind, messages: Sequence[MessageSpec], signal: str) -> None:
+        self.kind: Final = kind
+        self._places = {message.can_id: _place(kind, message, signal) for message in messages}
+        self._position, self._shift, self._mask, self._length, _ = self._places[messages[0].can_id]
+        self._others = np.array([byte for byte in range(self._length) if byte != self._position], dtype=np.intp)
+        if kind == "crc8_sae_j1850":
+            self._tables, self._start = self._positional_tables()
+
+    def position(self, can_id: int) -> int:
+        """Give the byte of a message's checksum."""
+        return self._places[can_id].position
+
+    def checksum(self, can_id: int, data: bytes) -> int:
+        """Compute the checksum that a frame should carry, which is at least as long as its message."""
+        position, shift, _, _, identifier = self._places[can_id]
+        match self.kind:
+            case "toyota":
+                return (sum(data) - data[position] + identifier + len(data)) & 0xFF
+            case "honda":
+                own = data[position] >> shift & 0xF
+                return (8 - identifier - sum(data.translate(NIBBLE_SUMS)) + own) & 0xF
+            case "additive":
+                return (sum(data) - data[position]) & 0xFF
+            case "xor":
+                value = data[position]
+                for byte in data:
+                    value ^= byte
+                return value
+            case "crc8_sae_j1850":
+                return crc8_sae_j1850(data[:position] + data[position + 1 :])
+
+    def verify(self, can_id: int, data: bytes) -> bool:
+        """Tell whether a frame of one of the messages carries the checksum it should; one too short never does."""
+        position, shift, mask, length, _ = self._places[can_id]
+        return len(data) >= length and data[position] >> shift & mask == self.checksum(can_id, data)
+
+    def seal(self, can_id: int, payload: bytes) -> bytes:
+        """Give one frame's payload with its checksum written into it."""
+        position, shift, mask, _, _ = self._places[can_id]
+        kept = payload[position] & ~(mask << shift)
+        sealed = kept | self.checksum(can_id, payload) << shift
+        return payload[:position] + bytes((sealed,)) + payload[position + 1 :]
+
+    def fill(self, can_ids: Integers, payloads: Bytes) -> None:
+        """Write the checksums of a cycle's frames into them.
+
+        All must be of messages laid out as the first one is.
+
+        Args:
+            can_ids: (n,) identifiers, with the extended flag where they have it.
+            payloads: (n, length), changed in place.
+
+        """
+        others = payloads[:, self._others]
+        match self.kind:
+            case "toyota":
+                ids = can_ids & ~EXTENDED
+                head = (ids & 0xFF) + (ids >> 8 & 0xFF) + (ids >> 16 & 0xFF) + (ids >> 24) + self._length
+                sums = others.sum(axis=1, dtype=np.int64) + head
+                payloads[:, self._position] = sums & 0xFF
+            case "honda":
+                self._fill_half_bytes(can_ids, payloads)
+            case "additive":
+                payloads[:, self._position] = others.sum(axis=1, dtype=np.int64) & 0xFF
+            case "xor":
+                payloads[:, self._position] = np.bitwise_xor.reduce(others, axis=1)
+            case "crc8_sae_j1850":
+                terms = self._tables[np.arange(self._length - 1), others]
+                payloads[:, self._position] = np.bitwise_xor.reduce(terms, axis=1) ^ self._start
+
+    def _fill_half_bytes(self, can_ids: Integers, payloads: Bytes) -> None:
+        """Write honda's checksums into their half bytes."""
+        column = payloads[:, self._position]
+        column &= 0xFF ^ (0xF << self._shift)
+        sums = np.frombuffer(NIBBLE_SUMS, np.uint8).take(payloads).sum(axis=1, dtype=np.int64)
+        heads = np.array([self._places[can_id].id_sum for can_id in can_ids.tolist()], np.int64)
+        column |= ((8 - heads - sums & 0xF) << self._shift).astype(np.uint8)
+
+    def _positional_tables(self) -> tuple[Bytes, np.uint8]:
+        """Tabulate what each value of each byte contributes to the CRC, and give the CRC of all zeros.
+
+        A CRC of a fixed length is affine in its bits, so the bytes' shares are looked up at once and XORed.
+        """
+        count = self._length - 1
+        start = crc8_sae_j1850(bytes(count))
+        tables = np.zeros((count, 256), np.uint8)
+        for byte in range(count):
+            for value in range(256):
+                message = bytearray(count)
+                message[byte] = value
+                tables[byte, value] = crc8_sae_j1850(bytes(message)) ^ start
+        return tables, np.uint8(start)
+
+
+def _place(kind: Kind, message: MessageSpec, signal: str) -> _Place:
+    """Find a message's checksum."""
+    spec = message.signal(signal)
+    first, bits = first_bit(spec), 4 if kind == "honda" else 8
+    if spec.length != bits or first % bits or first + bits > 8 * message.length:
+        fills = "half a byte" if bits == 4 else "one byte"
+        raise ConfigError(
+            f"checksum signal '{signal}' of '{message.name}' starts at bit {spec.start} with {spec.length} bits; "
+            f"expected {bits} bits that fill {fills} of the message",
+            file=message.file,
+            line=spec.line or None,
+        )
+    position, within = divmod(first, 8)
+    shift = within if spec.byte_order == "little" else 8 - within - bits
+    return _Place(position, shift, (1 << bits) - 1, message.length, id_sum(kind, message.can_id))

@@ -1,0 +1,111 @@
+"""Who receives the frames of a block, found for all of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Indices, Integers
+from candaemon.binding.bound import BoundSensor
+from candaemon.frames.block import FrameBlock
+from candaemon.radar.assembly import Route, ScanAssembler
+from candaemon.radar.block_scans import WholeScans, whole_scans
+from candaemon.radar.scan import Scan
+
+Event: TypeAlias = tuple[int, Callable[[int, int, Any, int], Scan | None], int, int, Any]
+"""Time, receiver, and the part, slot and payload to call it with: as a `Route`, or with the objects of a whole scan."""
+
+
+class Routed(NamedTuple):
+    """A block, ready to be received.
+
+    Attributes:
+        events: in order of time.
+        frames: of each bus.
+        unknown: those of them that nobody receives.
+    """
+
+    events: Iterator[Event]
+    frames: list[int]
+    unknown: list[int]
+
+
+class BlockRouter:
+    """Routes blocks.
+
+    Args:
+        routes: for each bus, who receives an identifier.
+        sensors: the bound sensors.
+        assemblers: of their scans.
+    """
+
+    def __init__(
+        self, routes: Sequence[Mapping[int, Route]], sensors: Sequence[BoundSensor], assemblers: Sequence[ScanAssembler]
+    ) -> None:
+        self._buses = len(routes)
+        known = {_key(bus, can_id): route for bus, each in enumerate(routes) for can_id, route in each.items()}
+        self._keys = np.array(sorted(known), np.int64)
+        # one place more than there are keys: of frames that nobody receives
+        self._nobody = len(known)
+        receivers, parts, slots = zip(*(known[key] for key in sorted(known)), (_pass, 0, 0), strict=True)
+        self._receivers = np.array(receivers, object)
+        self._parts, self._slots = np.array(parts, np.int64), np.array(slots, np.int64)
+        self._whole: list[tuple[WholeScans, Booleans]] = []
+        for sensor, assembler in zip(sensors, assemblers, strict=True):
+            scans = whole_scans(sensor, assembler)
+            if scans is not None:
+                mine = np.isin(self._keys, [_key(sensor.bus, can_id) for can_id in assembler.routes])
+                self._whole.append((scans, np.append(mine, False)))
+
+    def routed(self, block: FrameBlock) -> Routed:
+        """Route a block's frames; those of a scan that came whole are two events, its begin and its end.
+
+        To be called when all events of the block before were received.
+
+        Args:
+            block: frames in order of time.
+        """
+        place = self._places(block)
+        kept = np.ones(len(block), np.bool_)
+        found = []
+        for scans, mine in self._whole:
+            rows = mine[place].nonzero()[0]
+            taken = place[rows]
+            frames, objects = scans.find(block, rows, self._parts[taken], self._slots[taken])
+            kept[frames[:, 1:-1]] = False
+            found.append((scans.assembler, frames, objects))
+        rows = kept.nonzero()[0]
+        places, data = place[rows], list[Any](block.payloads(rows))
+        times, parts, slots = block.time_ns[rows].tolist(), self._parts[places].tolist(), self._slots[places].tolist()
+        receivers = self._receivers[places].tolist()
+        for assembler, frames, objects in found:
+            first, last = np.searchsorted(rows, frames[:, 0]), np.searchsorted(rows, frames[:, -1])
+            for begin, end, whole in zip(first.tolist(), last.tolist(), objects, strict=True):
+                receivers[begin], receivers[end], data[end] = assembler.begin_whole, assembler.end_whole, whole
+        return Routed(zip(times, receivers, parts, slots, data, strict=True), *self._counted(block, place))
+
+    def _places(self, block: FrameBlock) -> Indices:
+        """Return where the receiver of each frame is listed, (n,)."""
+        keys: Integers = _key(block.bus.astype(np.int64), block.can_id)
+        place = np.searchsorted(self._keys, keys)
+        place[self._keys.take(place, mode="clip") != keys] = self._nobody
+        return place
+
+    def _counted(self, block: FrameBlock, place: Indices) -> tuple[list[int], list[int]]:
+        """Count the frames of each bus, and those that nobody receives."""
+        real = block.bus >= 0  # others only tell how late it is
+        lost = real & (place == self._nobody)
+        count = partial(np.bincount, minlength=self._buses)
+        return count(block.bus[real]).tolist(), count(block.bus[lost]).tolist()
+
+
+def _key(bus: Any, can_id: Any) -> Any:
+    """Return one number for a bus and an identifier, or for arrays of both."""
+    return bus << 32 | can_id
+
+
+def _pass(_part: int, _slot: int, _data: bytes, _time_ns: int) -> None:
+    """Receive a frame that nobody asks for: it tells how late it is."""

@@ -1,0 +1,116 @@
+"""Scans that came whole, found in a block of frames of a log and read together.
+
+Where all frames of a scan came, each once and in time, it makes no difference whether they are taken one by one. So the
+frames of such scans are found, sorted and decoded with numpy, all scans of a block at once; what was lost, doubled, cut
+short, late, or cut by the block's end is left to the assembler.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Bytes, Floats, Indices, Integers
+from candaemon.binding.bound import BoundSensor
+from candaemon.config.sensors import CounterScan
+from candaemon.dbc.batch_codec import BatchDecoder
+from candaemon.frames.block import FrameBlock
+from candaemon.objects.batch import ObjectBatch
+from candaemon.radar.assembly import CounterAssembler, ScanAssembler
+
+
+class WholeScans:
+    """Finds the whole scans of a sensor that tells them apart by a counter.
+
+    Args:
+        sensor: the bound sensor.
+        assembler: of its scans.
+    """
+
+    def __init__(self, sensor: BoundSensor, assembler: CounterAssembler) -> None:
+        scan = sensor.settings.scan
+        assert isinstance(scan, CounterScan), "found by `whole_scans`"  # noqa: S101  # a promise within this file
+        self.assembler = assembler
+        self._reader = sensor.reader
+        self._counters = [BatchDecoder(part.layout, [scan.signal]) for part in sensor.reader.parts]
+        self._lengths = np.array([part.length for part in sensor.reader.parts])
+        self._frames = sensor.reader.slots * len(sensor.reader.parts)
+
+    def find(
+        self, block: FrameBlock, rows: Indices, part: Integers, slot: Integers
+    ) -> tuple[Indices, list[ObjectBatch]]:
+        """Find the whole scans that begin anew for sure.
+
+        Args:
+            block: frames in order of time.
+            rows: of the sensor's frames in it (m,).
+            part: of each of these frames (m,).
+            slot: of each (m,).
+
+        Returns:
+            Rows of each scan's frames, in order of time, and its objects, in the order of their slots.
+        """
+        size = self._frames
+        if len(rows) < size:
+            return np.empty((0, size), np.intp), []
+        counter = self._counter(block, rows, part)
+        begins = np.concatenate([[0], np.flatnonzero(counter[1:] != counter[:-1]) + 1])
+        spans = np.diff(begins, append=len(rows))
+        full = np.flatnonzero(spans == size)
+        members = begins[full][:, None] + np.arange(size)
+        frames = rows[members]
+        key = (part * self._reader.slots + slot)[members]
+        order = key.argsort(axis=1)
+        each_once = (np.take_along_axis(key, order, axis=1) == np.arange(size)).all(axis=1)
+        long_enough = (block.length[frames] >= self._lengths[part[members]]).all(axis=1)
+        in_time = block.time_ns[frames[:, -1]] - block.time_ns[frames[:, 0]] < self.assembler.timeout_ns
+        clean = np.zeros(len(begins), np.bool_)
+        clean[full] = each_once & long_enough & in_time
+        first = int(rows[0])
+        fresh = self.assembler.would_begin(int(part[0]), block.payload[first].tobytes(), int(block.time_ns[first]))
+        sure = _begin_anew(clean, fresh)[full]
+        return frames[sure], self._read(block, np.take_along_axis(frames, order, axis=1)[sure]) if sure.any() else []
+
+    def _counter(self, block: FrameBlock, rows: Indices, part: Integers) -> Floats:
+        """Read the counter of each frame (m,)."""
+        counter = np.empty(len(rows))
+        for index, decoder in enumerate(self._counters):
+            mine = part == index
+            counter[mine] = decoder.decode(_payloads(block, rows[mine], int(self._lengths[index])))[0]
+        return counter
+
+    def _read(self, block: FrameBlock, frames: Indices) -> list[ObjectBatch]:
+        """Read the objects of scans, whose frames (scans, parts × slots) are sorted by part and slot."""
+        slots = self._reader.slots
+        parts = frames.reshape(len(frames), len(self._lengths), slots)
+        objects = self._reader.read(
+            [_payloads(block, parts[:, index].ravel(), int(length)) for index, length in enumerate(self._lengths)]
+        )
+        return [objects.part(slice(begin, begin + slots)) for begin in range(0, len(frames) * slots, slots)]
+
+
+def whole_scans(sensor: BoundSensor, assembler: ScanAssembler) -> WholeScans | None:
+    """Return what finds the whole scans of a sensor; None where its frames must be looked at one by one."""
+    several = sensor.reader.slots * len(sensor.reader.parts) > 1
+    if isinstance(assembler, CounterAssembler) and assembler.takes_all_alike and several:
+        return WholeScans(sensor, assembler)
+    return None
+
+
+def _begin_anew(clean: Booleans, fresh: bool) -> Booleans:
+    """Tell of which clean runs of one counter it is sure that no other scan is open when they begin.
+
+    That is so of the first run where it is `fresh`; after a clean run that is sure; and after two clean runs, whatever
+    was before them: the first of them may have been taken for late, the second opened a scan then and completed it.
+    """
+    sure = np.zeros(len(clean), np.bool_)
+    closed, before = fresh, False
+    for run, good in enumerate(clean.tolist()):
+        sure[run] = good and closed
+        closed = good and (closed or before)
+        before = good
+    return sure
+
+
+def _payloads(block: FrameBlock, rows: Indices, length: int) -> Bytes:
+    """Return the payloads of some frames, cut to a length (m, length)."""
+    return np.ascontiguousarray(block.payload[rows, :length])

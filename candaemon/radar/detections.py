@@ -1,0 +1,33 @@
+"""Detections: the valid objects of one scan, seen from the ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.estimation.measurement import Measurement
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """n detections of one sensor at one instant.
+
+    Attributes:
+        time_ns: measurement time.
+        sensor: index of the sensor.
+        object_id: the sensor's own id of each object (n,): evidence, not identity.
+        new: the sensor says that the id names another object than before (n,).
+        measurement: positions and speeds in the level frame.
+        x, y: positions in vehicle axes (n,), m.
+    """
+
+    time_ns: int
+    sensor: int
+    object_id: Integers
+    new: Booleans
+    measurement: Measurement
+    x: Floats
+    y: Floats
+
+    def __len__(self) -> int:
+        return len(self.object_id)

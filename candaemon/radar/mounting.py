@@ -1,0 +1,144 @@
+"""From sensor axes to the ground: the objects of a scan as detections in the level frame.
+
+Plane vectors are complex numbers here, x + iy: a turn is a product, and (n,) of them are (n, 2) in memory.
+"""
+
+from __future__ import annotations
+
+from cmath import exp
+from dataclasses import dataclass
+from math import cos, radians, sin
+
+import numpy as np
+
+from candaemon.arrays import Booleans, ComplexPlane, Floats
+from candaemon.config.sensors import FieldOfView, Mount, SensorSettings
+from candaemon.ego.pose import EgoPose
+from candaemon.estimation.measurement import Measurement, Projection
+from candaemon.radar.detections import Detections
+from candaemon.radar.scan import Scan
+
+
+@dataclass(frozen=True, slots=True)
+class SensorView:
+    """What a sensor can see, from where it is mounted.
+
+    Attributes:
+        mount: its pose in vehicle axes.
+        field: range and opening angle.
+    """
+
+    mount: Mount
+    field: FieldOfView
+
+    def sees(self, points: Floats) -> Booleans:
+        """Tell which points in vehicle axes (n, 2) it sees."""
+        x, y = points[:, 0] - self.mount.x, points[:, 1] - self.mount.y
+        azimuth = np.remainder(np.arctan2(y, x) - radians(self.mount.yaw_deg) + np.pi, 2 * np.pi) - np.pi
+        distance = np.hypot(x, y)
+        near_enough = (distance > self.field.min_range) & (distance < self.field.range)
+        return np.asarray(near_enough & (np.abs(azimuth) < radians(self.field.azimuth_deg)))
+
+
+class Mounting:
+    """Turns the scans of one sensor into detections.
+
+    Args:
+        settings: of the sensor.
+        quantities: rows of `Scan.values`.
+    """
+
+    def __init__(self, settings: SensorSettings, quantities: tuple[str, ...]) -> None:
+        row = {name: i for i, name in enumerate(quantities)}
+        noise = settings.noise
+        self._mount = settings.mount
+        self._yaw = radians(settings.mount.yaw_deg)
+        self._polar = settings.signals.polar
+        first, second = ("range", "azimuth") if self._polar else ("x", "y")
+        self._first, self._second = row[first], row[second]
+        self._first_variance = (noise.range or noise.x or 0.0) ** 2
+        self._second_variance = (radians(noise.azimuth_deg) if noise.azimuth_deg else noise.y or 0.0) ** 2
+        self._range_rate = row.get("range_rate")
+        self._range_rate_variance = (noise.range_rate or 0.0) ** 2
+        self._velocity = [
+            (row[name], axis, deviation**2)
+            for name, axis, deviation in (("vx", 0, noise.vx), ("vy", 1, noise.vy))
+            if deviation is not None
+        ]
+        self._turning = settings.rates == "of_position"
+
+    def detections(self, scan: Scan, pose: EgoPose) -> Detections:
+        """Return the scan's objects as seen from the pose, which is that of the scan's instant."""
+        mount, values = self._mount, scan.values
+        a, b = values[self._first], values[self._second]
+        yaw = pose.heading + self._yaw
+        noise = np.empty((len(a), 2, 2))
+        if self._polar:
+            angle = b + yaw
+            c, s = np.cos(angle), np.sin(angle)
+            offset = _plane(a * c, a * s)
+            _spread(noise, c, s, self._first_variance, self._second_variance * a * a)
+        else:
+            offset = _plane(a, b) * exp(1j * yaw)
+            _spread(noise, cos(yaw), sin(yaw), self._first_variance, self._second_variance)
+        origin, velocity = pose.place(mount.x, mount.y)
+        position = offset + complex(origin[0], origin[1])
+        known = self._range_rate is not None
+        measurement = Measurement(
+            _components(position),
+            noise,
+            origin,
+            velocity,
+            values[self._range_rate] if known else None,
+            _same(len(a), self._range_rate_variance + pose.speed_variance) if known else None,
+            self._projections(scan, pose, _components(offset), velocity, yaw),
+            scan.sensor,
+        )
+        place = (position - complex(pose.east, pose.north)) * exp(-1j * pose.heading)
+        return Detections(scan.time_ns, scan.sensor, scan.object_id, scan.new, measurement, place.real, place.imag)
+
+    def _projections(
+        self, scan: Scan, pose: EgoPose, offset: Floats, velocity: Floats, yaw: float
+    ) -> tuple[Projection, ...]:
+        """Return what the velocity signals say of the velocity over ground."""
+        if not self._velocity:
+            return ()
+        # A rate of position in turning axes lacks what the turning adds: ω × offset.
+        own = np.broadcast_to(velocity, offset.shape)
+        if self._turning:
+            own = own + pose.yaw_rate * np.stack([-offset[:, 1], offset[:, 0]], axis=1)
+        out = []
+        for row, axis, variance in self._velocity:
+            turned = yaw + (np.pi / 2 if axis else 0.0)
+            unit = np.array([cos(turned), sin(turned)])
+            direction = np.broadcast_to(unit, offset.shape)
+            out.append(
+                Projection(direction, scan.values[row] + own @ unit, _same(len(offset), variance + pose.speed_variance))
+            )
+        return tuple(out)
+
+
+def _plane(x: Floats, y: Floats) -> ComplexPlane:
+    plane = np.empty(len(x), np.complex128)
+    plane.real, plane.imag = x, y
+    return plane
+
+
+def _components(plane: ComplexPlane) -> Floats:
+    """Return x and y side by side, (n, 2), of the same memory."""
+    return plane.view(np.float64).reshape(-1, 2)
+
+
+def _spread(noise: Floats, c: Floats | float, s: Floats | float, along: float, across: Floats | float) -> None:
+    """Fill covariances (n, 2, 2) of variances along and across a direction."""
+    along_c, along_s, across_c, across_s = along * c, along * s, across * c, across * s
+    noise[:, 0, 0] = along_c * c + across_s * s
+    noise[:, 1, 1] = along_s * s + across_c * c
+    noise[:, 0, 1] = noise[:, 1, 0] = (along_c - across_c) * s
+
+
+def _same(n: int, value: float) -> Floats:
+    """Return a number n times; `np.full` takes three times as long."""
+    same = np.empty(n)
+    same.fill(value)
+    return same

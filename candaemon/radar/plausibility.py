@@ -1,0 +1,132 @@
+"""Objects that cannot be true: outside the DBC's ranges, or farther from where they were than anything moves."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices, Integers
+from candaemon.binding.bound import BoundSensor
+from candaemon.binding.location import SettingLocation
+from candaemon.frames.times import LONG_AGO_NS
+from candaemon.objects.layout import find_in_parts
+from candaemon.objects.signals import dbc_range, wraps_at
+from candaemon.radar.scan import ScanCounts
+
+MOST_SLOTS: Final = 1 << 16
+"""Objects with longer ids in the payload are not watched for jumps."""
+FARTHEST: Final = 1e9
+"""m, from where nothing was told before."""
+
+
+class ObjectPlausibility:
+    """Judges the objects of each scan of a sensor.
+
+    An object that claims to be the one before (same slot and identity, not new) may not have moved faster than the
+    limit. Slots and identities are reused without a cycle between: formats that do not tell of every object whether it
+    is new are not watched. Whoever is refused and told again near there is believed: the first place was wrong.
+
+    Args:
+        sensor: the bound sensor.
+        counts: where objects that are refused are counted.
+    """
+
+    def __init__(self, sensor: BoundSensor, counts: ScanCounts) -> None:
+        settings, form, reader = sensor.settings.plausibility, sensor.settings.objects, sensor.reader
+        self._counts = counts
+        ranges = [dbc_range(binding) if settings.ranges else None for binding in reader.bindings]
+        self._ranged = np.array([row for row, limits in enumerate(ranges) if limits is not None], np.intp)
+        found = np.array([limits for limits in ranges if limits is not None]).reshape(-1, 2)
+        self._low, self._high = found[:, :1], found[:, 1:]
+        slots = _slots(sensor)
+        self._speed = settings.max_speed if tells_new(sensor) and slots <= MOST_SLOTS else None
+        self._polar = "range" in reader.quantities
+        first, second = ("range", "azimuth") if self._polar else ("x", "y")
+        self._first, self._second = reader.quantities.index(first), reader.quantities.index(second)
+        self._identified = form.identity is not None
+        self._least_ns = round(sensor.settings.cycle_time * 5e8)
+        known = slots if self._speed is not None else 0
+        self._place: ComplexPlane = np.zeros(known, np.complex128)
+        self._object_id = np.zeros(known, np.int64)
+        self._time_ns = np.full(known, LONG_AGO_NS)
+        self._suspects: dict[int, tuple[complex, int]] = {}
+
+    @property
+    def watches(self) -> bool:
+        """Whether there is anything to judge by."""
+        return len(self._ranged) > 0 or self._speed is not None
+
+    def keep(self, time_ns: int, slot: Integers, object_id: Integers, new: Booleans, values: Floats) -> Indices | None:
+        """Choose the objects that can be true.
+
+        Args:
+            time_ns: of the scan.
+            slot: (n,) each once.
+            object_id: (n,) the sensor's identities.
+            new: (n,) whether the slot holds another object than before.
+            values: (quantities, n), SI.
+
+        Returns:
+            Their rows; None where all can.
+        """
+        wrong: Booleans | None = None
+        if len(self._ranged):
+            told = values.take(self._ranged, axis=0)
+            outside = (told < self._low) | (told > self._high)  # NaN is not: an optional message did not come
+            if np.count_nonzero(outside):
+                wrong = np.logical_or.reduce(outside)
+                self._counts.out_of_range += int(np.count_nonzero(wrong))
+        if self._speed is not None:
+            jumped = self._jumped(self._speed, time_ns, slot, object_id, new, values)
+            if jumped is not None:
+                self._counts.impossible += int(np.count_nonzero(jumped if wrong is None else jumped & ~wrong))
+                wrong = jumped if wrong is None else wrong | jumped
+        return None if wrong is None else np.flatnonzero(~wrong)
+
+    def _jumped(
+        self, speed: float, time_ns: int, slot: Integers, object_id: Integers, new: Booleans, values: Floats
+    ) -> Booleans | None:
+        """Tell which objects are too far from where they were believed to be, None where none is."""
+        first, second = values[self._first], values[self._second]
+        place: ComplexPlane = first * np.exp(1j * second) if self._polar else first + 1j * second
+        reach = np.maximum(time_ns - self._time_ns.take(slot), self._least_ns) * (speed * 1e-9)
+        far = (np.abs(place - self._place.take(slot)) > reach) & ~new
+        if self._identified:
+            far &= self._object_id.take(slot) == object_id
+            self._object_id[slot] = object_id
+        jumped = None
+        if np.count_nonzero(far):
+            refused = self._refused(speed, time_ns, slot, place, far)
+            if np.count_nonzero(refused):
+                jumped = refused
+                slot, place = slot[~refused], place[~refused]
+        self._place[slot] = place
+        self._time_ns[slot] = time_ns
+        return jumped
+
+    def _refused(self, speed: float, time_ns: int, slot: Integers, place: ComplexPlane, far: Booleans) -> Booleans:
+        """Tell which of the objects that are too far were not told near there before; remember where they were."""
+        suspects, self._suspects = self._suspects, {}
+        refused = np.zeros(len(slot), np.bool_)
+        for row in far.nonzero()[0].tolist():
+            told = complex(place[row])
+            before, before_ns = suspects.get(int(slot[row]), (told + FARTHEST, time_ns))
+            reach = max(time_ns - before_ns, self._least_ns) * speed * 1e-9
+            if abs(told - before) > reach:
+                self._suspects[int(slot[row])] = told, time_ns
+                refused[row] = True
+        return refused
+
+
+def tells_new(sensor: BoundSensor) -> bool:
+    """Tell whether each object says if it is new, by a message that cannot be missing."""
+    conditions = sensor.settings.objects.new
+    found = [find_in_parts(sensor.reader.parts, each.signal, SettingLocation())[0][0] for each in conditions]
+    return bool(found) and not any(part.optional for part in found)
+
+
+def _slots(sensor: BoundSensor) -> int:
+    """Count the slots, or the ids in the payload, that tell objects apart."""
+    identifying = [part.id_signal for part in sensor.reader.parts if part.id_signal is not None]
+    return max([sensor.reader.slots, *(wraps_at(signal) for signal in identifying)])

@@ -1,0 +1,93 @@
+"""A scan: what one sensor saw in one cycle, and the counts of the frames it was made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.protection.monitor import FrameFaults
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """The n valid objects of one cycle of one sensor.
+
+    Attributes:
+        time_ns: measurement time: the stamp of the scan's first or last frame, as configured, less the latency.
+        sensor: index of the sensor.
+        object_id: (n,) the sensor's own identity of each object; its slot where the format has no identity.
+        slot: (n,) slot from 0; the id in the payload where all objects share their messages. Ascending.
+        new: (n,) the sensor says that the slot holds another object than before.
+        values: (quantities, n) in SI and sensor axes, rows as the sensor's `reader.quantities`; NaN where an optional
+            message did not come.
+        missing: frames that should have been in it and were not.
+
+    """
+
+    time_ns: int
+    sensor: int
+    object_id: Integers
+    slot: Integers
+    new: Booleans
+    values: Floats
+    missing: int = 0
+
+    @property
+    def complete(self) -> bool:
+        """Whether no frame was missing."""
+        return not self.missing
+
+
+@dataclass(slots=True)
+class ScanCounts(FrameFaults):
+    """What became of one sensor's frames since the start.
+
+    Each frame is once its scan is closed in exactly one of `used`, what is `failed`, `short`, `late`, `duplicate`,
+    `surplus` and `discarded`; the rest count other things.
+
+    Attributes:
+        used: frames in a scan, and the headers and triggers that opened or closed one.
+        short: frames shorter than their message.
+        late: frames of a scan that was closed already.
+        duplicate: second frames of the same message and object in one scan.
+        surplus: frames of more objects than the format has slots, or of no object at all.
+        discarded: frames of scans that were discarded whole.
+        missing: frames that should have come and did not.
+        unpaired: valid objects left out because their messages are of different cycles.
+        rejected: objects left out because a required message or the position did not come.
+        not_finite: valid objects left out because a value is no number.
+        out_of_range: objects left out because a value is outside the DBC's range.
+        impossible: objects left out because they moved as nothing can.
+        scans: scans made.
+        distrusted: scans discarded whole because too many of their frames failed.
+        incomplete: scans with frames missing.
+        skipped: scans that never came, by the header's measurement counter.
+
+    """
+
+    used: int = 0
+    short: int = 0
+    late: int = 0
+    duplicate: int = 0
+    surplus: int = 0
+    discarded: int = 0
+    missing: int = 0
+    unpaired: int = 0
+    rejected: int = 0
+    not_finite: int = 0
+    out_of_range: int = 0
+    impossible: int = 0
+    scans: int = 0
+    distrusted: int = 0
+    incomplete: int = 0
+    skipped: int = 0
+
+    @property
+    def frames(self) -> int:
+        """Frames taken in; those of a scan still open are not among them yet."""
+        return self.used + self.dropped
+
+    @property
+    def dropped(self) -> int:
+        """Frames taken in and not used."""
+        return self.failed + self.short + self.late + self.duplicate + self.surplus + self.discarded

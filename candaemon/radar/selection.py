@@ -1,0 +1,64 @@
+"""Which objects of a scan are used."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.arrays import Integers
+from candaemon.binding.bound import BoundSensor
+from candaemon.objects.batch import ObjectBatch
+from candaemon.radar.plausibility import ObjectPlausibility
+from candaemon.radar.scan import Scan, ScanCounts
+
+POSITION = ("x", "y", "range", "azimuth")
+
+
+class Selection:
+    """Makes scans of the objects that were read: of those that are valid, whole, placed, and can be true.
+
+    Args:
+        sensor: the bound sensor.
+        counts: where objects left out are counted.
+    """
+
+    def __init__(self, sensor: BoundSensor, counts: ScanCounts) -> None:
+        form, reader = sensor.settings.objects, sensor.reader
+        self._counts, self._sensor = counts, sensor.index
+        self._has_identity = form.identity is not None
+        self._has_pairs = len(form.pair) > 1
+        self._may_lack = any(part.optional for part in reader.parts)
+        self._position = [row for row, name in enumerate(reader.quantities) if name in POSITION]
+        plausibility = ObjectPlausibility(sensor, counts)
+        self._plausibility = plausibility if plausibility.watches else None
+
+    def scan(self, time_ns: int, batch: ObjectBatch, slot: Integers, missing: int) -> Scan:
+        """Return the scan of the objects read.
+
+        Args:
+            time_ns: measurement time.
+            batch: the objects.
+            slot: of each (n,), ascending.
+            missing: frames that should have been in it and were not.
+        """
+        counts, use = self._counts, batch.valid
+        if batch.not_finite is not None:
+            counts.not_finite += int(np.count_nonzero(batch.not_finite))
+        if self._has_pairs:
+            use = batch.valid & batch.paired
+            counts.unpaired += int(np.count_nonzero(batch.valid)) - int(np.count_nonzero(use))
+        if self._may_lack:
+            placed = np.isfinite(batch.values[self._position]).all(axis=0)
+            counts.rejected += int(np.count_nonzero(use & ~placed))
+            use = use & placed
+        object_id = batch.identity if self._has_identity else slot
+        new, values = batch.new, batch.values
+        if np.count_nonzero(use) < len(use):
+            rows = use.nonzero()[0]
+            slot, object_id, new = slot.take(rows), object_id.take(rows), new.take(rows)
+            values = values.take(rows, axis=1)
+        if self._plausibility is not None:
+            kept = self._plausibility.keep(time_ns, slot, object_id, new, values)
+            if kept is not None:
+                slot, object_id, new = slot.take(kept), object_id.take(kept), new.take(kept)
+                values = values.take(kept, axis=1)
+        return Scan(time_ns, self._sensor, object_id, slot, new, values, missing)

@@ -1,0 +1,232 @@
+"""The recording of a running service: a ring of what the pipeline took, and what is kept of it.
+
+Recorded is what the pipeline takes, with the times that it sees, and what it knows at the beginning of each file. That
+is why a file from the middle of a drive replays to the same bytes that were sent from there on.
+"""
+
+from __future__ import annotations
+
+import logging
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from candaemon._version import __version__
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.candump import candump_text
+from candaemon.can_io.logs.stream import TICK_CHANNEL
+from candaemon.config.recording import RecordingSettings
+from candaemon.daemon.daemon import Observer, Told
+from candaemon.files.atomic import make_folder
+from candaemon.frames.frame import Frame, Tick
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.pipeline.saved_state import Snapshots
+from candaemon.recording.event_archive import Event
+from candaemon.recording.ring import MEGABYTE, SHARE_OF_A_FILE
+from candaemon.recording.triggers import EventWatch
+from candaemon.recording.writer_thread import WriterThread
+from candaemon.replay.recorded import ENDED
+
+if TYPE_CHECKING:
+    from candaemon.daemon.daemon import Daemon
+
+logger = logging.getLogger(__name__)
+
+_CHUNK = 1 << 16  # bytes that are written at once
+_LOOK_S = 0.1  # between two looks at the buses
+_PATIENCE = 0.1  # of a file's length: how long the next one waits for a moment without frames
+_CLOSING_S = 0.4
+
+
+class Recording(Observer):
+    """Records a daemon.
+
+    Args:
+        settings: the ring's bounds, and what is kept; a reload changes no more than which events are.
+        folder: where it goes; made where it is not there.
+        binding: the configuration.
+        clock: monotonic seconds.
+
+    Raises:
+        InputError: the folder cannot be made or written to, or another service records into it.
+    """
+
+    def __init__(
+        self,
+        settings: RecordingSettings,
+        folder: Path,
+        binding: Binding,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        make_folder(folder)
+        self._folder = folder
+        self._settings = settings
+        self._clock = clock
+        self._file_ns = round(settings.file_seconds * 1e9)
+        self._file_bytes = round(settings.disk * MEGABYTE * SHARE_OF_A_FILE)
+        self._disk = WriterThread(folder, settings)
+        self._text: list[bytes] = []
+        self._text_bytes = self._text_items = 0
+        self._file_written = 0
+        self._begun_ns = self._last_ns = 0
+        self._reason = "start"
+        self._paused = False
+        self._left_out = self._pauses = self._refusals = 0
+        self._flush_s = self._look_s = self._retry_s = 0.0
+        self._adopt(Pipeline(binding))
+
+    def figures(self) -> Mapping[str, int | float | str | bool]:
+        """Return what the recording did, for metrics and status."""
+        disk = self._disk
+        return {
+            "recording": not self._paused,
+            "files": disk.files,
+            "bytes": disk.bytes,
+            "items": disk.written,
+            "lost": disk.lost + self._left_out,
+            "pauses": self._pauses,
+            "events": disk.kept,
+            "events_lost": disk.unkept,
+        }
+
+    def started(self, daemon: Daemon) -> None:
+        """Begin with the pipeline of a daemon."""
+        self._pipeline = daemon.pipeline
+        logger.info("recorded into %s", self._folder)
+
+    def took(self, items: Sequence[Frame | Tick]) -> None:
+        """Record what the pipeline is about to take."""
+        if not items:
+            return
+        if self._is_due(items):
+            self._begin(items[0][0])
+        self._last_ns = items[-1][0]
+        if self._paused:
+            self._left_out += len(items)
+            return
+        text = candump_text([item if len(item) > 1 else self._tick(item[0]) for item in items], self._channels)
+        self._text.append(text)
+        self._text_bytes += len(text)
+        self._text_items += len(items)
+        if self._text_bytes >= _CHUNK:
+            self._flush()
+
+    def told(self, told: Told) -> None:
+        """Look for an event in a cycle."""
+        for event in self._watch.told(told):
+            self._keep(event)
+
+    def turned(self, daemon: Daemon) -> None:
+        """Write what has waited for long enough, and look for an event elsewhere."""
+        now_s = self._clock()
+        if now_s >= self._flush_s:
+            self._flush_s = now_s + self._settings.flush
+            self._flush()
+        if now_s >= self._look_s:
+            self._look_s = now_s + _LOOK_S
+            for event in self._watch.turned(daemon, self._last_ns):
+                self._keep(event)
+
+    def marked(self, daemon: Daemon) -> None:  # noqa: ARG002  # an observer's signature
+        """Keep what lies around this moment: the user asks for it."""
+        self._keep(Event("mark", "", self._last_ns))
+
+    def reloaded(self, daemon: Daemon, error: str) -> None:
+        """Begin a file with the configuration that took its place."""
+        if not error:
+            self._flush()
+            watch = self._watch
+            self._adopt(Pipeline(daemon.pipeline.binding))
+            self._watch.go_on_from(watch)
+            self._pipeline = daemon.pipeline
+            self._reason = "reload"
+
+    def stopped(self, daemon: Daemon) -> None:  # noqa: ARG002  # an observer's signature
+        """Write what waits and close the files."""
+        if not (self._paused or self._reason):
+            self._text.append(candump_text([self._tick(self._last_ns, ENDED)], self._channels))
+        self._flush()
+        self._disk.close(_CLOSING_S)
+
+    def _adopt(self, fresh: Pipeline) -> None:
+        """Take over what depends on the configuration.
+
+        Args:
+            fresh: a pipeline of it that has taken nothing.
+        """
+        binding = fresh.binding
+        self._pipeline = fresh
+        self._snapshots = Snapshots(fresh)
+        self._watch = EventWatch(binding)
+        self._follows = ""
+        channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
+        self._channels = (*channels, TICK_CHANNEL)
+        self._note = {
+            "configuration": str(binding.loaded.path),
+            "digest": self._snapshots.configuration,
+            "candaemon": __version__,
+            "python": platform.python_version(),
+        }
+
+    def _tick(self, time_ns: int, can_id: int = 0) -> Frame:
+        """Return the frame that a tick is written as."""
+        return Frame(time_ns, len(self._channels) - 1, can_id, b"")
+
+    def _is_due(self, items: Sequence[Frame | Tick]) -> bool:
+        """Tell whether a file is to begin before these items."""
+        if self._disk.refusals > self._refusals:
+            self._refusals = self._disk.refusals
+            self._pause()
+        if self._paused:
+            return self._clock() >= self._retry_s and self._disk.has_room
+        if self._reason or self._file_written + self._text_bytes >= self._file_bytes:
+            return True
+        late_ns = items[0][0] - self._begun_ns - self._file_ns
+        # storing the state takes some ms: rather while nobody waits for a scan
+        return late_ns >= 0 and (len(items[-1]) == 1 or late_ns > _PATIENCE * self._file_ns)
+
+    def _begin(self, time_ns: int) -> None:
+        """Begin a file with what the pipeline knows."""
+        self._flush()
+        reason = self._reason or ("gap" if self._paused else "rotation")
+        state = self._snapshots.dump(self._pipeline, begins=reason, follows=self._follows, time_ns=time_ns)
+        self._follows = self._disk.begin(
+            time_ns,
+            state,
+            self._pipeline.binding,
+            self._snapshots.configuration,
+            goes_on=reason == "rotation",
+        )
+        self._begun_ns, self._file_written = time_ns, 0
+        self._reason, self._paused = "", False
+
+    def _flush(self) -> None:
+        """Hand what was gathered to the disk."""
+        if not self._text:
+            return
+        text, items = b"".join(self._text), self._text_items
+        self._text.clear()
+        self._text_bytes = self._text_items = 0
+        if self._disk.write(text, items):
+            self._file_written += len(text)
+        else:
+            self._left_out += items
+            self._pause()
+
+    def _pause(self) -> None:
+        """Leave input out until the disk may have recovered; a file of its own then begins."""
+        self._paused = True
+        self._pauses += 1
+        self._retry_s = self._clock() + self._settings.retry
+        self._left_out += self._text_items
+        self._text.clear()
+        self._text_bytes = self._text_items = 0
+
+    def _keep(self, event: Event) -> None:
+        """Have an event kept."""
+        if self._settings.events.kept:
+            self._flush()
+            self._disk.keep(replace(event, note=self._note))

@@ -1,0 +1,286 @@
+"""A recorded drive through the pipeline: logs in; obstacles, tables and figures out."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.stream import LogCounts
+from candaemon.can_io.logs.write import open_log_writer
+from candaemon.can_io.reorder import ClockSteps, Reorder
+from candaemon.config.ego import InsSettings
+from candaemon.ego.georeference import Georeference
+from candaemon.evaluation.drive_score import DriveScore
+from candaemon.evaluation.tables import EARTH_COLUMNS
+from candaemon.evaluation.writers import PredictionWriter, TrackWriter
+from candaemon.frames.frame import Frame, Tick
+from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.pipeline.saved_state import begun, fingerprint
+from candaemon.replay.recorded import frames_of, runs
+from candaemon.replay.smooth import CycleSmoother
+from candaemon.tracking.obstacles import MOTION, Obstacles
+
+_PATIENCE_NS = 2_000_000_000
+HORIZONS = (0.5, 1.0)
+"""Default horizons of predictions, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayRequest:
+    """What to replay and what to write.
+
+    Attributes:
+        log: the recorded drive, or a folder: of a recording of the service, or of logs that follow one another.
+        output: log of the frames that the daemon would have sent; None: not written.
+        tracks: table of obstacles; None: not written.
+        predictions: table of expected positions; None: not written.
+        horizons: of the predictions, s.
+        speed: times real time; None: as fast as it goes.
+        channels: further names of channels in the log: channel → bus.
+        smooth: s of what comes that the table of obstacles learns from; None: it holds what was known at the time.
+        fresh: begin with nothing, even where the recording says what the service knew.
+    """
+
+    log: Path
+    output: Path | None = None
+    tracks: Path | None = None
+    predictions: Path | None = None
+    horizons: tuple[float, ...] = HORIZONS
+    speed: float | None = None
+    channels: dict[str, str] = field(default_factory=dict)
+    smooth: float | None = None
+    fresh: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """What a replay did.
+
+    Attributes:
+        pipeline: with its counts, which go on from those that the recording began with; of the last run of several.
+        log: counts of the reader.
+        sequence: with its counts of clock steps.
+        score: figures without truth.
+        first_ns, last_ns: times of the first and last frame; 0 where there was none.
+        seconds: how long it took.
+    """
+
+    pipeline: Pipeline
+    log: LogCounts
+    sequence: ClockSteps
+    score: DriveScore
+    first_ns: int
+    last_ns: int
+    seconds: float
+
+
+def replay(binding: Binding, request: ReplayRequest, progress: Callable[[LogCounts], None] | None = None) -> Replayed:
+    """Replay a log.
+
+    Args:
+        binding: the configuration, bound to its DBC files.
+        request: what to replay and write.
+        progress: called once a cycle.
+
+    Raises:
+        InputError: there is no such log, it holds not one frame of the configured buses, or a file cannot be written.
+    """
+    started = time.perf_counter()
+    channels, counts, steps = _channels(binding, request.channels), LogCounts(), ClockSteps()
+    clock = _Clock(request.speed)
+    score = DriveScore([sensor.settings.cycle_time for sensor in binding.sensors], request.horizons)
+    with ExitStack() as files:
+        writers = _Writers(binding, request, files)
+        for run in runs(request.log, fingerprint(binding), fresh=request.fresh):
+            pipeline, sequence = begun(binding, run.state), Reorder(round(binding.settings.ordering_window * 1e9))
+            outputs = _Outputs(binding, pipeline, request, writers, score)
+            for cycle in pipeline.run(clock.paced(sequence.sequenced(frames_of(run.logs, channels, counts)))):
+                outputs.take(cycle)
+                if progress is not None:
+                    progress(counts)
+            for cycle in pipeline.finish() if run.ends else ():
+                outputs.take(cycle)
+            outputs.finish()
+            steps.add(sequence)
+    counts.require_frames(request.log)
+    return Replayed(pipeline, counts, steps, score, clock.first_ns, clock.last_ns, time.perf_counter() - started)
+
+
+class _Clock:
+    """Notes the log's time, and holds frames back to a multiple of real time where asked."""
+
+    def __init__(self, speed: float | None) -> None:
+        self._speed = speed
+        self.first_ns = 0
+        self.last_ns = 0
+
+    def paced(self, frames: Iterator[Frame | Tick]) -> Iterator[Frame | Tick]:
+        started = time.monotonic()
+        for frame in frames:
+            self.last_ns = frame[0]
+            if not self.first_ns:
+                self.first_ns = frame[0]
+            if self._speed is not None:
+                ahead = (frame[0] - self.first_ns) * 1e-9 / self._speed - (time.monotonic() - started)
+                if ahead > 0.001:
+                    time.sleep(ahead)
+            yield frame
+
+
+def _channels(binding: Binding, further: dict[str, str]) -> dict[str, int]:
+    """Return the bus of each channel name that a log may use."""
+    index = {bus.name: bus.index for bus in binding.buses}
+    channels = {name: bus.index for bus in binding.buses for name in bus.settings.names_in_logs}
+    return channels | {channel: index[bus] for channel, bus in further.items()}
+
+
+class _Writers:
+    """The files that a replay writes."""
+
+    def __init__(self, binding: Binding, request: ReplayRequest, files: ExitStack) -> None:
+        channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
+        self.log = files.enter_context(open_log_writer(request.output, channels)) if request.output else None
+        ego = binding.settings.ego
+        placed = isinstance(ego, InsSettings) and ego.gnss is not None
+        self.tracks = files.enter_context(TrackWriter(request.tracks, earth=placed)) if request.tracks else None
+        self.predictions = files.enter_context(PredictionWriter(request.predictions)) if request.predictions else None
+
+
+class _Outputs:
+    """Hands each cycle of a run to the writers and the score."""
+
+    def __init__(
+        self, binding: Binding, pipeline: Pipeline, request: ReplayRequest, writers: _Writers, score: DriveScore
+    ) -> None:
+        self._names = [sensor.name for sensor in binding.sensors]
+        self._writers = writers
+        self._score = score
+        smooth = request.smooth if request.tracks else None
+        self._smoother = CycleSmoother(pipeline.trackers, smooth) if smooth is not None else None
+        self._predictions = Predictions(pipeline, request.horizons, writers.predictions, score)
+
+    def take(self, cycle: Cycle) -> None:
+        """Take one cycle."""
+        if self._writers.log is not None:
+            self._writers.log.write(cycle.frames)
+        self._tabulate([cycle] if self._smoother is None else self._smoother.take(cycle))
+        self._score.add(cycle)
+        self._predictions.add(cycle)
+
+    def finish(self) -> None:
+        """Tell what is still waiting."""
+        self._predictions.finish()
+        if self._smoother is not None:
+            self._tabulate(self._smoother.finish())
+
+    def _tabulate(self, cycles: Iterable[Cycle]) -> None:
+        """Write cycles into the table of obstacles."""
+        for cycle in cycles:
+            if self._writers.tracks is not None:
+                columns = track_columns(cycle.obstacles, self._names, cycle.placement)
+                self._writers.tracks.write_cycle(cycle.obstacles.time_ns, columns)
+
+
+def track_columns(
+    obstacles: Obstacles, sensors: Sequence[str], placement: Georeference | None = None
+) -> dict[str, Sequence[object] | np.ndarray]:
+    """Return obstacles as columns of the table of tracks; with latitude and longitude where a placement gives them."""
+    used: list[list[tuple[str, int]]] = [[] for _ in range(len(obstacles))]
+    columns = (obstacles.used_row, obstacles.used_sensor, obstacles.used_object)
+    for row, sensor, key in zip(*(column.tolist() for column in columns), strict=True):
+        used[row].append((sensors[sensor], key))
+    earth: dict[str, np.ndarray] = {}
+    if placement is not None:
+        places = np.degrees(placement.to_earth(obstacles.east, obstacles.north))
+        earth = dict(zip(EARTH_COLUMNS, places, strict=True))
+    return {
+        "id": obstacles.id,
+        "state": obstacles.state,
+        **{name: getattr(obstacles, name) for name in MOTION},
+        "age": obstacles.age,
+        "objects": used,
+        **earth,
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """Predictions of one cycle: (m, 2) positions in the level frame for each horizon."""
+
+    time_ns: int
+    sensor: int
+    ids: np.ndarray[tuple[int], np.dtype[np.int64]]
+    objects: np.ndarray[tuple[int], np.dtype[np.int64]]
+    positions: list[np.ndarray[tuple[int, int], np.dtype[np.float64]]]
+
+
+class Predictions:
+    """Expects each used detection's reflection some time ahead, and tells it when own motion until then is known.
+
+    Args:
+        pipeline: whose trackers expect and whose own motion is taken as known.
+        horizons: s.
+        writer: of the table; None: only scored.
+        score: takes them too.
+    """
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        horizons: Sequence[float],
+        writer: PredictionWriter | None,
+        score: DriveScore,
+    ) -> None:
+        self._pipeline = pipeline
+        self._horizons = tuple(horizons)
+        self._horizons_ns = [round(horizon * 1e9) for horizon in horizons]
+        self._writer = writer
+        self._score = score
+        self._waiting: deque[_Waiting] = deque()
+
+    def add(self, cycle: Cycle) -> None:
+        """Take one cycle and tell the predictions whose time has come."""
+        tracker, detections = cycle.tracker, cycle.detections
+        if tracker is not None and detections is not None and tracker.update is not None:
+            obstacles = cycle.obstacles
+            self._waiting.append(
+                _Waiting(
+                    obstacles.time_ns,
+                    detections.sensor,
+                    obstacles.id[obstacles.used_row],
+                    detections.object_id[tracker.update.detection],
+                    [tracker.expected_positions(horizon) for horizon in self._horizons],
+                )
+            )
+        known_ns = self._pipeline.ego.known_until_ns
+        # own motion that has gone silent is not waited for longer than this: the queue stays bounded
+        latest_ns = max(known_ns, cycle.obstacles.time_ns - _PATIENCE_NS)
+        while self._waiting and self._waiting[0].time_ns + max(self._horizons_ns) <= latest_ns:
+            self._tell(self._waiting.popleft(), known_ns)
+
+    def finish(self) -> None:
+        """Tell what own motion allows; what is due after its last sample can not be told."""
+        known_ns = self._pipeline.ego.known_until_ns
+        while self._waiting:
+            self._tell(self._waiting.popleft(), known_ns)
+
+    def _tell(self, waiting: _Waiting, known_ns: int) -> None:
+        for k, (horizon, horizon_ns) in enumerate(zip(self._horizons, self._horizons_ns, strict=True)):
+            due_ns = waiting.time_ns + horizon_ns
+            pose = self._pipeline.ego.pose(due_ns) if due_ns <= known_ns else None
+            if pose is None:
+                continue
+            place = pose.to_vehicle(waiting.positions[k])
+            self._score.expect(waiting.sensor, waiting.time_ns, k, place[:, 0], place[:, 1])
+            if self._writer is not None:
+                self._writer.write_cycle(
+                    waiting.time_ns, horizon, waiting.ids, waiting.objects, place[:, 0], place[:, 1]
+                )

@@ -1,0 +1,109 @@
+"""What a user without truth wants to know of a drive: what was read and lost, how far the tracks can be believed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from candaemon.ego.georeference import Georeferencer
+from candaemon.replay.replay import Replayed
+
+
+def summarise(replayed: Replayed) -> dict[str, Any]:
+    """Return the figures of a replay, ready for JSON. The keys are stable.
+
+    ==================  ==============================================================================
+    `log`               frames read, lines that are none, remote and error frames, other channels
+    `buses`             per bus: frames, used, spare (nobody asks), unknown (no DBC entry), short
+    `sensors`           per sensor: frames by fate, objects left out by cause, scans, incomplete and discarded scans,
+                        frames missing
+    `own_motion`        frames of own motion refused, by cause
+    `clock`             steps back that were rebased; frames whose time was raised because they came late; reordered
+    `cycles`            told, coasting (every sensor silent), dropped for want of own motion
+    `tracks`            detections given and used, obstacles begun, confirmed, merged, slot jumps
+    `nis`               mean, expected, coverage of the 95 % quantile, samples
+    `predictions`       per horizon: RMSE of x and y in m against the sensor's own later word
+    `stationary`        RMS over ground of what stands: vx, plane speed, m/s
+    `duplicates`        share of confirmed samples with another one within 3 m, 1 m and 1 m/s
+    `output`            frames sent, values that had to be saturated
+    `gnss`              only with `ego.gnss`: fixes told and by fate, RMS distance of the used ones from where they were
+                        expected, one standard deviation of the last placement, m
+    `seconds`           of the log
+    ==================  ==============================================================================
+    """
+    pipeline, log, score = replayed.pipeline, replayed.log, replayed.score
+    binding, counts = pipeline.binding, pipeline.counts
+    tracked = [asdict(tracker.counts) for tracker in pipeline.trackers]
+    still = score.stationary.result()
+    return {
+        "log": {
+            "frames": log.frames,
+            "lines": log.lines,
+            "malformed": log.malformed,
+            "examples": log.examples,
+            "remote": log.remote,
+            "error_frames": log.error_frames,
+            "other_channels": dict(sorted(log.other_channels.items())),
+            "truncated": log.truncated,
+        },
+        "buses": {
+            bus.name: {**asdict(each), "used": each.used} for bus, each in zip(binding.buses, counts.buses, strict=True)
+        },
+        "sensors": {
+            sensor.name: asdict(assembler.counts)
+            for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True)
+        },
+        "own_motion": {"short": counts.own_motion_short, **asdict(counts.own_motion)},
+        "clock": {
+            "backward_steps": replayed.sequence.backward_steps,
+            "late": replayed.sequence.late,
+            "reordered": replayed.sequence.reordered,
+        },
+        "cycles": {
+            "told": counts.cycles,
+            "coasting": counts.coasting_cycles,
+            "without_ego": counts.without_ego,
+        },
+        "tracks": {key: sum(each[key] for each in tracked) for key in tracked[0]},
+        "nis": {
+            "mean": _rounded(score.nis.mean),
+            "expected": _rounded(score.nis.expected),
+            "coverage_95": _rounded(score.nis.coverage),
+            "samples": score.nis.samples,
+        },
+        "predictions": [
+            {"horizon": row.horizon, "x": _rounded(row.x), "y": _rounded(row.y), "samples": row.samples}
+            for row in score.predictions.result()
+        ],
+        "stationary": {
+            "vx": _rounded(still.vx),
+            "speed": _rounded(still.speed),
+            "samples": still.samples,
+            "runs": still.runs,
+        },
+        "duplicates": {"share": _rounded(score.duplicates.share), "samples": score.duplicates.samples},
+        "output": {"frames": counts.sent, "saturated": pipeline.saturated},
+        **({} if pipeline.placer is None else {"gnss": _placing(pipeline.placer)}),
+        "seconds": _rounded((replayed.last_ns - replayed.first_ns) * 1e-9),
+    }
+
+
+def _placing(placer: Georeferencer) -> dict[str, Any]:
+    """Return what became of the fixes."""
+    counts = placer.counts
+    return {
+        "fixes": counts.fixes,
+        "invalid": counts.invalid,
+        "unplaced": counts.unplaced,
+        "rejected": counts.rejected,
+        "restarts": counts.restarts,
+        "innovation_rms": _rounded(counts.innovation_rms),
+        "deviation": _rounded(placer.deviation),
+    }
+
+
+def _rounded(value: float) -> float | None:
+    """Return a figure with six decimals; None where there is none, for JSON knows no NaN."""
+    return round(value, 6) if np.isfinite(value) else None

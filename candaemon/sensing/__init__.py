@@ -1,1 +1,0 @@
-"""Signals into measurements: scans, own motion, mounting. Knows nothing of tracks and CAN identifiers."""

@@ -1,1 +1,0 @@
-"""The service: lifecycle, signals, supervision. Knows nothing of mathematics."""

@@ -1,0 +1,205 @@
+"""Gathers what a service tells of itself from where it is counted."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Hashable, Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from candaemon._version import __version__
+from candaemon.binding.bound import BoundBus
+from candaemon.ego.pose import EgoStatus
+from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.status.measured import Measured
+from candaemon.status.model import (
+    BusFigures,
+    ClockFigures,
+    Counts,
+    CycleFigures,
+    Figures,
+    OwnMotionFigures,
+    SensorFigures,
+    ServiceFigures,
+)
+from candaemon.tracking.obstacles import STATE_NAMES
+
+if TYPE_CHECKING:
+    from candaemon.daemon.daemon import Daemon
+
+LOST = ("kernel_lost", "queue_full", "malformed")
+"""Causes of a live bus's frames being lost before the pipeline."""
+UNSENT = ("send_dropped", "send_failed")
+"""Causes of frames not being sent."""
+UNUSABLE = (
+    "short", "checksum", "repeated", "jumped", "too_fast", "late", "duplicate", "surplus", "discarded",
+)  # fmt: skip
+"""Causes of a sensor's frames not being used."""
+MOTION_UNUSABLE = ("checksum", "repeated", "jumped", "too_fast", "not_finite", "out_of_range", "impossible")
+"""Causes of own motion's frames not being used, those too short aside."""
+_PAGE = os.sysconf("SC_PAGE_SIZE")
+
+STATUSES = {status: status.name.lower().replace("_", " ") for status in EgoStatus}
+"""Words for how far own motion can be trusted."""
+
+CYCLES = "cycles"
+"""Key of the counter of cycles; those of buses and sensors are (kind, name)."""
+
+
+def gather(
+    daemon: Daemon, measured: Measured, now_s: float, recording: Mapping[str, int | float | str | bool] | None
+) -> Figures:
+    """Return all that a service tells.
+
+    Args:
+        daemon: between two turns of its loop.
+        measured: what is counted nowhere else.
+        now_s: monotonic seconds.
+        recording: what the recording counts, None where nothing is recorded.
+    """
+    pipeline = daemon.pipeline
+    rates = measured.rates.of(now_s, counters(daemon))
+    tracked = [asdict(tracker.counts) for tracker in pipeline.trackers]
+    return Figures(
+        service=_service(pipeline, measured, now_s),
+        own_motion=_own_motion(pipeline, daemon.last),
+        tracks=_tracks(daemon.last),
+        tracking={key: sum(each[key] for each in tracked) for key in tracked[0]},
+        cycles=_cycles(pipeline, rates[CYCLES]),
+        cycle_time=measured.cycle_time.spread(),
+        latency=measured.latency.spread(),
+        clock=ClockFigures(
+            backward_steps=daemon.sequence.backward_steps,
+            forward_steps=daemon.sequence.forward_steps,
+            offset=daemon.sequence.offset_ns * 1e-9,
+            late=daemon.sequence.late,
+            reordered=daemon.sequence.reordered,
+        ),
+        buses={bus.name: _bus(daemon, bus, rates["bus", bus.name]) for bus in pipeline.binding.buses},
+        sensors=_sensors(pipeline, measured, rates),
+        recording=recording,
+    )
+
+
+def counters(daemon: Daemon) -> dict[Hashable, int]:
+    """Return the counters whose rates are told: of cycles, each bus's frames and each sensor's scans."""
+    pipeline = daemon.pipeline
+    return {
+        CYCLES: pipeline.counts.cycles,
+        **{("bus", bus.name): daemon.buses[bus.index].counts.received for bus in pipeline.binding.buses},
+        **{
+            ("sensor", sensor.name): assembler.counts.scans
+            for sensor, assembler in zip(pipeline.binding.sensors, pipeline.assemblers, strict=True)
+        },
+    }
+
+
+def _service(pipeline: Pipeline, measured: Measured, now_s: float) -> ServiceFigures:
+    loaded = pipeline.binding.loaded
+    return ServiceFigures(
+        name=loaded.config.name or loaded.path.stem,
+        instance=loaded.path.stem,
+        config=str(loaded.path),
+        version=__version__,
+        pid=os.getpid(),
+        time=time.time(),
+        uptime=now_s - measured.started_s,
+        cpu=time.process_time(),
+        memory=_memory(),
+        reloads=measured.reloads,
+        refused=measured.refused,
+        reload_error=measured.reload_error,
+    )
+
+
+def _memory() -> int | None:
+    """Return the bytes that the process has resident; None where /proc is not there or hidden."""
+    try:
+        return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * _PAGE
+    except OSError:
+        return None
+
+
+def _own_motion(pipeline: Pipeline, last: Cycle | None) -> OwnMotionFigures:
+    counts = {"short": pipeline.counts.own_motion_short} | asdict(pipeline.counts.own_motion)
+    return OwnMotionFigures("unknown" if last is None else STATUSES[last.pose.status], counts)
+
+
+def _tracks(last: Cycle | None) -> Counts:
+    """Count the latest cycle's obstacles by state."""
+    if last is None:
+        return dict.fromkeys(STATE_NAMES, 0)
+    counted = np.bincount(last.obstacles.state, minlength=len(STATE_NAMES))
+    return dict(zip(STATE_NAMES, counted.tolist(), strict=True))
+
+
+def _cycles(pipeline: Pipeline, rate: float) -> CycleFigures:
+    counts = pipeline.counts
+    return CycleFigures(
+        told=counts.cycles,
+        coasting=counts.coasting_cycles,
+        without_ego=counts.without_ego,
+        rate=rate,
+        frames=counts.sent,
+        saturated=pipeline.saturated,
+    )
+
+
+def _bus(daemon: Daemon, bus: BoundBus, rate: float) -> BusFigures:
+    pipeline, live = daemon.pipeline, daemon.buses[bus.index]
+    counts, taken = asdict(live.counts), pipeline.counts.buses[bus.index]
+    return BusFigures(
+        up=live.state.up,
+        controller=live.state.controller,
+        error=live.state.error,
+        rate=rate,
+        received=live.counts.received,
+        sent=live.counts.sent,
+        taken={"used": taken.used, "spare": taken.spare, "unknown": taken.unknown},
+        dropped={cause: counts[cause] for cause in LOST} | _unusable(pipeline, bus.index),
+        unsent={cause: counts[cause] for cause in UNSENT},
+        events={name: count for name, count in counts.items() if name not in {"received", "sent", *LOST, *UNSENT}},
+    )
+
+
+def _unusable(pipeline: Pipeline, bus: int) -> dict[str, int]:
+    """Return the frames of a bus that sensors and own motion could not use, each under one cause."""
+    binding, counts = pipeline.binding, pipeline.counts
+    found = dict.fromkeys((*UNUSABLE, *MOTION_UNUSABLE), 0)
+    found["short"] += counts.buses[bus].short
+    for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True):
+        if sensor.bus == bus:
+            for cause in UNUSABLE:
+                found[cause] += getattr(assembler.counts, cause)
+    if binding.ego is not None and binding.ego.bus == bus:
+        for cause in MOTION_UNUSABLE:
+            found[cause] += getattr(counts.own_motion, cause)
+    return found
+
+
+def _sensors(pipeline: Pipeline, measured: Measured, rates: Mapping[Hashable, float]) -> dict[str, SensorFigures]:
+    binding = pipeline.binding
+    figures = {}
+    for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True):
+        watch = measured.sensors[sensor.name]
+        age = None if watch.last_ns is None else (measured.now_ns - watch.last_ns) * 1e-9
+        figures[sensor.name] = SensorFigures(
+            bus=binding.buses[sensor.bus].name,
+            rate=rates["sensor", sensor.name],
+            age=age,
+            lost=age is None or age > binding.patience(sensor),
+            trust=assembler.trust,
+            frames={name: getattr(assembler.counts, name) for name in ("used", *UNUSABLE)},
+            counts={
+                each.name: getattr(assembler.counts, each.name)
+                for each in fields(assembler.counts)
+                if each.name not in {"used", *UNUSABLE}
+            },
+            nis=watch.nis.figures(),
+        )
+    return figures

@@ -1,0 +1,155 @@
+"""The service's word on itself: what systemd shows of it, and a line in the log at a limited rate."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from candaemon.daemon.daemon import Observer
+from candaemon.status.collect import LOST, UNSENT
+from candaemon.tracking.obstacles import TENTATIVE
+
+if TYPE_CHECKING:
+    from candaemon.daemon.daemon import Daemon
+
+logger = logging.getLogger(__name__)
+
+_SHORTEST_SILENCE_S = 1.0
+
+
+def obstacles(daemon: Daemon) -> int:
+    """Count the obstacles that the latest cycle told, those not confirmed yet aside."""
+    return 0 if daemon.last is None else int((daemon.last.obstacles.state > TENTATIVE).sum())
+
+
+def own_motion(daemon: Daemon) -> str:
+    """Say how well own motion is known."""
+    if daemon.last is None:
+        return "unknown"
+    return {"VALID": "ok"}.get(daemon.last.pose.status.name, daemon.last.pose.status.name.lower().replace("_", " "))
+
+
+def counted(daemon: Daemon, causes: tuple[str, ...]) -> dict[str, int]:
+    """Return how many frames of all buses were lost, or not sent, by cause."""
+    each = [daemon.buses[k].counts for k in range(len(daemon.buses))]
+    return {cause: sum(getattr(counts, cause) for counts in each) for cause in causes}
+
+
+def down(daemon: Daemon) -> list[str]:
+    """List the buses that are not there."""
+    return [daemon.buses[k].name for k in range(len(daemon.buses)) if not daemon.buses[k].state.up]
+
+
+class HealthSummary:
+    """Tells in a line how the service is; keeps which sensors are heard.
+
+    Args:
+        clock: monotonic seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._scans: dict[str, tuple[int, float]] = {}
+
+    def brief(self, daemon: Daemon) -> str:
+        """Return such as `12 obstacles, 4 sensors, ego ok, 0 lost`; to be asked every second or so."""
+        sensors = daemon.pipeline.binding.sensors
+        heard = self._heard(daemon)
+        told = f"{heard}" if heard == len(sensors) else f"{heard} of {len(sensors)}"
+        line = (
+            f"{obstacles(daemon)} obstacles, {told} sensors, ego {own_motion(daemon)}, "
+            f"{sum(counted(daemon, LOST).values())} lost"
+        )
+        missing = down(daemon)
+        return line + (f"; down: {', '.join(missing)}" if missing else "")
+
+    def _heard(self, daemon: Daemon) -> int:
+        """Count the sensors that have brought a scan of late."""
+        now_s, heard = self._clock(), 0
+        for sensor, assembler in zip(daemon.pipeline.binding.sensors, daemon.pipeline.assemblers, strict=True):
+            scans = assembler.counts.scans
+            before, at_s = self._scans.get(sensor.name, (0, now_s))
+            if scans != before:
+                at_s = now_s
+            self._scans[sensor.name] = scans, at_s
+            patience_s = max(_SHORTEST_SILENCE_S, daemon.binding.patience(sensor))
+            heard += scans > 0 and now_s - at_s <= patience_s
+        return heard
+
+
+class StatusLine(Observer):
+    """Logs what the service does, every so often.
+
+    Args:
+        interval_s: between two lines, 0: none; None: what the configuration says.
+        clock: monotonic seconds.
+    """
+
+    def __init__(self, interval_s: float | None, clock: Callable[[], float] = time.monotonic) -> None:
+        self._asked_s = interval_s
+        self._clock = clock
+        self._last_s = clock()
+        self._interval_s, self._due_s = 0.0, math.inf
+        self._frames = self._cycles = 0
+
+    def started(self, daemon: Daemon) -> None:
+        """Say what is served; begin to count the time."""
+        binding = daemon.binding
+        sensors, buses = (", ".join(each.name for each in some) for some in (binding.sensors, binding.buses))
+        logger.info("serving %s: sensors %s; buses %s", binding.loaded.path, sensors, buses)
+        self._set_interval(daemon)
+
+    def reloaded(self, daemon: Daemon, error: str) -> None:
+        """Follow the configuration's interval."""
+        if not error:
+            self._set_interval(daemon)
+
+    def turned(self, daemon: Daemon) -> None:
+        """Log a line if one is due; cheap if not."""
+        now_s = self._clock()
+        if now_s >= self._due_s:
+            self._due_s = now_s + self._interval_s
+            logger.info("%s", self._line(daemon, now_s))
+
+    def _set_interval(self, daemon: Daemon) -> None:
+        asked_s, configured_s = self._asked_s, daemon.binding.settings.service.status_interval
+        self._interval_s = configured_s if asked_s is None else asked_s
+        self._due_s = self._clock() + self._interval_s if self._interval_s else math.inf
+
+    def _line(self, daemon: Daemon, now_s: float) -> str:
+        """Say what happened since the last line, and what was lost since the start."""
+        pipeline = daemon.pipeline
+        frames, cycles = sum(bus.frames for bus in pipeline.counts.buses), pipeline.counts.cycles
+        span_s = max(now_s - self._last_s, 1e-9)
+        lost, unsent = counted(daemon, LOST), counted(daemon, UNSENT)
+        line = (
+            f"{(frames - self._frames) / span_s:.0f} frames/s, {(cycles - self._cycles) / span_s:.1f} cycles/s, "
+            f"{obstacles(daemon)} obstacles, own motion {own_motion(daemon)}; since the start {cycles} cycles, "
+            f"{pipeline.drops} frames unusable, {_told(lost)} lost, {_told(unsent)} unsent"
+        )
+        line += "".join(f", {count} {what}" for what, count in _rare(daemon).items() if count)
+        missing = down(daemon)
+        self._last_s, self._frames, self._cycles = now_s, frames, cycles
+        return line + (f"; down: {', '.join(missing)}" if missing else "")
+
+
+def _rare(daemon: Daemon) -> dict[str, int]:
+    """Return what is worth a word only where it happened."""
+    pipeline, sequence = daemon.pipeline, daemon.sequence
+    scans = [assembler.counts for assembler in pipeline.assemblers]
+    return {
+        "objects that cannot be": sum(each.not_finite + each.out_of_range + each.impossible for each in scans),
+        "scans distrusted": sum(each.distrusted for each in scans),
+        "cycles without own motion": pipeline.counts.without_ego,
+        "steps of the clock": sequence.backward_steps + sequence.forward_steps,
+        "output values beyond their signal": pipeline.saturated,
+    }
+
+
+def _told(causes: dict[str, int]) -> str:
+    """Return a sum, with its causes where there are any."""
+    found = [f"{cause.replace('_', ' ')} {count}" for cause, count in causes.items() if count]
+    return f"{sum(causes.values())}" + (f" ({', '.join(found)})" if found else "")

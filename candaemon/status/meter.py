@@ -1,0 +1,138 @@
+"""Measures what the core loop does, and tells all that is known of the service."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, TypeAlias
+
+from candaemon.config.metrics import MetricsSettings
+from candaemon.daemon.daemon import Observer, Told
+from candaemon.frames.frame import Frame, Tick
+from candaemon.status.collect import counters, gather
+from candaemon.status.histogram import Histogram
+from candaemon.status.measured import Measured, NisSums, SensorWatch
+from candaemon.status.model import Figures
+
+if TYPE_CHECKING:
+    from candaemon.daemon.daemon import Daemon
+
+_MOST_WAITING = 16
+
+RecordingCounts: TypeAlias = Callable[[], Mapping[str, int | float | str | bool]]
+"""Gives what the recording counts."""
+
+
+class Meter(Observer):
+    """Keeps what is counted nowhere else: durations, NIS, when a sensor's latest scan was, reloads.
+
+    A cycle costs some microseconds and nothing grows. The figures as a whole are gathered only when asked for, in the
+    core thread between two turns, so that they belong together.
+
+    Args:
+        settings: buckets, and how far the NIS of late looks back.
+        recording: gives what the recording counts; None where nothing is recorded.
+        clock: monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        settings: MetricsSettings,
+        recording: RecordingCounts | None = None,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._settings = settings
+        self._recording = recording
+        self._clock = clock
+        self._measured = Measured(Histogram(settings.buckets), Histogram(settings.buckets), clock())
+        self._sensors: tuple[SensorWatch, ...] = ()
+        self._waiting: deque[Future[Figures]] = deque(maxlen=_MOST_WAITING)
+
+    def started(self, daemon: Daemon) -> None:
+        """Look at the daemon's sensors."""
+        self._measured.started_s = self._clock()
+        self._watch_sensors(daemon)
+
+    def took(self, items: Sequence[Frame | Tick]) -> None:
+        """Note what time it is for the pipeline."""
+        if items:
+            self._measured.now_ns = items[-1][0]
+
+    def told(self, told: Told) -> None:
+        """Measure a cycle."""
+        measured, cycle = self._measured, told.cycle
+        for histogram, seconds in ((measured.cycle_time, told.seconds), (measured.latency, told.latency)):
+            if not math.isnan(seconds):
+                histogram.add(seconds)
+        for sensor in self._sensors:
+            sensor.look(cycle.time_ns)
+        update = None if cycle.tracker is None else cycle.tracker.update
+        if update is not None and cycle.detections is not None:
+            self._sensors[cycle.detections.sensor].nis.add(update)
+
+    def turned(self, daemon: Daemon) -> None:
+        """Note the counters that rates are made of, and give the figures to who waits for them."""
+        now_s = self._clock()
+        if self._measured.rates.due(now_s):
+            self._measured.rates.note(now_s, counters(daemon))
+        self._answer(daemon)
+
+    def reloaded(self, daemon: Daemon, error: str) -> None:
+        """Count a reload; go on with the sensors that there are."""
+        measured = self._measured
+        measured.reload_error = error
+        if error:
+            measured.refused += 1
+            return
+        measured.reloads += 1
+        settings = daemon.pipeline.binding.settings.service.metrics
+        if settings.buckets != self._settings.buckets:
+            measured.cycle_time, measured.latency = Histogram(settings.buckets), Histogram(settings.buckets)
+        self._settings = settings
+        self._watch_sensors(daemon)
+
+    def stopped(self, daemon: Daemon) -> None:
+        """Give the figures to who still waits for them."""
+        self._answer(daemon)
+
+    def figures(self, daemon: Daemon) -> Figures:
+        """Return all that the service tells; for the core thread."""
+        recording = None if self._recording is None else self._recording()
+        return gather(daemon, self._measured, self._clock(), recording)
+
+    def wait_for_figures(self, timeout_s: float) -> Figures:
+        """Ask the core loop for the figures, from another thread.
+
+        Args:
+            timeout_s: how long its next turn may take to come.
+
+        Raises:
+            TimeoutError: the core loop took no turn in time.
+        """
+        wanted: Future[Figures] = Future()
+        self._waiting.append(wanted)
+        return wanted.result(timeout_s)
+
+    def _answer(self, daemon: Daemon) -> None:
+        """Give the figures to every thread that waits for them."""
+        if self._waiting:
+            figures = self.figures(daemon)
+            while self._waiting:
+                self._waiting.popleft().set_result(figures)
+
+    def _watch_sensors(self, daemon: Daemon) -> None:
+        """Watch the sensors there are; one that was there before keeps its NIS."""
+        pipeline, before = daemon.pipeline, self._measured.sensors
+        watches = {}
+        for sensor, assembler in zip(pipeline.binding.sensors, pipeline.assemblers, strict=True):
+            known = before.get(sensor.name)
+            watches[sensor.name] = SensorWatch(
+                assembler.counts, NisSums(self._settings.nis_scans) if known is None else known.nis
+            )
+            watches[sensor.name].last_ns = None if known is None else known.last_ns
+        self._measured.sensors = watches
+        self._sensors = tuple(watches.values())

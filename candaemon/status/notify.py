@@ -1,0 +1,116 @@
+"""systemd's notification protocol, sd_notify(3): ready, status, watchdog, reloading, stopping.
+
+A datagram socket and lines of text are all there is to it; systemd promises to keep them as they are.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import time
+from collections.abc import Callable, MutableMapping
+from typing import TYPE_CHECKING, Self
+
+from candaemon.daemon.daemon import Observer
+from candaemon.status.health_summary import HealthSummary
+
+if TYPE_CHECKING:
+    from candaemon.daemon.daemon import Daemon
+
+logger = logging.getLogger(__name__)
+
+_STATUS_S = 1.0
+
+
+class Notifier:
+    """Tells the service manager.
+
+    Args:
+        address: of its datagram socket, `@` at the beginning of an abstract one; empty: nobody is told.
+        watchdog_s: after which silence it ends the service; 0: never.
+    """
+
+    def __init__(self, address: str = "", watchdog_s: float = 0.0) -> None:
+        self.watchdog_s = watchdog_s
+        self._address = f"\0{address[1:]}" if address.startswith("@") else address
+
+    @classmethod
+    def from_environment(cls, environment: MutableMapping[str, str] = os.environ) -> Self:
+        """Take what the service manager left in the environment, out of it, so that no child speaks for us."""
+        address = environment.pop("NOTIFY_SOCKET", "")
+        period_us, pid = environment.pop("WATCHDOG_USEC", ""), environment.pop("WATCHDOG_PID", "")
+        watched = period_us.isdecimal() and pid in ("", str(os.getpid()))
+        return cls(address, int(period_us) * 1e-6 if watched else 0.0)
+
+    def tell(self, **fields: str | int) -> bool:
+        """Send fields such as `READY=1`; return whether they went out. Does not wait and does not raise."""
+        if not self._address:
+            return False
+        message = "\n".join(f"{name}={value}" for name, value in fields.items())
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+                manager.setblocking(False)
+                manager.sendto(message.encode(), self._address)
+        except OSError as error:
+            logger.debug("the service manager was not told: %s", error)
+            return False
+        return True
+
+
+class Supervision(Observer):
+    """Keeps the service manager informed; feeds its watchdog by turns of the core loop and nothing else.
+
+    Args:
+        notifier: the way to it.
+        clock: monotonic seconds.
+    """
+
+    def __init__(self, notifier: Notifier, clock: Callable[[], float] = time.monotonic) -> None:
+        self._notifier = notifier
+        self._clock = clock
+        self._feed_s = notifier.watchdog_s / 2
+        self._fed_s = self._status_s = clock()
+        self._status = ""
+        self._owed: dict[str, str | int] = {}
+        self._vitals = HealthSummary(clock)
+
+    def started(self, daemon: Daemon) -> None:
+        """Tell that the service is ready: a bus that is missing is looked for while it serves."""
+        self._ready(self._vitals.brief(daemon))
+
+    def turned(self, daemon: Daemon) -> None:
+        """Feed the watchdog when half of its period has passed; tell the status when it has changed.
+
+        What found the manager's queue full is told again: the watchdog is fed with the next turn, the rest within 1 s.
+        """
+        now_s = self._clock()
+        if self._feed_s and now_s - self._fed_s >= self._feed_s and self._notifier.tell(WATCHDOG=1):
+            self._fed_s = now_s
+        if now_s - self._status_s >= _STATUS_S:
+            self._status_s = now_s
+            if self._owed and self._notifier.tell(**self._owed):
+                self._owed = {}
+            status = self._vitals.brief(daemon)
+            if status != self._status and self._notifier.tell(STATUS=status):
+                self._status = status
+
+    def reloading(self, _daemon: Daemon) -> None:
+        """Tell that a configuration is being loaded."""
+        self._notifier.tell(RELOADING=1, MONOTONIC_USEC=time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000)
+
+    def reloaded(self, daemon: Daemon, error: str) -> None:
+        """Tell that the reload has ended, either way."""
+        status = self._vitals.brief(daemon)
+        if error:
+            status += f"; reload refused: {error.partition(chr(10))[0]}"
+        self._ready(status)
+
+    def stopped(self, _daemon: Daemon) -> None:
+        """Tell that the service ends."""
+        self._notifier.tell(STOPPING=1, STATUS="stopped")
+
+    def _ready(self, status: str) -> None:
+        """Tell that the service is ready; the manager waits for that, and so it must not be lost."""
+        ready: dict[str, str | int] = {"READY": 1, "STATUS": status}
+        self._owed = {} if self._notifier.tell(**ready) else ready

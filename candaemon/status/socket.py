@@ -1,0 +1,158 @@
+"""The status socket: what the service tells of itself, a line of JSON a second, to whoever connects.
+
+It is served in the core thread, between two turns, without waiting: a client that does not read is dropped when the
+kernel's buffer for it is full. It takes no requests, so it is open to every user of the machine.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import socket
+import stat
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from candaemon.daemon.daemon import Observer
+from candaemon.status.meter import Meter
+from candaemon.status.model import Figures
+from candaemon.status.paths import answers, socket_path
+
+if TYPE_CHECKING:
+    from candaemon.daemon.daemon import Daemon
+
+logger = logging.getLogger(__name__)
+
+MOST_CLIENTS = 8
+
+_LOOK_S = 0.1
+_LINE_S = 1.0
+_FOR_ALL = stat.S_IRUSR | stat.S_IWUSR | stat.S_IRGRP | stat.S_IWGRP | stat.S_IROTH | stat.S_IWOTH
+_BUSY = json.dumps({"error": f"{MOST_CLIENTS} clients are served already"}).encode() + b"\n"
+
+
+class StatusSocket(Observer):
+    """Sends the figures to each client, at once and then every second.
+
+    Where the socket cannot be made the service goes on without it, and says why in the log.
+
+    Args:
+        meter: gives the figures; it observes the same daemon.
+        clock: monotonic seconds.
+
+    Attributes:
+        path: of the socket; None where there is none.
+    """
+
+    def __init__(self, meter: Meter, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self.path: Path | None = None
+        self._meter = meter
+        self._clock = clock
+        self._listener: socket.socket | None = None
+        self._clients: list[socket.socket] = []
+        self._look_s = self._line_s = 0.0
+
+    def started(self, daemon: Daemon) -> None:
+        """Make the socket, in the place that the environment gives."""
+        path = socket_path(daemon.pipeline.binding.loaded.path)
+        if path is None:
+            logger.info("no status socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set")
+            return
+        if answers(path):
+            logger.warning("no status socket: another instance has %s; stop it, or give this one another name", path)
+            return
+        try:
+            self._listener = _listener(path)
+        except OSError as error:
+            logger.warning("no status socket: %s cannot be made: %s", path, error)
+            return
+        self.path = path
+
+    def turned(self, daemon: Daemon) -> None:
+        """Let clients in, and send what is due."""
+        now_s = self._clock()
+        if self._listener is None or now_s < self._look_s:
+            return
+        self._look_s = now_s + _LOOK_S
+        due = self._let_in(self._listener)
+        if now_s >= self._line_s:
+            self._line_s = now_s + _LINE_S
+            due = list(self._clients)
+        if due:
+            line = _line(self._meter.figures(daemon))
+            for client in due:
+                if not _sent(client, line):
+                    self._clients.remove(client)
+                    client.close()
+
+    def stopped(self, daemon: Daemon) -> None:  # noqa: ARG002 - the hook's signature
+        """Hang up and remove the socket."""
+        while self._clients:
+            self._clients.pop().close()
+        if self._listener is not None and self.path is not None:
+            self._listener.close()
+            self._listener = None
+            self.path.unlink(missing_ok=True)
+            with suppress(OSError):  # the folder is systemd's
+                self.path.parent.rmdir()
+
+    def _let_in(self, listener: socket.socket) -> list[socket.socket]:
+        """Return who has come and is served; those that are too many are told so."""
+        come = []
+        for client in _accepted(listener):
+            if len(self._clients) < MOST_CLIENTS:
+                self._clients.append(client)
+                come.append(client)
+            else:
+                _sent(client, _BUSY)
+                client.close()
+        return come
+
+
+def _listener(path: Path) -> socket.socket:
+    """Make a socket that every user can connect to; one left behind by a killed instance makes room.
+
+    Raises:
+        OSError: it cannot be made there.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_socket():
+        path.unlink()
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        listener.setblocking(False)
+        listener.bind(os.fspath(path))
+        path.chmod(_FOR_ALL)
+        listener.listen(MOST_CLIENTS)
+    except OSError:
+        listener.close()
+        raise
+    return listener
+
+
+def _accepted(listener: socket.socket) -> Iterator[socket.socket]:
+    """Yield clients that wait to be let in, as many as one look takes."""
+    for _ in range(MOST_CLIENTS):
+        try:
+            client, _ = listener.accept()
+        except OSError:  # nobody waits, or there is no descriptor left for whoever does
+            return
+        client.setblocking(False)
+        yield client
+
+
+def _sent(client: socket.socket, line: bytes) -> bool:
+    """Send a line whole; False where the client is gone or does not read, for half a line is none."""
+    try:
+        return client.send(line) == len(line)
+    except OSError:
+        return False
+
+
+def _line(figures: Figures) -> bytes:
+    """Return figures as a line of JSON."""
+    return json.dumps(figures.tree(), allow_nan=False, separators=(",", ":")).encode() + b"\n"

@@ -1,0 +1,91 @@
+"""What a smoother needs of a tracker, and obstacles with smoothed motion.
+
+An obstacle's motion is that of its reference point, and its chain lasts as long as its identity: the reflections that
+carry it may change in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from candaemon.arrays import Floats, Integers
+from candaemon.ego.pose import EgoPose
+from candaemon.estimation.smoothing import Link, Smoothed
+from candaemon.tracking.obstacles import Obstacles
+
+
+@dataclass(frozen=True, slots=True)
+class SmootherHistory:
+    """One step of a tracker; states are [x, y, vx, vy, ax, ay] of reference points, level frame, SI units.
+
+    Attributes:
+        id: of the obstacles told, (k,).
+        state: as told (k, 6).
+        covariance: as told (k, 6, 6).
+        linked: identities of the obstacles that the step began with, (l,).
+        link: their prediction to this step's instant, rows as `linked`.
+    """
+
+    id: Integers
+    state: Floats
+    covariance: Floats
+    linked: Integers
+    link: Link
+
+
+def joined(trails: Sequence[SmootherHistory]) -> SmootherHistory:
+    """Return the trails of several trackers' same step as one."""
+    if len(trails) == 1:
+        return trails[0]
+    links = [trail.link for trail in trails]
+    return SmootherHistory(
+        np.concatenate([trail.id for trail in trails]),
+        np.concatenate([trail.state for trail in trails]),
+        np.concatenate([trail.covariance for trail in trails]),
+        np.concatenate([trail.linked for trail in trails]),
+        Link(
+            np.concatenate([link.mean for link in links]),
+            np.concatenate([link.covariance for link in links]),
+            np.concatenate([link.gain for link in links]),
+        ),
+    )
+
+
+def with_motion(obstacles: Obstacles, smoothed: Smoothed, pose: EgoPose) -> Obstacles:
+    """Return obstacles with smoothed motion in place of their own; identity, state, age and detections stay.
+
+    Args:
+        obstacles: of one cycle.
+        smoothed: their motion, in the same order.
+        pose: own pose in that cycle.
+    """
+    state, turn = smoothed.mean, pose.rotation
+    place = pose.to_vehicle(state[:, :2])
+    velocity, acceleration = state[:, 2:4] @ turn, state[:, 4:] @ turn
+    spread, speed_spread = (_deviation(smoothed.covariance[:, at, at], turn) for at in (slice(0, 2), slice(2, 4)))
+    return replace(
+        obstacles,
+        x=place[:, 0],
+        y=place[:, 1],
+        vx=velocity[:, 0],
+        vy=velocity[:, 1],
+        ax=acceleration[:, 0],
+        ay=acceleration[:, 1],
+        east=state[:, 0],
+        north=state[:, 1],
+        ve=state[:, 2],
+        vn=state[:, 3],
+        sx=spread[:, 0],
+        sy=spread[:, 1],
+        svx=speed_spread[:, 0],
+        svy=speed_spread[:, 1],
+    )
+
+
+def _deviation(covariance: Floats, turn: Floats) -> Floats:
+    """Return standard deviations along the axes of `turn` (n, 2) of covariances (n, 2, 2)."""
+    turned = turn.T @ covariance @ turn
+    return np.sqrt(np.maximum(np.diagonal(turned, axis1=1, axis2=2), 0.0))

@@ -1,0 +1,261 @@
+"""All tracks of a group of sensors: reflections, the obstacles that they make up, and their filter.
+
+The tables and the filter keep the same rows in the same order; whoever drops or appends rows does so here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import repeat
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.config.tracker import TrackerSettings
+from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.smoothing import Link
+from candaemon.radar.detections import Detections
+from candaemon.tracking.columns import ObstacleTable, ReflectionTable
+from candaemon.tracking.estimator_factory import make_estimator
+from candaemon.tracking.reflections import RigidMotion, change_leader, draw_back, from_travel_axes, rigid_motion
+
+
+class TrackStore:
+    """The tracks that live.
+
+    Args:
+        settings: of the tracker.
+        ids: where the identities of new obstacles come from.
+
+    Attributes:
+        reflections: one row a detected point.
+        obstacles: one row a vehicle.
+        estimator: one row a reflection.
+        row_of: row of the reflection that a sensor's object id stands for. Where the noise is found out, a reflection
+            keeps an id of each sensor, for it is all that tells what a sensor gone bad still sees; else that of the
+            sensor that reported it last.
+    """
+
+    def __init__(self, settings: TrackerSettings, ids: Iterator[int]) -> None:
+        self._ids = ids
+        self._settings = settings.reflections
+        self.reflections = ReflectionTable()
+        self.obstacles = ObstacleTable()
+        self.estimator = make_estimator(settings.estimator)
+        self.row_of: dict[tuple[int, int], int] = {}
+        self._found: dict[int, tuple[bytes, Indices, bool]] = {}
+        self._states: tuple[Floats, Floats] | None = None
+
+    @property
+    def direction(self) -> Floats:
+        """Direction of travel of each reflection (n, 2)."""
+        return self.obstacles.direction.take(self.reflections.obstacle, axis=0)
+
+    def states(self) -> tuple[Floats, Floats]:
+        """Return combined means (n, 6) and covariances (n, 6, 6) of the reflections."""
+        if self._states is None:
+            self._states = self.estimator.combined()
+        return self._states
+
+    def motion(self) -> RigidMotion:
+        """Return the motion of the obstacles."""
+        return rigid_motion(self.obstacles, self.reflections, *self.states())
+
+    def reference(self) -> Floats:
+        """Return the obstacles' reference points (k, 2), level frame, m."""
+        obstacles = self.obstacles
+        return self.states()[0][obstacles.leader, :2] + from_travel_axes(obstacles.offset, obstacles.direction)
+
+    def predict(self, dt: float) -> None:
+        """Predict all tracks by dt, s.
+
+        The reference points' return to their leaders is a part of it: no smoother is to take it for something learnt.
+        """
+        self.estimator.predict(dt, self.direction)
+        draw_back(self.obstacles, dt, self._settings)
+        self._states = None
+
+    def retreat(self, dt: float) -> None:
+        """Take all tracks back by a short dt, s."""
+        self.estimator.retreat(dt)
+        self._states = None
+
+    def linked(self, moved: bool) -> tuple[Integers, Link]:
+        """Return the obstacles' identities and what a smoother needs of their prediction; to be asked right after it.
+
+        Where time has not moved on, as in a scan that comes after a younger one, the gain is the identity: what is
+        learnt of an obstacle is learnt of it before, and its chain does not break.
+
+        Args:
+            moved: whether `predict` led here.
+        """
+        motion, link = self.motion(), self.estimator.link
+        gain = np.broadcast_to(np.eye(6), motion.covariance.shape)
+        if moved and link is not None:
+            gain = link.gain[self.obstacles.leader]
+        return self.obstacles.id, Link(motion.state, motion.covariance, gain)
+
+    def update(self, tracks: Indices, measurement: Measurement) -> Floats:
+        """Update reflections with a measurement each; return the normalised innovations squared."""
+        nis = self.estimator.update(tracks, measurement)
+        self._states = None
+        return nis
+
+    def note(self, tracks: Indices, rows: Indices, detections: Detections) -> None:
+        """Note which detections updated which reflections."""
+        reflections, obstacles, sensor = self.reflections, self.obstacles, detections.sensor
+        keys = detections.object_id[rows]
+        renamed = (reflections.object_id[tracks] != keys) | (reflections.sensor[tracks] != sensor)
+        if renamed.any():
+            for track, key in zip(tracks[renamed].tolist(), keys[renamed].tolist(), strict=True):
+                self.name(track, sensor, key)
+        reflections.last_ns[tracks] = detections.time_ns
+        owners = reflections.obstacle[tracks]
+        obstacles.last_ns[owners] = detections.time_ns
+        obstacles.history[owners] |= 1
+        obstacles.sensors[owners] |= 1 << sensor
+
+    def rows_of(self, sensor: int, object_id: Integers) -> tuple[Indices, bool]:
+        """Return the rows that a sensor's ids stand for, −1 where one stands for nothing; and whether none comes twice.
+
+        A scan whose ids are those of the sensor's scan before costs a comparison. The rows are not to be written to.
+        """
+        ids, known = object_id.tobytes(), self._found.get(sensor)
+        if known is not None and known[0] == ids:
+            return known[1:]
+        keys = object_id.tolist()
+        rows = np.fromiter(map(self.row_of.get, zip(repeat(sensor), keys), repeat(-1)), np.intp, len(keys))
+        self._found[sensor] = ids, rows, len(set(keys)) == len(keys)
+        return self._found[sensor][1:]
+
+    def name(self, track: int, sensor: int, key: int) -> None:
+        """Let a sensor's id stand for this reflection and no longer for another."""
+        self._found.clear()
+        reflections = self.reflections
+        former = self.row_of.get((sensor, key))
+        if former != track:
+            for name in self._outdated(track, sensor):
+                del self.row_of[name]
+        if former is not None and reflections.sensor[former] == sensor:
+            reflections.object_id[former] = -1
+        self.row_of[sensor, key] = track
+        reflections.sensor[track], reflections.object_id[track] = sensor, key
+
+    def _outdated(self, track: int, sensor: int) -> list[tuple[int, int]]:
+        """Return the ids that no longer stand for a reflection once a sensor gives it another."""
+        if self.estimator.adapting:
+            return [name for name, row in self.row_of.items() if row == track and name[0] == sensor]
+        latest = int(self.reflections.sensor[track]), int(self.reflections.object_id[track])
+        return [latest] if self.row_of.get(latest) == track else []
+
+    def add_obstacle(self, time_ns: int, direction: Floats) -> int:
+        """Add an obstacle that the next reflection will lead; return its row.
+
+        Args:
+            time_ns: of its first detection.
+            direction: of travel (2,).
+        """
+        zero = np.zeros(1, dtype=np.int64)
+        self.obstacles.append(
+            id=np.array([next(self._ids)]),
+            first_ns=np.array([time_ns]),
+            last_ns=np.array([time_ns]),
+            history=zero,
+            scans=zero,
+            confirmed=np.zeros(1, dtype=np.bool_),
+            leader=np.array([len(self.reflections)]),
+            offset=np.zeros((1, 2)),
+            direction=direction[None],
+            beside_ns=zero,
+            sensors=zero,
+        )
+        return len(self.obstacles) - 1
+
+    def add_reflection(self, owner: int, sensor: int, key: int, time_ns: int) -> None:
+        """Add the reflection that the filter has just been given a row for, as one of an obstacle."""
+        track = len(self.reflections)
+        self.reflections.append(
+            sensor=np.array([sensor]),
+            object_id=np.array([-1]),
+            obstacle=np.array([owner]),
+            last_ns=np.array([time_ns]),
+        )
+        self.name(track, sensor, key)
+        self.obstacles.last_ns[owner] = time_ns
+        self.obstacles.history[owner] |= 1
+        self.obstacles.sensors[owner] |= 1 << sensor
+        self._states = None
+
+    def renumber(self, sensors: Mapping[int, int]) -> None:
+        """Give sensors other numbers, and forget those left out: their ids, and the obstacles that only they have seen.
+
+        Args:
+            sensors: number of a sensor from here on, by the number it had.
+        """
+        obstacles, reflections = self.obstacles, self.reflections
+        self._found.clear()
+        self.row_of = {(sensors[of], key): row for (of, key), row in self.row_of.items() if of in sensors}
+        before = reflections.sensor
+        reflections.sensor = np.array([sensors.get(of, -1) for of in before.tolist()], dtype=np.int64)
+        reflections.object_id[reflections.sensor < 0] = -1
+        seen_by = np.zeros_like(obstacles.sensors)
+        for old, new in sensors.items():
+            seen_by |= (obstacles.sensors >> old & 1) << new
+        obstacles.sensors = seen_by
+        self.estimator.renumber(sensors)
+        over = seen_by == 0
+        if over.any():
+            self.drop(over[reflections.obstacle], over)
+
+    def part(self, leaving: Indices) -> None:
+        """Give each leaving reflection an obstacle of its own, as old as the one it leaves, and not confirmed yet."""
+        obstacles, reflections = self.obstacles, self.reflections
+        owner = reflections.obstacle[leaving]
+        first = len(obstacles)
+        obstacles.append(
+            id=np.array([next(self._ids) for _ in leaving], dtype=np.int64),
+            first_ns=obstacles.first_ns[owner],
+            last_ns=reflections.last_ns[leaving],
+            history=np.ones(len(leaving), dtype=np.int64),
+            scans=np.zeros(len(leaving), dtype=np.int64),
+            confirmed=np.zeros(len(leaving), dtype=np.bool_),
+            leader=leaving.astype(np.int64),
+            offset=np.zeros((len(leaving), 2)),
+            direction=obstacles.direction[owner],
+            beside_ns=np.zeros(len(leaving), dtype=np.int64),
+            sensors=obstacles.sensors[owner],
+        )
+        reflections.obstacle[leaving] = np.arange(first, len(obstacles))
+
+    def absorb(self, young: int, old: int) -> None:
+        """Make one obstacle's reflections another's; the row that is left empty is to be dropped."""
+        obstacles = self.obstacles
+        self.reflections.obstacle[self.reflections.obstacle == young] = old
+        if obstacles.last_ns[young] > obstacles.last_ns[old]:
+            change_leader(obstacles, np.array([old]), obstacles.leader[[young]], self.states()[0])
+        obstacles.last_ns[old] = max(obstacles.last_ns[old], obstacles.last_ns[young])
+        obstacles.history[old] |= obstacles.history[young]
+        obstacles.sensors[old] |= obstacles.sensors[young]
+
+    def drop(self, lost: Booleans, over: Booleans) -> Indices:
+        """Forget reflections and obstacles.
+
+        Args:
+            lost: reflections (n,) to forget; all those of an obstacle that is over.
+            over: obstacles (k,) to forget.
+
+        Returns:
+            The new row of each reflection kept, by its old row.
+        """
+        new_row = np.cumsum(~lost) - 1
+        new_owner = np.cumsum(~over) - 1
+        self.estimator.keep(~lost)
+        self.reflections.keep(~lost)
+        self.reflections.obstacle = new_owner[self.reflections.obstacle]
+        self.obstacles.keep(~over)
+        self.obstacles.leader = new_row[self.obstacles.leader]
+        gone = lost.tolist()
+        self._found.clear()
+        self.row_of = {key: int(new_row[row]) for key, row in self.row_of.items() if not gone[row]}
+        self._states = None
+        return new_row
