@@ -51,10 +51,10 @@ if TYPE_CHECKING:
     from candaemon.frames.frame import Tick as Tick
     from candaemon.pipeline.cycle import Cycle as Cycle
     from candaemon.pipeline.pipeline import Pipeline as Pipeline
-    from candaemon.replay.replay import Replayed as Replayed
-    from candaemon.replay.replay import ReplayRequest as ReplayRequest
-    from candaemon.replay.replay import replay as replay
-    from candaemon.replay.summary import summarise as summarise
+    from candaemon.playback.replay import Replayed as Replayed
+    from candaemon.playback.replay import ReplayRequest as ReplayRequest
+    from candaemon.playback.replay import replay as replay
+    from candaemon.playback.summary import summarise as summarise
     from candaemon.tracking.obstacles import Obstacles as Obstacles
     from candaemon.tracking.tracker import Tracker as Tracker
 
@@ -110,12 +110,12 @@ _NAMES = {
     ),
     "candaemon.pipeline.cycle": ("Cycle",),
     "candaemon.pipeline.pipeline": ("Pipeline",),
-    "candaemon.replay.replay": (
+    "candaemon.playback.replay": (
         "ReplayRequest",
         "Replayed",
         "replay",
     ),
-    "candaemon.replay.summary": ("summarise",),
+    "candaemon.playback.summary": ("summarise",),
     "candaemon.tracking.obstacles": ("Obstacles",),
     "candaemon.tracking.tracker": ("Tracker",),
 }

@@ -14,7 +14,7 @@ from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.messages import to_message
 from candaemon.daemon.daemon import Daemon, Observer, Told
 from candaemon.frames.frame import Frame
-from candaemon.replay.replay import ReplayRequest, replay
+from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 

@@ -13,7 +13,7 @@ from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.results import Evaluation
 from candaemon.evaluation.writers import TrackWriter
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.replay.replay import track_columns
+from candaemon.playback.replay import track_columns
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate

@@ -30,7 +30,7 @@ from candaemon.evaluation.writers import TrackWriter
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.replay.replay import track_columns
+from candaemon.playback.replay import track_columns
 from candaemon.simulation.simulate import simulate
 
 EARTH_RADIUS, FLATTENING = 6_378_137.0, 1 / 298.257_223_563

@@ -18,8 +18,8 @@ from candaemon.config.load import load_config
 from candaemon.config.recording import RecordingSettings
 from candaemon.daemon.reload import Reloader
 from candaemon.errors import InputError
+from candaemon.playback.recorded import header_beside, logs_in
 from candaemon.recording.recorder import Recording
-from candaemon.replay.recorded import header_beside, logs_in
 
 SECOND = RecordingSettings(file_seconds=1.0)
 

@@ -19,11 +19,11 @@ from candaemon.daemon.daemon import Daemon
 from candaemon.errors import InputError
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
+from candaemon.playback.recorded import header_beside, logs_in, number_of
 from candaemon.recording.event_archive import Event
 from candaemon.recording.recorder import Recording
 from candaemon.recording.ring import Ring
 from candaemon.recording.writer_thread import WriterThread
-from candaemon.replay.recorded import header_beside, logs_in, number_of
 
 SECOND_NS = 1_000_000_000
 LINE = b"(1700000000.000000) radar 500#0011223344556677\n"

@@ -19,11 +19,11 @@ from candaemon.can_io.port import BusState, PortCounts
 from candaemon.config.recording import EventSettings, RecordingSettings
 from candaemon.errors import InputError
 from candaemon.pipeline.pipeline import Pipeline
+from candaemon.playback.recorded import logs_in, number_of, stem
 from candaemon.recording.event_archive import Event
 from candaemon.recording.ring import Ring
 from candaemon.recording.triggers import EventWatch
 from candaemon.recording.writer_thread import WriterThread
-from candaemon.replay.recorded import logs_in, number_of, stem
 
 if TYPE_CHECKING:
     from candaemon.daemon.daemon import Daemon

@@ -22,7 +22,7 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.messages import to_message
 from candaemon.config.load import load_config
 from candaemon.frames.frame import Frame
-from candaemon.replay.recorded import logs_in
+from candaemon.playback.recorded import logs_in
 
 pytest.importorskip("msgpack", reason="udp_multicast needs msgpack")
 

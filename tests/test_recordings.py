@@ -25,8 +25,8 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import Snapshots, fingerprint
 from candaemon.pipeline.saved_state.fingerprint import differences
 from candaemon.pipeline.saved_state.packing import packed, unpacked
-from candaemon.replay.recorded import Run, runs, stem, utc
-from candaemon.replay.replay import ReplayRequest, replay
+from candaemon.playback.recorded import Run, runs, stem, utc
+from candaemon.playback.replay import ReplayRequest, replay
 
 SECOND_NS = 1_000_000_000
 END = b"(1700000009.000000) tick 001#\n"

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from candaemon.arrays import Floats
 from candaemon.estimation.smoothing import Smoothed
 from candaemon.pipeline.cycle import Cycle
-from candaemon.replay.smooth import CycleSmoother
+from candaemon.playback.smooth import CycleSmoother
 from candaemon.tracking.obstacles import MOTION, Obstacles, joined, none
 from candaemon.tracking.smoother_history import with_motion
 from candaemon.tracking.tracker import Tracker

@@ -36,7 +36,7 @@ ROOMS: tuple[str, ...] = (
     "output",
     "pipeline",
     "evaluation",
-    "replay",
+    "playback",
     "daemon",
     "recording",
     "status",
@@ -224,3 +224,8 @@ def test_the_service_loads_neither_scipy_nor_rich() -> None:
         f"Daemon(candaemon.bind(candaemon.load_config(Path({str(ROOT / 'config' / 'demo.yaml')!r}))))"
     )
     assert not loaded_after(ready) & HEAVY
+
+
+def test_no_exported_function_has_the_name_of_a_room() -> None:
+    # A room that is imported becomes an attribute of the package, in the place of the function.
+    assert not set(candaemon.__all__) & {room(module) for module in MODULES}

@@ -22,7 +22,7 @@ from candaemon.files.atomic import check_writable, make_folder, write_whole
 if TYPE_CHECKING:
     from candaemon.binding.bound import Binding
     from candaemon.papers.experiment import Experiment, Result
-    from candaemon.replay.replay import ReplayRequest
+    from candaemon.playback.replay import ReplayRequest
 
 logger = logging.getLogger(__name__)
 
@@ -99,9 +99,9 @@ def install_service(arguments: argparse.Namespace) -> None:
 
 def replay(arguments: argparse.Namespace) -> None:
     """Replay a recorded drive."""
-    from candaemon.replay.replay import ReplayRequest
-    from candaemon.replay.replay import replay as replay_log
-    from candaemon.replay.summary import summarise
+    from candaemon.playback.replay import ReplayRequest
+    from candaemon.playback.replay import replay as replay_log
+    from candaemon.playback.summary import summarise
 
     binding = _bound(arguments.config)
     console.warn(binding.warnings)

@@ -21,8 +21,8 @@ from candaemon.binding.bound import Binding
 from candaemon.config.recording import EventSettings
 from candaemon.errors import InputError
 from candaemon.files.atomic import write_whole
+from candaemon.playback.recorded import CONFIGURATIONS, EVENTS, STATE, logs_in, number_of, utc
 from candaemon.recording.ring import MEGABYTE, RingFile
-from candaemon.replay.recorded import CONFIGURATIONS, EVENTS, STATE, logs_in, number_of, utc
 
 logger = logging.getLogger(__name__)
 

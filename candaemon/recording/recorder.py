@@ -24,11 +24,11 @@ from candaemon.files.atomic import make_folder
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import Snapshots
+from candaemon.playback.recorded import ENDED
 from candaemon.recording.event_archive import Event
 from candaemon.recording.ring import MEGABYTE, SHARE_OF_A_FILE
 from candaemon.recording.triggers import EventWatch
 from candaemon.recording.writer_thread import WriterThread
-from candaemon.replay.recorded import ENDED
 
 if TYPE_CHECKING:
     from candaemon.daemon.daemon import Daemon

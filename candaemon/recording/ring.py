@@ -17,7 +17,7 @@ from candaemon.config.recording import RecordingSettings
 from candaemon.errors import InputError
 from candaemon.files.atomic import make_folder, write_whole
 from candaemon.pipeline.saved_state.fingerprint import digest
-from candaemon.replay.recorded import LOG, STATE, header_beside, logs_in, number_of
+from candaemon.playback.recorded import LOG, STATE, header_beside, logs_in, number_of
 
 MEGABYTE = 1_000_000
 SHARE_OF_A_FILE = 1 / 8

@@ -19,9 +19,9 @@ from typing import TypeAlias
 from candaemon.binding.bound import Binding
 from candaemon.config.recording import RecordingSettings
 from candaemon.errors import InputError
+from candaemon.playback.recorded import LOG, number_of, stem
 from candaemon.recording.event_archive import Event, EventArchive, drop_configurations, keep_configuration
 from candaemon.recording.ring import MEGABYTE, Ring, is_full
-from candaemon.replay.recorded import LOG, number_of, stem
 
 logger = logging.getLogger(__name__)
 

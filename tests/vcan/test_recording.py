@@ -19,7 +19,7 @@ from recorded import replayed
 
 from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
-from candaemon.replay.recorded import logs_in
+from candaemon.playback.recorded import logs_in
 
 SECONDS = 20.0
 

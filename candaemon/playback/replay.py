@@ -24,8 +24,8 @@ from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import begun, fingerprint
-from candaemon.replay.recorded import frames_of, runs
-from candaemon.replay.smooth import CycleSmoother
+from candaemon.playback.recorded import frames_of, runs
+from candaemon.playback.smooth import CycleSmoother
 from candaemon.tracking.obstacles import MOTION, Obstacles
 
 _PATIENCE_NS = 2_000_000_000

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from candaemon.ego.georeference import Georeferencer
-from candaemon.replay.replay import Replayed
+from candaemon.playback.replay import Replayed
 
 
 def summarise(replayed: Replayed) -> dict[str, Any]:
