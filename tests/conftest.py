@@ -1,4 +1,4 @@
-"""What several test files share: where the project and the real data lie."""
+"""What test files of any folder may ask for: the real data, and logging as it was."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.support.paths import DATA
+
 if TYPE_CHECKING:
     from xdist.remote import Producer
     from xdist.scheduler import WorkStealingScheduling
-
-ROOT = Path(__file__).resolve().parents[1]
-DATA = ROOT.parent / "shared" / "data"
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -1,4 +1,4 @@
-"""Serves traffic of many hours as fast as it goes, and watches memory: `python tests/soak.py --hours 2`.
+"""Serves traffic of many hours as fast as it goes, and watches memory: `python -m tests.soak --hours 2`.
 
 All of `candaemon run` but its signals is at work: live buses, sequencer, pipeline, recording, metrics, status. Only
 the ports are the test's own: they hand over the 64 slots of an ESR and an INS at 100 Hz, in the drive's own time. Which
@@ -20,9 +20,6 @@ from itertools import cycle, groupby
 from pathlib import Path
 from typing import Any
 
-from beds.service import config_on
-from vcan.drives import LAP_S, lap
-
 from candaemon.binding.bind import bind
 from candaemon.can_io.open import PORTS
 from candaemon.can_io.port import Controller, PortRequest
@@ -33,6 +30,8 @@ from candaemon.recording.recorder import Recording
 from candaemon.status.health_summary import StatusLine
 from candaemon.status.meter import Meter
 from candaemon.status.socket import StatusSocket
+from tests.beds.service import config_on
+from tests.vcan.drives import LAP_S, lap
 
 STEP_NS = 20_000_000
 SAMPLES = 20

@@ -7,12 +7,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
 
-from bound import binding
-from conftest import ROOT
-
 from candaemon.frames.frame import EXTENDED
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
+from tests.support.bound import binding
+from tests.support.paths import ROOT
 
 from .can_utils import background
 

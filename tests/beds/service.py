@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from conftest import ROOT
+
+from tests.support.paths import ROOT
 
 from .waiting import wait_until
 

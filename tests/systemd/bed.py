@@ -6,9 +6,9 @@ import sys
 import sysconfig
 from pathlib import Path
 
-from beds.guest import boot
-from beds.task import BedMissingError, Task
-from conftest import DATA
+from tests.beds.guest import boot
+from tests.beds.task import BedMissingError, Task
+from tests.support.paths import DATA
 
 from .debian import debian
 

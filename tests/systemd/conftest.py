@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from beds import register
+
+from tests.beds import register
 
 from .bed import run
 from .units import FILES, Unit, output

@@ -9,8 +9,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from beds.guest import absent, tools_environment
-from beds.task import BedMissingError
+from tests.beds.guest import absent, tools_environment
+from tests.beds.task import BedMissingError
 
 FOLDER = "CANDAEMON_BED"
 """Environment variable: where it is kept, instead of the user's cache."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from beds.links import Link
+from tests.beds.links import Link
 
 from .units import INSTALLED, PROJECT, Unit, output
 

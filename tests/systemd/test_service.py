@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from beds.crowding import crowding
-from beds.drives import Drive, write_drive
-from beds.links import Link
-from beds.service import config_on
-from beds.waiting import wait_until
-from conftest import ROOT
+
+from tests.beds.crowding import crowding
+from tests.beds.drives import Drive, write_drive
+from tests.beds.links import Link
+from tests.beds.service import config_on
+from tests.beds.waiting import wait_until
+from tests.support.paths import ROOT
 
 from .units import INSTALLED, PROJECT, Unit, output
 

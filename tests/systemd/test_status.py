@@ -10,9 +10,10 @@ from typing import Any
 from urllib.request import urlopen
 
 import pytest
-from beds.service import config_on
-from beds.waiting import wait_until
-from conftest import ROOT
+
+from tests.beds.service import config_on
+from tests.beds.waiting import wait_until
+from tests.support.paths import ROOT
 
 from .units import INSTALLED, PROJECT, Unit, output
 

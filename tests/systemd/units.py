@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 from pathlib import Path
 
-from beds.waiting import wait_until
+from tests.beds.waiting import wait_until
 
 INSTALLED = Path("/opt/candaemon/bin")
 """Of the programs `candaemon` and `python`, as the README installs them."""

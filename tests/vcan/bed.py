@@ -6,8 +6,8 @@ import os
 import subprocess
 from pathlib import Path
 
-from beds.guest import absent, boot, tools_environment, watch
-from beds.task import BedMissingError, Task
+from tests.beds.guest import absent, boot, tools_environment, watch
+from tests.beds.task import BedMissingError, Task
 
 INIT = Path(__file__).with_name("init.sh")
 READY = 'mount -t sysfs sysfs /sys && ip link set lo up && exec "$@"'

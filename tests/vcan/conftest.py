@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import pytest
-from beds import register
-from beds.fixtures import Start
-from beds.links import Link
-from beds.service import config_on
 
 from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
 from candaemon.frames.frame import Frame
+from tests.beds import register
+from tests.beds.fixtures import Start
+from tests.beds.links import Link
+from tests.beds.service import config_on
 
 from .bed import run
 from .drives import lap, light

@@ -11,10 +11,9 @@ from functools import cache
 from types import TracebackType
 from typing import NamedTuple, Self
 
-from conftest import ROOT
-
 from candaemon.dbc.batch_codec import Decoder, compile_decoder
 from candaemon.dbc.database import load_database
+from tests.support.paths import ROOT
 
 EMPTY, TENTATIVE, CONFIRMED, COASTING = range(4)
 """States of a slot."""

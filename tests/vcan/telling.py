@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from beds.service import Service
-from beds.waiting import wait_until
+from tests.beds.service import Service
+from tests.beds.waiting import wait_until
 
 _PATIENCE_S = 10.0
 _SETTLING_S = 0.2

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import can
 import pytest
-from beds.can_utils import candump, cangen, canplayer, cansend
-from beds.fixtures import Start
-from beds.links import Link
-from beds.own_kernel import OwnClock, Sysctl
-from beds.service import config_on
+
+from tests.beds.can_utils import candump, cangen, canplayer, cansend
+from tests.beds.fixtures import Start
+from tests.beds.links import Link
+from tests.beds.own_kernel import OwnClock, Sysctl
+from tests.beds.service import config_on
 
 
 def test_a_sent_frame_is_received(vcan0: Link) -> None:

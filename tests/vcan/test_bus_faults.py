@@ -13,12 +13,12 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from beds.can_utils import background, cansend
-from beds.links import Link
 
 from candaemon.can_io.buses import LiveBuses
 from candaemon.config.buses import BusSettings
 from candaemon.frames.frame import Frame
+from tests.beds.can_utils import background, cansend
+from tests.beds.links import Link
 
 SENTINEL = 0x7FF
 PACED = """

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from beds.can_utils import cangen, cansend
-from beds.links import Link
-from beds.own_kernel import OwnClock
+
+from tests.beds.can_utils import cangen, cansend
+from tests.beds.links import Link
+from tests.beds.own_kernel import OwnClock
 
 from .conftest import Drive
 from .drives import light

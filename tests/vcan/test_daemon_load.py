@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from beds.can_utils import cangen, canplayer, cansend
-from beds.fixtures import Start
-from beds.links import Link
-from beds.own_kernel import Sysctl
-from beds.service import config_on
 
 from candaemon.binding.bind import bind
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.config.load import load_config
+from tests.beds.can_utils import cangen, canplayer, cansend
+from tests.beds.fixtures import Start
+from tests.beds.links import Link
+from tests.beds.own_kernel import Sysctl
+from tests.beds.service import config_on
 
 from .conftest import Drive
 from .drives import LAP_S, lap

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from beds.can_utils import candump, canplayer, cansend
-from beds.fixtures import Start
-from beds.links import Link
-from beds.service import config_on
-from beds.waiting import wait_until
-from conftest import DATA
-from recorded import replayed
 
 from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
 from candaemon.playback.recorded import logs_in
+from tests.beds.can_utils import candump, canplayer, cansend
+from tests.beds.fixtures import Start
+from tests.beds.links import Link
+from tests.beds.service import config_on
+from tests.beds.waiting import wait_until
+from tests.support.paths import DATA
+from tests.support.recorded import replayed
 
 SECONDS = 20.0
 

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from beds.drives import Drive, write_drive
-from beds.fixtures import Start
-from beds.links import Link
-from beds.service import Service, config_on
-from beds.waiting import wait_until
+
+from tests.beds.drives import Drive, write_drive
+from tests.beds.fixtures import Start
+from tests.beds.links import Link
+from tests.beds.service import Service, config_on
+from tests.beds.waiting import wait_until
 
 CONFIG: Final = "toyota_rav4_ins"
 CHANNELS = {"car": "vcan3", "radar": "vcan0", "ins": "vcan1", "obstacles": "vcan2"}

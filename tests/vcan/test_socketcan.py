@@ -13,8 +13,6 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, closing
 
 import pytest
-from beds.can_utils import cangen, cansend
-from beds.links import Link
 
 from candaemon.can_io.open import open_port
 from candaemon.can_io.port import PortCounts, PortRequest
@@ -22,6 +20,8 @@ from candaemon.can_io.socketcan import SocketCanPort
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
 from candaemon.frames.frame import EXTENDED, Frame
+from tests.beds.can_utils import cangen, cansend
+from tests.beds.links import Link
 
 SENTINEL = 0x7FF
 

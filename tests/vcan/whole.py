@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from beds.service import Service
+from tests.beds.service import Service
 
 from .heard import OK, VALID, Cycle, Ears
 from .telling import Telling

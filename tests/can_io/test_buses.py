@@ -1,0 +1,225 @@
+"""Live buses through python-can: reading, sending, loss and reconnection."""
+
+from __future__ import annotations
+
+import socket
+import time
+from threading import Thread
+
+import can
+import pytest
+from can.interfaces.virtual import channels as open_channels
+
+from candaemon.can_io import threaded_port as reader
+from candaemon.can_io.python_can import PythonCanPort
+from candaemon.config.buses import BusSettings
+from candaemon.errors import BusError
+from candaemon.frames.frame import EXTENDED, Frame
+from tests.support.live_buses import live, message, peer, read_all, turn_until, virtual
+
+
+def test_frames_of_two_buses_come_in_order_of_time() -> None:
+    settings = virtual(), virtual()
+    with live(*settings) as buses, peer(settings[0]) as first, peer(settings[1]) as second:
+        buses.open()
+        second.send(message(0x200, 1533226488.434433))
+        first.send(message(0x12345, 2.0, bytes(8), is_extended_id=True))
+        second.send(message(0x201, 1.0, bytes(64), is_fd=True))
+        first.send(message(0x100, 1.0, is_remote_frame=True))
+        first.send(message(0x100, 1.0, is_error_frame=True))
+        time.sleep(0.3)
+        assert buses.read(1.0) == [
+            Frame(1_000_000_000, 1, 0x201, bytes(64), True),
+            Frame(2_000_000_000, 0, 0x12345 | EXTENDED, bytes(8)),
+            Frame(1_533_226_488_434_433_000, 1, 0x200, b"\x01"),
+        ]
+        counts = buses[0].counts
+        assert (counts.received, counts.remote, counts.error_frames) == (1, 1, 1)
+        assert buses.read(0.0) == []
+
+
+def test_sent_frames_are_heard_by_others_only() -> None:
+    settings = virtual()
+    with live(settings) as buses, peer(settings) as other:
+        buses.open()
+        assert buses.send(0, [Frame(0, 0, 0x700, b"\x01"), Frame(0, 0, 0x1234 | EXTENDED, bytes(12), True)]) == 2
+        heard = [other.recv(1.0), other.recv(1.0)]
+        assert [(m.arbitration_id, m.is_extended_id, bytes(m.data), m.is_fd) for m in heard if m] == [
+            (0x700, False, b"\x01", False),
+            (0x1234, True, bytes(12), True),
+        ]
+        assert buses.read(0.2) == []
+        assert (buses[0].counts.sent, buses[0].counts.send_failed) == (2, 0)
+
+
+def test_a_full_queue_drops_and_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reader.ReaderPort.__init__, "__defaults__", (100,))
+    settings = virtual()
+    with live(settings) as buses, peer(settings) as other:
+        buses.open()
+        for i in range(250):
+            other.send(message(timestamp=float(i)))
+        counts = buses[0].counts
+        time.sleep(0.3)
+        assert [frame.time_ns // 10**9 for frame in buses.read(0.0)] == list(range(100))
+        assert (counts.received, counts.queue_full, counts.lost) == (100, 150, 150)
+
+
+def test_what_is_refused_waits_and_newer_frames_take_its_place() -> None:
+    settings = virtual().model_copy(update={"send_timeout": 0.1})
+    with (
+        live(settings) as buses,
+        can.Bus(interface="virtual", channel=settings.channel, rx_queue_size=3, ignore_config=True) as other,
+    ):
+        buses.open()
+        assert buses.send(0, [Frame(0, 0, i, b"\x01") for i in range(10)]) == 3
+        assert buses[0].waiting == 7
+        assert buses.send(0, [Frame(0, 0, i, b"\x02") for i in range(9)]) == 0
+        counts = buses[0].counts
+        assert (counts.sent, counts.send_dropped, buses[0].waiting) == (3, 6, 10)
+        heard = [other.recv(0.0) for _ in range(3)]
+        buses.read(0.005)
+        heard += [other.recv(0.0) for _ in range(3)]
+        assert [(m.arbitration_id, m.data[0]) for m in heard if m] == [(0, 1), (1, 1), (2, 1), (9, 1), (0, 2), (1, 2)]
+        assert buses[0].waiting == 7
+        assert buses.read(0.2) == []
+        assert (counts.sent, counts.send_dropped, counts.send_failed, buses[0].waiting) == (9, 10, 0, 0)
+        assert counts.unsent == 10
+
+
+def test_draining_waits_for_room() -> None:
+    settings = virtual()
+    with (
+        live(settings) as buses,
+        can.Bus(interface="virtual", channel=settings.channel, rx_queue_size=3, ignore_config=True) as other,
+    ):
+        buses.open()
+        buses.send(0, [Frame(0, 0, i, b"") for i in range(6)])
+        assert not buses.drain(0.01)
+        heard = [other.recv(0.0) for _ in range(3)]
+        assert None not in heard
+        assert buses.drain(0.05)
+        assert buses[0].counts.sent == 6
+
+
+def test_closing_is_quick_and_leaves_nothing_open() -> None:
+    settings = virtual(), virtual(), virtual()
+    buses = live(*settings)
+    buses.open()
+    start = time.monotonic()
+    buses.close()
+    assert time.monotonic() - start < 1.0
+    assert settings[0].channel not in open_channels
+    assert buses.send(0, [Frame(0, 0, 1, b"")]) == 0
+    buses.close()
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        (
+            BusSettings(interface="no_such_thing", channel="x"),
+            "bus 'bus1': cannot open no_such_thing 'x': .*expected one of .*socketcan",
+        ),
+        (BusSettings(channel="nocan9"), "bus 'bus1': cannot open socketcan 'nocan9': .*ip link set nocan9 up"),
+        (virtual(ignore_config=False), "bus 'bus1': cannot open virtual .*options"),
+    ],
+)
+def test_a_bus_that_cannot_be_opened(settings: BusSettings, expected: str) -> None:
+    good = virtual()
+    with live(good, settings) as buses:
+        with pytest.raises(BusError, match=expected):
+            buses.open()
+        assert good.channel not in open_channels
+
+
+def test_a_driver_that_is_not_installed_ends_nothing(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def bus(**_options: object) -> can.BusABC:
+        raise NameError("name 'canGetNumberOfChannels' is not defined")
+
+    monkeypatch.setattr("candaemon.can_io.python_can.can.Bus", bus)
+    with live(BusSettings(interface="kvaser", channel="0", reopen_first=0.01)) as buses:
+        buses.open(strict=False)
+        assert buses.read(0.1) == []
+        assert "canGetNumberOfChannels" in buses[0].state.error
+    assert len([text for text in caplog.messages if "driver is installed" in text]) == 1
+
+
+def test_a_reader_that_fails_shows_and_is_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    def receive(_: PythonCanPort, limit: int, timeout_s: float) -> list[Frame]:
+        raise RuntimeError(timeout_s)
+
+    monkeypatch.setattr("threading.excepthook", lambda _: None)
+    with monkeypatch.context() as broken, live(virtual()) as buses:
+        broken.setattr(PythonCanPort, "receive", receive)
+        buses.open()
+        assert turn_until(buses, lambda: "its reader has failed" in buses[0].state.error)
+        broken.undo()
+        assert turn_until(buses, lambda: buses[0].state.up)
+
+
+def test_eight_thousand_frames_a_second_are_all_heard() -> None:
+    settings = virtual()
+    rate, seconds = 8000, 5
+    messages = [message(0x100 + k % 64, k * 1e-3, bytes(8)) for k in range(rate * seconds)]
+
+    def send(other: can.BusABC) -> None:
+        start, sent = time.monotonic(), 0
+        while sent < len(messages):
+            due = min(int((time.monotonic() - start) * rate), len(messages))
+            for each in messages[sent:due]:
+                other.send(each)
+            sent = due
+            time.sleep(0.005)
+
+    with live(settings) as buses, peer(settings) as other:
+        buses.open()
+        sender = Thread(target=send, args=(other,))
+        sender.start()
+        frames = read_all(buses, len(messages), 3.0 * seconds)
+        sender.join()
+        assert len(frames) == len(messages)
+        assert [frame.time_ns for frame in frames] == [k * 1_000_000 for k in range(len(messages))]
+        assert buses[0].counts.lost == 0
+
+
+def test_reading_waits_no_longer_than_asked_and_idles() -> None:
+    with live(virtual()) as buses:
+        buses.open()
+        start, worked = time.monotonic(), time.thread_time()
+        assert buses.read(0.25) == []
+        assert 0.24 < time.monotonic() - start < 1.0
+        assert time.thread_time() - worked < 0.02
+
+
+@pytest.fixture
+def multicast() -> BusSettings:
+    pytest.importorskip("msgpack", reason="udp_multicast needs msgpack")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("", 0))
+        port = int(free.getsockname()[1])
+    settings = BusSettings(interface="udp_multicast", channel="239.74.163.2", fd=True, options={"port": port})
+    try:
+        with can.Bus(interface="udp_multicast", channel=settings.channel, port=port, ignore_config=True) as probe:
+            probe.send(message())
+            if probe.recv(1.0) is None:
+                pytest.skip("multicast datagrams do not come back on this machine")
+    except (can.CanError, OSError) as error:
+        pytest.skip(f"no multicast on this machine: {error}")
+    return settings
+
+
+def test_udp_multicast(multicast: BusSettings) -> None:
+    frames = [Frame(0, 0, 0x700 + i, bytes([i]) * 8) for i in range(20)] + [Frame(0, 0, 5 | EXTENDED, bytes(64), True)]
+    with live(multicast) as here, live(multicast) as there:
+        here.open()
+        there.open()
+        assert here.send(0, frames) == 21
+        heard = read_all(there, 21)
+        assert [frame[1:] for frame in heard] == [frame[1:] for frame in frames]
+        assert all(abs(frame.time_ns - time.time_ns()) < 60 * 10**9 for frame in heard)
+        assert there.send(0, frames[:1]) == 1
+        assert [frame[1:] for frame in read_all(here, 1)] == [frames[0][1:]]
+        assert here.read(0.2) == []

@@ -1,0 +1,278 @@
+"""The commands as a user calls them: results, talk, files, exit codes."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from candaemon.cli.main import main
+from candaemon.config.load import json_schema
+from tests.support.paths import ROOT
+
+CONFIGS = sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
+COMMAND = [sys.executable, "-m", "candaemon"]
+
+pytestmark = pytest.mark.usefixtures("logging_as_it_was")
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a simulated drive of a few seconds: `drive.log` and `truth.csv`."""
+    folder = tmp_path_factory.mktemp("drive")
+    scenario = (ROOT / "config" / "scenarios" / "highway.yaml").read_text(encoding="utf-8")
+    (folder / "short.yaml").write_text(scenario.replace("duration: 40", "duration: 4"), encoding="utf-8")
+    made = main(
+        simulation(folder / "short.yaml", folder / "drive.log", "--seed", "3", "--truth", str(folder / "truth.csv"))
+    )
+    assert made == 0
+    return folder
+
+
+def simulation(scenario: Path, log: Path, *options: str) -> list[str]:
+    return ["simulate", str(scenario), "esr_ins", "-o", str(log), *options]
+
+
+def figures(text: str) -> dict[str, str]:
+    return dict(line.split(": ", 1) for line in text.splitlines() if ": " in line)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["replay", "--help"], ["--version"]])
+def test_help_and_version(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 0
+    assert "candaemon" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["fly"],
+        ["replay", "demo"],
+        ["replay", "demo", "a.log", "--speed", "0"],
+        ["replay", "demo", "a.log", "--speed", "nan"],
+        ["replay", "demo", "a.log", "--horizons", "0.5,x"],
+        ["replay", "demo", "a.log", "--map", "can1"],
+        ["simulate", "highway", "demo"],
+    ],
+)
+def test_wrong_usage_is_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_check_passes_our_configurations(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", name]) == 0
+    told = capsys.readouterr()
+    assert "load in" in told.out
+    assert told.err == ""
+
+
+def test_check_tells_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(ROOT / "config" / "demo.yaml")]) == 0
+    out = capsys.readouterr().out
+    for words in (
+        "interface", "output adds", "OBSTACLE_00_A … OBSTACLE_31_A", "Target1 … Target64", "0x500 … 0x53F",
+        "by counter CAN_TX_TRACK_ROLLING_COUNT", "IMM of CV, CA, CT", "-0.00174533", "crc8_sae_j1850", "warnings",
+    ):  # fmt: skip
+        assert words in out
+
+
+def test_check_lists_every_error_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "config" / "demo.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "mine.yaml"
+    path.write_text(text.replace("cycle_time: 0.05", "cycle_tim: fast").replace("range: 0.25", "range: much"))
+    assert main(["check", str(path)]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.count(f"{path}:") == 3
+    assert "cycle_tim" in told.err
+    assert "Traceback" not in told.err
+
+
+def test_a_configuration_that_is_not_there_names_ours(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "nosuch"]) == 2
+    assert "toyota_rav4_ins" in capsys.readouterr().err
+    assert main(["simulate", "nosuch", "demo", "-o", "x.log"]) == 2
+    assert "highway" in capsys.readouterr().err
+
+
+def test_simulate_replay_evaluate(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written = []
+    for run in ("a", "b"):
+        out, tracks, predictions, summary = (
+            tmp_path / f"{run}{name}" for name in ("o.log", "t.csv", "p.csv", "s.json")
+        )
+        files = ["-o", str(out), "--tracks", str(tracks), "--predictions", str(predictions), "--summary", str(summary)]
+        assert main(["replay", "esr_ins", str(short / "drive.log"), *files, "--horizons", "1.0,0.25"]) == 0
+        written.append([path.read_bytes() for path in (out, tracks, predictions, summary)])
+    assert written[0] == written[1]
+    told = figures(capsys.readouterr().out)
+    stored = json.loads(summary.read_text(encoding="utf-8"))
+    assert stored["cycles"]["told"] == 80
+    assert told["cycles.told"] == "80"
+    assert [row["horizon"] for row in stored["predictions"]] == [0.25, 1.0]
+    assert main(["evaluate", str(tracks), str(short / "truth.csv"), "--json", str(tmp_path / "e.json")]) == 0
+    judged = json.loads((tmp_path / "e.json").read_text(encoding="utf-8"))
+    assert judged["errors"]["position"] < 0.6
+    assert judged["time_to_confirm"]["unconfirmed"] == 0
+    assert "GOSPA" in capsys.readouterr().out
+
+
+def test_a_truncated_log_is_used_as_far_as_it_goes(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    packed = gzip.compress((short / "drive.log").read_bytes())
+    log, tracks = tmp_path / "cut.log.gz", tmp_path / "t.csv"
+    log.write_bytes(packed[: len(packed) // 2])
+    assert main(["replay", "esr_ins", str(log), "--tracks", str(tracks)]) == 0
+    told = capsys.readouterr()
+    assert "ends early" in told.err
+    assert figures(told.out)["log.truncated"] == "yes"
+    assert tracks.read_text(encoding="utf-8").endswith("\n")
+    assert 20 < int(figures(told.out)["cycles.told"]) < 60
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "not one usable frame"),
+        ("no frame at all\n" * 20, "malformed"),
+        ("(1.0) can7 123#00\n", "--map"),
+        ("(1.0) can1 7FF#00\n", "not one usable frame"),
+    ],
+)
+def test_a_log_without_a_usable_frame_is_1(
+    text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "bad.log"
+    log.write_text(text, encoding="utf-8")
+    assert main(["replay", "esr_ins", str(log), "-o", str(tmp_path / "o.log")]) == 1
+    assert said in capsys.readouterr().err
+
+
+def test_files_that_are_not_there_or_cannot_be_written(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drive, nowhere = str(short / "drive.log"), str(tmp_path / "no" / "x.log")
+    assert main(["replay", "esr_ins", nowhere]) == 1
+    assert main(["replay", "esr_ins", drive, "-o", nowhere]) == 1
+    assert main(["replay", "esr_ins", drive, "--summary", nowhere]) == 1
+    assert main(["simulate", "highway", "esr_ins", "-o", nowhere]) == 1
+    assert main(["evaluate", nowhere, nowhere]) == 1
+    assert capsys.readouterr().err.count("error: ") == 5
+
+
+def test_a_file_is_not_written_over_what_is_read(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (short / "drive.log").read_bytes()
+    assert main(["replay", "esr_ins", str(short / "drive.log"), "-o", str(short / "." / "drive.log")]) == 2
+    assert "named twice" in capsys.readouterr().err
+    assert (short / "drive.log").read_bytes() == before
+
+
+def test_map_gives_a_channel_to_a_bus(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = tmp_path / "renamed.log"
+    log.write_text((short / "drive.log").read_text(encoding="utf-8").replace(" can1 ", " front "), encoding="utf-8")
+    assert main(["replay", "esr_ins", str(log)]) == 1
+    assert figures(capsys.readouterr().out)["tracks.detections"] == "0"
+    assert main(["replay", "esr_ins", str(log), "--map", "front=radar"]) == 0
+    assert figures(capsys.readouterr().out)["cycles.told"] == "80"
+    assert main(["replay", "esr_ins", str(log), "--map", "front=rader"]) == 2
+    assert "expected one of" in capsys.readouterr().err
+
+
+def test_speed_holds_a_replay_back(short: Path) -> None:
+    started = time.monotonic()
+    assert main(["replay", "esr_ins", str(short / "drive.log"), "--speed", "4"]) == 0
+    assert 0.9 < time.monotonic() - started < 8.0
+
+
+def test_an_interrupted_replay_keeps_what_it_has(short: Path, tmp_path: Path) -> None:
+    tracks = tmp_path / "t.csv"
+    arguments = ["replay", "esr_ins", str(short / "drive.log"), "--tracks", str(tracks), "--speed", "0.5"]
+    with subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE) as process:
+        while process.poll() is None and not tracks.exists():
+            time.sleep(0.05)
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 130
+        assert process.stderr is not None
+        assert b"Traceback" not in process.stderr.read()
+    rows = tracks.read_text(encoding="utf-8")
+    assert rows.count("\n") > 5
+    assert rows.endswith("\n")
+
+
+def test_a_reader_that_goes_away_is_no_failure() -> None:
+    with subprocess.Popen([*COMMAND, "schema"], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(30) == 0
+
+
+def test_schema_is_that_of_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out) == json_schema()
+
+
+def test_demo_is_the_same_at_any_speed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--duration", "3"]) == 0
+    fast = capsys.readouterr().out
+    assert main(["demo", "--duration", "3", "--speed", "3"]) == 0
+    assert capsys.readouterr().out == fast
+    assert "confirmed at" in fast
+    assert "errors (RMSE" in fast
+
+
+def test_demo_draws_on_a_terminal() -> None:
+    terminal, side = pty.openpty()
+    with subprocess.Popen(
+        [*COMMAND, "demo", "--duration", "2", "--speed", "4"],
+        stdout=side, stderr=subprocess.PIPE, env={**os.environ, "TERM": "xterm-256color", "COLUMNS": "120"},
+    ) as process:  # fmt: skip
+        os.close(side)
+        seen = bytearray()
+        while True:
+            try:
+                piece = os.read(terminal, 65536)
+            except OSError:  # what a terminal without another side gives
+                break
+            if not piece:
+                break
+            seen += piece
+        assert process.wait(30) == 0
+    os.close(terminal)
+    assert b"x ahead" in seen
+    assert "│".encode() in seen
+
+
+def test_an_installed_candaemon_finds_its_configurations(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling", reason="a wheel is built with hatchling")
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*build, "--wheel-dir", str(tmp_path), str(ROOT)], check=True, capture_output=True)
+    wheel = next(tmp_path.glob("*.whl"))
+    place = tmp_path / "place"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(place)
+    done = subprocess.run(
+        [*COMMAND, "check", "toyota_rav4"],
+        cwd=place, env={**os.environ, "PYTHONPATH": str(place)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert str(place / "candaemon" / "share" / "config" / "toyota_rav4.yaml") in done.stdout

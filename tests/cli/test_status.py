@@ -1,0 +1,226 @@
+"""`candaemon status`: beside a service that runs, and where none does."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from candaemon.cli.status import LiveView, sheets, watch
+from candaemon.config.metrics import MetricsSettings
+from candaemon.errors import InputError
+from candaemon.status.meter import Meter
+from candaemon.status.paths import answers
+from tests.support.served import Served, bound, demo_config, drive, wait_until
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of the instances that this user runs."""
+    monkeypatch.delenv("RUNTIME_DIRECTORY", raising=False)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    return tmp_path / "run" / "candaemon"
+
+
+@contextmanager
+def service(config: Path, home: Path) -> Iterator[subprocess.Popen[str]]:
+    """Run a service until it can be asked."""
+    command = [sys.executable, "-m", "candaemon", "run", "--status", "0", str(config)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            wait_until(lambda: answers(home / config.stem / "status.sock"), 20.0)
+            yield process
+        finally:
+            process.kill()
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    whole = [sys.executable, "-m", "candaemon", "status", *arguments]
+    return subprocess.run(whole, capture_output=True, text=True, timeout=20, check=False)
+
+
+def test_on_a_terminal_it_lives_until_the_service_ends(tmp_path: Path, home: Path) -> None:
+    with service(demo_config(tmp_path), home) as process:
+        ours, theirs = pty.openpty()
+        with os.fdopen(ours, "rb", buffering=0) as screen:
+            watching = subprocess.Popen(
+                [sys.executable, "-m", "candaemon", "status", "mine"],
+                stdout=theirs,
+                stderr=subprocess.PIPE,
+                text=True,
+                env=os.environ | {"TERM": "xterm", "COLUMNS": "160"},
+            )
+            os.close(theirs)
+            with watching:
+                drawn = b""
+                while drawn.count(b"Demo") < 2:
+                    drawn += screen.read(4096)
+                process.send_signal(signal.SIGTERM)
+                with suppress(OSError):  # the terminal ends with its last user
+                    while screen.read(4096):
+                        pass
+                _, said = watching.communicate(timeout=10)
+    assert watching.returncode == 1
+    assert "the instance has ended" in said
+    assert "Traceback" not in said
+
+
+def test_an_instance_with_too_many_clients_is_no_success(tmp_path: Path) -> None:
+    path = tmp_path / "busy.sock"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+        listener.bind(str(path))
+        listener.listen()
+
+        def refuse() -> None:
+            client, _ = listener.accept()
+            with client:
+                client.sendall(b'{"error":"8 clients are served already"}\n')
+
+        thread = Thread(target=refuse)
+        thread.start()
+        with pytest.raises(InputError, match="no figures came: 8 clients are served already"):
+            watch(None, path, once=True, as_json=True)
+        thread.join(5.0)
+
+
+def test_beside_a_service_that_runs(tmp_path: Path, home: Path) -> None:
+    with service(demo_config(tmp_path), home) as process:
+        plain = command("--once")
+        named = command("mine", "--json")
+        placed = command("--socket", str(home / "mine" / "status.sock"))
+        other = command("yours")
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(5.0) == 0
+    assert [each.returncode for each in (plain, named, placed)] == [0, 0, 0], plain.stderr
+    assert plain.stdout.startswith("Demo\n")
+    assert re.search(r"^  radar +up +0 ", plain.stdout, re.MULTILINE)
+    assert re.search(r"^  front +lost ", plain.stdout, re.MULTILINE)
+    assert json.loads(named.stdout)["service"]["pid"] == process.pid
+    assert "sensors" in placed.stdout
+    assert other.returncode == 1
+    assert "no instance 'yours' runs; running: mine; start" in other.stderr
+
+
+def test_a_killed_service_is_not_running_and_the_next_takes_its_place(tmp_path: Path, home: Path) -> None:
+    config = demo_config(tmp_path)
+    with service(config, home) as process:
+        process.kill()
+        process.wait(5.0)
+    assert (home / "mine" / "status.sock").is_socket()
+    gone = command()
+    assert gone.returncode == 1
+    assert "no instance runs; start one with `systemctl start candaemon@NAME`" in gone.stderr
+    with service(config, home):
+        assert command("--once").returncode == 0
+
+
+@contextmanager
+def saying(path: Path, *lines: bytes) -> Iterator[Path]:
+    """Play an instance that sends lines and ends."""
+
+    def play() -> None:
+        client, _ = listener.accept()
+        with client:
+            client.sendall(b"".join(lines))
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        listener.listen()
+        thread = Thread(target=play)
+        thread.start()
+        yield path
+        thread.join(5.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (b"", "has ended"),
+        (b'{"error": "8 clients are served already"}\n', "no figures came: 8 clients are served already"),
+        (b"[1]\n", "no status socket of candaemon"),
+        (b"HTTP/1.1 400\n", "found 'HTTP/1.1 400', expected the figures"),
+    ],
+)
+def test_what_is_no_status_is_said(line: bytes, said: str, tmp_path: Path) -> None:
+    with saying(tmp_path / "s", line) as path, pytest.raises(InputError, match=re.escape(said)):
+        watch(None, path, once=True, as_json=False)
+
+
+def test_a_socket_that_is_not_there_is_said(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nothing\.sock: cannot connect: No such file"):
+        watch(None, tmp_path / "nothing.sock", once=True, as_json=False)
+
+
+def test_an_instance_that_hangs_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("candaemon.cli.status._PATIENCE_S", 0.1)
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "s"))
+        listener.listen()
+        with pytest.raises(InputError, match="its core loop hangs"):
+            watch(None, tmp_path / "s", once=True, as_json=False)
+
+
+def test_several_instances_are_listed(home: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as van, socket.socket(socket.AF_UNIX) as car:
+        for name, listener in (("van", van), ("car", car)):
+            (home / name).mkdir(parents=True)
+            listener.bind(os.fspath(home / name / "status.sock"))
+            listener.listen()
+        with pytest.raises(InputError, match="several instances run: car, van; name one"):
+            watch(None, None, once=True, as_json=False)
+
+
+@pytest.fixture
+def figures(tmp_path: Path) -> dict[str, Any]:
+    """Return those of a second of a drive."""
+    binding = bound(tmp_path)
+    meter = Meter(MetricsSettings(), lambda: {"files": 3})
+    with Served(binding, [meter]) as served:
+        served.feed(drive(binding, 1.0))
+        return meter.wait_for_figures(5.0).tree()
+
+
+def test_the_sheets_tell_what_matters(figures: dict[str, Any]) -> None:
+    told = {sheet.title: dict(zip(sheet.header, sheet.rows[0], strict=True)) for sheet in sheets(figures)}
+    assert set(told) == {"Demo", "obstacles", "times in ms", "buses", "sensors", "recording"}
+    assert told["obstacles"]["own motion"] == "valid"
+    assert told["sensors"]["state"] == "ok"
+    assert told["buses"]["dropped"] == "0"
+    assert float(told["times in ms"]["p99"]) > 0.0
+    assert told["recording"] == {"files": "3"}
+
+
+def test_the_sheets_tell_what_is_wrong(figures: dict[str, Any]) -> None:
+    figures["buses"]["radar"] |= {"up": False, "error": "no such device", "dropped": {"kernel_lost": 7, "short": 2}}
+    figures["buses"]["ins"]["controller"] = "passive"
+    figures["clock"]["backward_steps"] = 1
+    figures["service"] |= {"refused": 2, "reload_error": "mine.yaml:3: no", "uptime": 90_061.0, "memory": None}
+    text = "\n".join(" ".join(row) for sheet in sheets(figures) for row in sheet.rows)
+    for said in ("down: no such device", "kernel lost 7, short 2", "up, passive", "mine.yaml:3: no", "1 d 1 h"):
+        assert said in text
+
+
+def test_the_live_view_draws_each_set(figures: dict[str, Any]) -> None:
+    page = io.StringIO()
+    with LiveView(Console(file=page, force_terminal=True, width=160, height=60)) as view:
+        view.show(figures)
+        figures["own_motion"]["status"] = "dead reckoning"
+        view.show(figures)
+    assert "valid" in page.getvalue()
+    assert "dead reckoning" in page.getvalue()
+    assert "front" in page.getvalue()

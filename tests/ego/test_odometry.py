@@ -1,0 +1,182 @@
+"""Own motion from wheels and yaw rate, and what is learnt of their errors."""
+
+from __future__ import annotations
+
+from math import degrees, nan, radians, sin
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from candaemon.config.ego import BiasSettings, OdometrySettings
+from candaemon.ego.bias import MotionBias
+from candaemon.ego.motion import StationaryReturns
+from candaemon.ego.odometry import OdometryMotion
+from candaemon.ego.pose import EgoStatus
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.simulation.scenario import Scenario
+from candaemon.simulation.simulate import simulate
+from tests.support.bound import binding
+from tests.support.builders import Circle, known, ns
+
+WHEELS = {"left_wheels": ["M.fl", "M.rl"], "right_wheels": ["M.fr", "M.rr"], "yaw_rate": "M.w"}
+
+
+def odometry(signals: dict[str, Any] | None = None, **more: Any) -> OdometryMotion:
+    told = {"kind": "odometry", "bus": "b", "dbc": "d", "signals": signals or {"speed": ["M.v"], "yaw_rate": "M.w"}}
+    return OdometryMotion(OdometrySettings.model_validate(told | more))
+
+
+def test_odometry_on_a_circle() -> None:
+    motion, circle = odometry(), Circle(15.0, 0.3, 0.0)
+    motion.update(0, ("speed",), (15.0,))
+    assert motion.pose(0) is None  # no yaw rate yet
+    for k in range(1001):
+        motion.update(ns(0.02 * k), ("yaw_rate",), (0.3,))
+        motion.update(ns(0.02 * k), ("speed",), (15.0,))
+    for t in (3.333, 11.0, 19.99, 20.05):
+        pose = known(motion.pose(ns(t)))
+        assert np.hypot(*np.subtract((pose.east, pose.north), circle.position(t))) < 0.01
+        assert pose.heading == pytest.approx(circle.heading(t), abs=1e-6)
+
+
+def test_odometry_takes_the_mean_of_its_speeds_and_leaves_out_what_is_nan() -> None:
+    motion = odometry({"speed": ["M.a", "M.b"], "yaw_rate": "M.w"})
+    names = ("speed", "speed", "yaw_rate")
+    motion.update(0, names, (nan, nan, 0.0))
+    assert motion.pose(0) is None
+    motion.update(ns(0.1), names, (10.0, 12.0, nan))
+    assert known(motion.pose(ns(0.1))).ve == pytest.approx(11.0)
+    motion.update(ns(0.2), names, (nan, 12.0, nan))
+    assert known(motion.pose(ns(0.2))).ve == pytest.approx(12.0)
+    motion.update(ns(0.3), names, (nan, nan, nan))
+    assert motion.known_until_ns == ns(0.2)
+
+
+def test_wheels_in_one_message_give_their_mean() -> None:
+    motion = odometry(WHEELS)
+    motion.update(0, ("yaw_rate",), (0.1,))
+    names = ("left_wheels", "right_wheels", "left_wheels", "right_wheels")
+    motion.update(ns(0.1), names, (9.0, 11.0, 9.2, 10.8))
+    assert known(motion.pose(ns(0.1))).speed_variance > 0
+    assert np.hypot(known(motion.pose(ns(0.1))).ve, known(motion.pose(ns(0.1))).vn) == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        ((("left_wheels", "right_wheels", "left_wheels", "right_wheels"), (10.0, nan, 10.0, 10.0)),),
+        ((("left_wheels", "left_wheels"), (10.0, 10.0)), (("right_wheels", "right_wheels"), (10.0, 10.0))),
+        ((("left_wheels",), (10.0,)), (("right_wheels",), (10.0,))),
+    ],
+    ids=["one wheel unknown", "a message a side", "a message a wheel"],
+)
+def test_wheels_told_apart_or_in_part_never_halve_the_speed(
+    frames: tuple[tuple[tuple[str, ...], tuple[float, ...]], ...],
+) -> None:
+    motion = odometry(WHEELS)
+    motion.update(0, ("yaw_rate",), (0.0,))
+    for k in range(20):
+        for i, (names, values) in enumerate(frames):
+            motion.update(ns(0.02 * k + 0.001 * i), names, values)
+    pose = known(motion.pose(ns(0.39)))
+    assert np.hypot(pose.ve, pose.vn) == pytest.approx(10.0)
+    assert abs(motion.bias.yaw_rate) < 1e-6
+
+
+def test_the_wheels_difference_finds_the_yaw_rates_bias() -> None:
+    rng, motion = np.random.default_rng(1), odometry(WHEELS, track_width=1.6)
+    bias, names = radians(0.7), ("left_wheels", "right_wheels")
+    for k in range(12_000):
+        turn = 0.2 * sin(0.01 * k)
+        motion.update(ns(0.0125 * k), ("yaw_rate",), (turn + bias,))
+        noise = rng.normal(size=2) * 0.02
+        motion.update(ns(0.0125 * k), names, (15 - 0.8 * turn + noise[0], 15 + 0.8 * turn + noise[1]))
+    mismatch = motion.bias._settings.wheel_mismatch_deg
+    assert degrees(motion.bias.yaw_rate) == pytest.approx(0.7, abs=mismatch)
+    assert degrees(motion.bias.yaw_rate) > 0.4
+    assert motion.bias.scale == 1.0
+
+
+def test_stationary_returns_find_the_speeds_factor() -> None:
+    bias, rng = MotionBias(BiasSettings()), np.random.default_rng(2)
+    for _ in range(500):
+        own = 20.0
+        cosines = rng.uniform(0.9, 1.0, 4)
+        speeds = tuple((1.015 * own * c + 0.1 * rng.normal(), float(c)) for c in cosines)
+        bias.learn_from_returns(StationaryReturns(0, speeds, ()), own)
+    assert bias.scale == pytest.approx(1.015, abs=0.001)
+    assert bias.yaw_rate == 0.0
+
+
+def test_what_is_fixed_is_not_learnt() -> None:
+    motion = odometry(WHEELS, bias={"speed_scale_sd": 0, "yaw_rate_bias_sd_deg": 0})
+    motion.update(0, ("yaw_rate",), (0.1,))
+    for k in range(100):
+        motion.update(ns(0.01 * k), ("left_wheels", "right_wheels"), (10.0, 12.0))
+        motion.learn(StationaryReturns(ns(0.01 * k), ((15.0, 1.0),), ((1.0, 20.0),)))
+    assert motion.bias.scale == 1.0
+    assert motion.bias.yaw_rate == 0.0
+
+
+@pytest.mark.parametrize(("bias", "until"), [({}, 5.0), ({"speed_scale_sd": 0}, 0.5), ({"learning_time": 0}, 0.0)])
+def test_until_the_biases_are_learnt_it_is_initialising(bias: dict[str, Any], until: float) -> None:
+    """The wheels' difference shows the yaw rate's within half a second; nothing shows the speed's factor here."""
+    motion = odometry(WHEELS, bias=bias)
+    motion.update(0, ("yaw_rate",), (0.0,))
+    told = {}
+    for k in range(600):
+        motion.update(ns(0.01 * k), ("yaw_rate",), (0.0,))
+        motion.update(ns(0.01 * k), ("left_wheels", "right_wheels"), (10.0, 10.0))
+        told[0.01 * k] = known(motion.pose(ns(0.01 * k))).status
+    last = max((time for time, status in told.items() if status is EgoStatus.INITIALISING), default=0.0)
+    assert last == pytest.approx(until, abs=0.3)
+    assert all(status is EgoStatus.VALID for time, status in told.items() if time > last)
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    frames=st.lists(
+        st.tuples(
+            st.integers(-(10**10), 10**12),
+            st.sampled_from(("yaw_rate", "left_wheels", "right_wheels")),
+            st.one_of(st.just(nan), st.floats(-100, 100)),
+        ),
+        max_size=60,
+    )
+)
+def test_any_frames_of_odometry_give_a_finite_pose(frames: list[tuple[int, str, float]]) -> None:
+    motion = odometry(WHEELS)
+    for time_ns, name, value in frames:
+        motion.update(time_ns, (name,), (value,))
+        pose = motion.pose(time_ns)
+        if pose is not None:
+            numbers = (pose.east, pose.north, pose.heading, pose.ve, pose.vn, pose.yaw_rate, pose.speed_variance)
+            assert np.isfinite(numbers).all()
+
+
+@pytest.mark.parametrize(("wrong_rate_deg", "factor"), [(0.6, 1.0), (-0.5, 1.012)])
+def test_a_drive_past_guard_rails_finds_bias_and_factor(wrong_rate_deg: float, factor: float) -> None:
+    """Through the whole pipeline: frames of the car and the radar, returns of a rail and of posts."""
+    scenario = Scenario.model_validate(
+        {
+            "duration": 40,
+            "ego": {
+                "start": {"speed": 20},
+                "own_motion": {"yaw_rate_bias_deg": wrong_rate_deg, "speed_factor": factor},
+            },
+            "stationary": {
+                "rails": [{"begin": {"x": 20, "y": y}, "end": {"x": 900, "y": y}, "spacing": 17} for y in (-5, 6)],
+            },
+        }
+    )
+    bound = binding("toyota_rav4")
+    pipeline = Pipeline(bound)
+    for _ in pipeline.run(simulate(scenario, bound).frames()):
+        pass
+    ego = pipeline.ego
+    assert isinstance(ego, OdometryMotion)
+    assert degrees(ego.bias.yaw_rate) == pytest.approx(wrong_rate_deg, abs=0.12)
+    assert ego.bias.scale * factor == pytest.approx(1.0, abs=0.003)

@@ -1,0 +1,291 @@
+"""Obstacles into frames: what goes onto the bus is what the DBC says, in any configured format."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+import cantools.database
+import numpy as np
+import pytest
+from cantools.database.can import Database as CanDatabase
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from candaemon.binding.bound import BoundOutput, BoundSensor
+from candaemon.config.sensors import Mount
+from candaemon.ego.pose import EgoPose, EgoStatus
+from candaemon.output.encoder import OutputEncoder, OutputStatus
+from candaemon.output.quantities import MountView, OwnAcceleration
+from candaemon.protection.checksums import crc8_sae_j1850
+from candaemon.radar.assembly import make_assembler
+from candaemon.radar.scan import Scan
+from candaemon.tracking.obstacles import COASTING, CONFIRMED, TENTATIVE, Obstacles
+from tests.support.bound import binding
+from tests.support.paths import ROOT
+
+POSE = EgoPose(0, 5.0, 6.0, 0.0, 20.0, 0.0, 0.0, 0.01, EgoStatus.VALID)
+STATUS = OutputStatus(ego=2, health=1, drops=70_000)
+Frames = list[tuple[int, bytes]]
+
+
+def output(config: str) -> BoundOutput:
+    bound = binding(config).output
+    assert bound is not None
+    return bound
+
+
+def sensor(config: str) -> BoundSensor:
+    return binding(config).sensors[0]
+
+
+@cache
+def dbc(name: str) -> CanDatabase:
+    loaded = cantools.database.load_file(ROOT / "dbc" / name)
+    assert isinstance(loaded, CanDatabase)
+    return loaded
+
+
+def obstacles(n: int, **given: Any) -> Obstacles:
+    """Return n confirmed obstacles ahead, 10 m apart, some columns as given."""
+    columns: dict[str, Any] = {name: np.zeros(n) for name in Obstacles.__dataclass_fields__ if name != "time_ns"}
+    columns |= {"id": np.arange(1, n + 1), "state": np.full(n, CONFIRMED, np.int8)}
+    columns |= {"x": 10.0 * np.arange(1, n + 1), "existence": np.ones(n), "sensors": np.ones(n, np.int64)}
+    columns |= {name: np.empty(0, np.int64) for name in ("used_row", "used_sensor", "used_object")}
+    columns |= {name: np.asarray(value) for name, value in given.items()}
+    return Obstacles(time_ns=0, **columns)
+
+
+def decoded(frames: Frames, name: str) -> dict[str, dict[str, Any]]:
+    database = dbc(name)
+    return {
+        database.get_message_by_frame_id(can_id).name: dict(
+            database.decode_message(can_id, payload, decode_choices=False)  # type: ignore[arg-type]  # plain, not multiplexed
+        )
+        for can_id, payload in frames
+    }
+
+
+def scans(bound: BoundSensor, frames: Iterable[tuple[int, bytes]]) -> list[Scan]:
+    assembler = make_assembler(bound)
+    found = []
+    for k, (can_id, payload) in enumerate(frames):
+        receive, part, slot = assembler.routes[can_id]
+        found.append(receive(part, slot, payload, 1000 * k))
+    found.append(assembler.flush())
+    return [scan for scan in found if scan is not None]
+
+
+def test_an_obstacle_is_what_the_dbc_says() -> None:
+    seen = obstacles(
+        2, x=[42.13, 90.0], y=[-1.4, 3.0], vx=[-7.7, 20.0], vy=[0.6, 0.0], ax=[-3.1, 0.0], id=[70, 5], sx=[0.3, 0.3],
+        state=[COASTING, CONFIRMED], existence=[0.75, 1.0], age=[4.0, 900.0], sensors=[5, 1],
+    )  # fmt: skip
+    found = decoded(OutputEncoder(output("esr_ins")).encode(seen, STATUS, POSE), "obstacles.dbc")
+    assert list(found)[:3] == ["OBSTACLE_STATUS", "OBSTACLE_00_A", "OBSTACLE_01_A"]
+    a = found["OBSTACLE_00_A"]
+    assert (a["State"], a["Id"]) == (3, 70 % 64)
+    assert a["X"] == pytest.approx(42.13, abs=0.05)
+    assert a["Y"] == pytest.approx(-1.4, abs=0.07)
+    assert a["Vx"] == pytest.approx(-7.65)
+    assert found["OBSTACLE_00_B"]["Ax"] == pytest.approx(-3.1, abs=0.1)
+    c = found["OBSTACLE_00_C"]
+    assert (c["Age"], c["Sensors"]) == (4.0, 5)
+    assert c["Existence"] == pytest.approx(75, abs=5)
+    assert found["OBSTACLE_01_A"]["State"] == 2
+
+
+def test_the_status_tells_cycle_slots_and_validity() -> None:
+    encoder = OutputEncoder(output("esr_ins"))
+    for cycle in range(300):
+        status = decoded(encoder.encode(obstacles(40), STATUS, POSE)[:1], "obstacles.dbc")["OBSTACLE_STATUS"]
+        assert status["Cycle"] == status["Counter"] == cycle % 256
+    assert (status["Occupied"], status["Unreported"]) == (32, 8)
+    assert (status["Ego"], status["Health"], status["Drops"]) == (2, 1, 70_000 % 65_536)
+    assert encoder.unreported == 8
+
+
+def test_counters_count_frames_of_their_slot_and_the_crc_covers_them() -> None:
+    encoder = OutputEncoder(output("esr_ins"))
+    encoder.encode(obstacles(1), STATUS, POSE)
+    frames = encoder.encode(obstacles(2), STATUS, POSE)
+    found = decoded(frames, "obstacles.dbc")
+    assert [found[f"OBSTACLE_00_{part}"]["Counter"] for part in "ABC"] == [1, 1, 1]
+    assert found["OBSTACLE_01_A"]["Counter"] == 0
+    assert all(payload[0] == crc8_sae_j1850(payload[1:]) for _, payload in frames)
+
+
+def test_a_freed_slot_is_sent_once_as_empty() -> None:
+    encoder = OutputEncoder(output("esr_ins"))
+    encoder.encode(obstacles(2), STATUS, POSE)
+    left = obstacles(1, id=[2])
+    found = decoded(encoder.encode(left, STATUS, POSE), "obstacles.dbc")
+    assert (found["OBSTACLE_00_A"]["State"], found["OBSTACLE_01_A"]["State"]) == (0, 2)
+    assert found["OBSTACLE_STATUS"]["Occupied"] == 1
+    assert "OBSTACLE_00_A" not in decoded(encoder.encode(left, STATUS, POSE), "obstacles.dbc")
+
+
+@pytest.mark.parametrize(("tentative", "names"), [(False, 1), (True, 4)])
+def test_tentative_obstacles_are_told_on_demand(tentative: bool, names: int) -> None:
+    bound = output("esr_ins")
+    bound = dataclasses.replace(bound, settings=bound.settings.model_copy(update={"tentative": tentative}))
+    encoder = OutputEncoder(bound)
+    assert len(encoder.encode(obstacles(1, state=[TENTATIVE]), STATUS, POSE)) == names
+    assert encoder.unreported == 0
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.data())
+def test_whatever_the_tracker_says_the_bus_gets_numbers_in_range(data: st.DataObject) -> None:
+    wild = st.floats(width=64) | st.sampled_from([math.nan, math.inf, -math.inf, 1e300])
+    n = data.draw(st.integers(0, 6))
+    names = ("x", "y", "vx", "vy", "ax", "ay", "sx", "sy", "svx", "svy", "age", "existence")
+    drawn = {name: np.array(data.draw(st.lists(wild, min_size=n, max_size=n)), np.float64) for name in names}
+    encoder = OutputEncoder(output("esr_ins"))
+    for message in decoded(encoder.encode(obstacles(n, **drawn), STATUS, POSE), "obstacles.dbc").values():
+        assert all(math.isfinite(value) for value in message.values())
+        assert message.get("State") != 1
+    lost = sum(not np.isfinite([drawn[name][k] for name in names[:4]]).all() for k in range(n))
+    assert encoder.unreported >= lost
+
+
+@pytest.mark.parametrize("config", ["esr_ins", "ars408_to_esr", "esr_to_ars408"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize("name", ["x", "vy", "ax", "ay", "svx", "existence", "age"])
+def test_what_is_no_number_never_reaches_the_bus(config: str, value: float, name: str) -> None:
+    bound = output(config)
+    seen = obstacles(2, **{name: [value, 0.5]})
+    for message in decoded(OutputEncoder(bound).encode(seen, STATUS, POSE), bound.database.path.name).values():
+        assert all(math.isfinite(number) for number in message.values())
+
+
+def test_without_a_number_a_deviation_is_the_greatest() -> None:
+    found = decoded(OutputEncoder(output("esr_ins")).encode(obstacles(1, sx=[math.nan]), STATUS, POSE), "obstacles.dbc")
+    signal = dbc("obstacles.dbc").get_message_by_name("OBSTACLE_00_C").get_signal_by_name("SdX")
+    assert found["OBSTACLE_00_C"]["SdX"] == signal.maximum
+
+
+def test_what_is_no_number_leaves_the_other_axis_alone() -> None:
+    found = decoded(
+        OutputEncoder(output("esr_ins")).encode(obstacles(1, ax=[math.inf], ay=[-2.0]), STATUS, POSE), "obstacles.dbc"
+    )
+    assert found["OBSTACLE_00_B"]["Ax"] == pytest.approx(0, abs=0.1)
+    assert found["OBSTACLE_00_B"]["Ay"] == pytest.approx(-2.0, abs=0.1)
+
+
+def moving(n: int, seed: int) -> tuple[Obstacles, EgoPose]:
+    """Return obstacles before a turning vehicle, and its pose."""
+    random = np.random.default_rng(seed)
+    x = 8 + 1.3 * random.permutation(n) + random.uniform(0, 0.5, n)  # apart, so that each is found again by its place
+    y = random.uniform(-0.9, 0.9, n) * (x - 4)
+    vx, vy = random.uniform(-15, 15, (2, n))
+    seen = obstacles(n, x=x, y=y, vx=vx, vy=vy)
+    return seen, EgoPose(0, 1.0, 2.0, 0.7, 9.0, 4.0, 0.2, 0.01, EgoStatus.VALID)
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 1000), n=st.integers(0, 64))
+def test_written_as_esr_targets_obstacles_read_back(seed: int, n: int) -> None:
+    seen, pose = moving(n, seed)
+    bound = output("ars408_to_esr")
+    frames = OutputEncoder(bound).encode(seen, STATUS, pose)
+    assert len(frames) == 64
+    (scan,) = scans(sensor("esr_ins"), frames)
+    assert len(scan.slot) == n
+    assert scan.new.all()
+    rows = dict(zip(sensor("esr_ins").reader.quantities, scan.values, strict=True))
+    x = 3.6 + rows["range"] * np.cos(rows["azimuth"])
+    y = rows["range"] * np.sin(rows["azimuth"])
+    nearest = np.array(
+        [np.argmin(np.hypot(at_x - seen.x, at_y - seen.y)) for at_x, at_y in zip(x, y, strict=True)], int
+    )
+    assert sorted(nearest.tolist()) == list(range(n))
+    assert np.hypot(x - seen.x[nearest], y - seen.y[nearest]) == pytest.approx(0, abs=0.15)
+    view = MountView(seen, nearest, bound.settings.mount, pose)
+    assert rows["range_rate"] == pytest.approx(view.quantity("range_rate", polar=True), abs=0.006)
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 1000), n=st.integers(0, 40))
+def test_written_as_ars408_objects_obstacles_read_back(seed: int, n: int) -> None:
+    seen, pose = moving(n, seed)
+    bound = output("esr_to_ars408")
+    encoder = OutputEncoder(bound)
+    n = min(n, bound.writer.slots)
+    frames = encoder.encode(seen, STATUS, pose)
+    assert len(frames) == 1 + 3 * n
+    (scan,) = scans(sensor("ars408"), frames)
+    assert scan.complete
+    rows = dict(zip(sensor("ars408").reader.quantities, scan.values, strict=True))
+    everyone = MountView(seen, np.arange(len(seen)), bound.settings.mount, pose)
+    places = [everyone.quantity(name, polar=False) for name in ("x", "y")]
+    told = np.array(
+        [np.argmin(np.hypot(places[0] - x, places[1] - y)) for x, y in zip(rows["x"], rows["y"], strict=True)], int
+    )
+    assert len(set(told.tolist())) == n
+    view = MountView(seen, told, bound.settings.mount, pose)
+    for name, quantity, step in (("x", "x", 0.2), ("y", "y", 0.2), ("vx", "rel_vx", 0.25), ("vy", "rel_vy", 0.25)):
+        assert rows[name] == pytest.approx(view.quantity(quantity, polar=False), abs=0.51 * step)
+    again = encoder.encode(obstacles(1), STATUS, pose)
+    assert len(again) == 4  # a list names what there is; nothing is sent for what left
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.tuples(*[st.floats(-60, 60)] * 2, *[st.floats(-30, 30)] * 4),
+    st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.6, 0.6)),
+    st.tuples(st.floats(-3, 4), st.floats(-1, 1), st.floats(-180, 180)),
+)
+def test_relative_quantities_are_the_rates_of_what_the_mount_sees(
+    motion: tuple[float, ...], ego: tuple[float, ...], place: tuple[float, ...]
+) -> None:
+    x, y, vx, vy, own_vx, own_vy = motion
+    heading, _, turn = ego
+    mount = Mount(x=place[0], y=place[1], yaw_deg=place[2])
+    if math.hypot(x - mount.x, y - mount.y) < 2.0:
+        return
+    own = complex(own_vx, own_vy) * np.exp(1j * heading)
+    over_ground = complex(vx, vy) * np.exp(1j * heading)
+    step = 1e-4
+
+    def at(time: float) -> complex:
+        """Return the position in the mount's axes, the vehicle turning steadily."""
+        axes = np.exp(-1j * (heading + turn * time))
+        offset = complex(x, y) * np.exp(1j * heading) + (over_ground - own) * time
+        seen = (offset * axes - complex(mount.x, mount.y)) * np.exp(-1j * math.radians(mount.yaw_deg))
+        return complex(seen)
+
+    rate = (at(step) - at(-step)) / (2 * step)
+    pose = EgoPose(0, 0.0, 0.0, heading, own.real, own.imag, turn, 0.01, EgoStatus.VALID)
+    view = MountView(obstacles(1, x=[x], y=[y], vx=[vx], vy=[vy]), np.array([0]), mount, pose)
+    assert complex(view.position[0]) == pytest.approx(at(0.0), abs=1e-9)
+    assert view.quantity("rel_vx", polar=False)[0] == pytest.approx(rate.real, abs=1e-4)
+    assert view.quantity("rel_vy", polar=False)[0] == pytest.approx(rate.imag, abs=1e-4)
+    closing = (abs(at(step)) - abs(at(-step))) / (2 * step)
+    assert view.quantity("range_rate", polar=True)[0] == pytest.approx(closing, abs=1e-4)
+    assert abs(complex(view.velocity[0])) == pytest.approx(math.hypot(vx, vy))
+
+
+def test_deviations_turn_with_the_mount() -> None:
+    seen = obstacles(1, sx=[0.5], sy=[0.2], svx=[1.0], svy=[0.0])
+    view = MountView(seen, np.array([0]), Mount(yaw_deg=90), POSE)
+    assert [view.quantity(name, polar=False)[0] for name in ("sx", "sy", "svx", "svy")] == pytest.approx(
+        [0.2, 0.5, 0, 1]
+    )
+
+
+def test_own_acceleration_follows_a_braking_turning_vehicle() -> None:
+    own = OwnAcceleration()
+    for k in range(100):
+        time, speed = 0.05 * k, 20.0 - 2.0 * 0.05 * k
+        heading = 1.0 + 0.1 * time
+        pose = EgoPose(
+            round(time * 1e9), 0.0, 0.0, heading, speed * math.cos(heading), speed * math.sin(heading), 0.1, 0.01,
+            EgoStatus.VALID,
+        )  # fmt: skip
+        acceleration = own.update(pose)
+    assert acceleration == pytest.approx(complex(-2.0, 0.1 * speed), abs=0.15)
+    assert own.update(dataclasses.replace(pose, time_ns=pose.time_ns + 5_000_000_000)) == 0

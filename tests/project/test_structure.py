@@ -1,0 +1,231 @@
+"""The architecture holds: imports run downwards, files stay short, what is exported is what is said to be."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import candaemon
+from tests.support.paths import ROOT
+
+PACKAGE = ROOT / "candaemon"
+
+ROOMS: tuple[str, ...] = (
+    "errors",
+    "_version",
+    "arrays",
+    "files",
+    "frames",
+    "config",
+    "dbc",
+    "can_io",
+    "protection",
+    "estimation",
+    "objects",
+    "binding",
+    "ego",
+    "radar",
+    "tracking",
+    "output",
+    "pipeline",
+    "evaluation",
+    "playback",
+    "daemon",
+    "recording",
+    "status",
+    "simulation",
+    "papers",
+    "cli",
+    "__main__",
+)
+"""Rooms from the bottom to the top; a room imports from those below it and from itself."""
+LAYER_OF = {room: layer for layer, room in enumerate(ROOMS)}
+
+UNDONE = {("objects", "binding")}
+"""Arrows that still run upwards."""
+
+IGNORANT = {
+    "can_io": {"config.ego", "config.sensors", "config.output", "config.tracker", "dbc"},
+    "dbc": {"config", "can_io"},
+    "evaluation": {"can_io"},
+    "estimation": {"can_io", "dbc", "config.ego", "config.sensors", "config.output", "config.buses"},
+    "files": {"arrays"},
+    "frames": {"files"},
+    "objects": {"can_io"},
+    "binding": {"can_io"},
+    "output": {"estimation", "can_io"},
+    "papers": {"can_io", "dbc", "binding", "radar", "ego", "simulation"},
+    "pipeline": {"can_io"},
+    "radar": {"can_io"},
+    "ego": {"can_io"},
+    "daemon": {"estimation", "evaluation"},
+    "recording": {"estimation", "evaluation"},
+    "status": {"estimation", "evaluation"},
+    "simulation": {"radar", "tracking", "estimation"},
+    "tracking": {"can_io", "dbc", "binding", "protection"},
+}
+"""What a room must know nothing of, though it lies below it."""
+
+READS_NO_CLOCK = ROOMS[: ROOMS.index("evaluation")]
+MAY_KNOW_TIME = {"can_io.buses", "can_io.port", "can_io.socketcan", "can_io.multicast"}
+
+HEAVY = {"scipy", "filterpy", "matplotlib", "rich", "prometheus_client"}
+
+
+def modules() -> dict[str, Path]:
+    """Return every module of the package by its name below `candaemon`."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        name = ".".join(part for part in parts if part != "__init__")
+        if name:
+            found[name] = path
+    return found
+
+
+MODULES = modules()
+
+
+def statements(tree: ast.AST) -> Iterator[ast.AST]:
+    """Yield all nodes but those that only a type checker runs."""
+    for child in ast.iter_child_nodes(tree):
+        if isinstance(child, ast.If) and isinstance(child.test, ast.Name) and child.test.id == "TYPE_CHECKING":
+            continue
+        yield child
+        yield from statements(child)
+
+
+def imported(path: Path) -> set[str]:
+    """Return the modules of the package that a file imports."""
+    names = set()
+    for node in statements(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            assert node.level == 0, f"{path}: a relative import"
+            names.add(node.module)
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    below = {name.removeprefix("candaemon.") for name in names if name.startswith("candaemon.")}
+    return below & MODULES.keys()
+
+
+IMPORTS = {name: imported(path) for name, path in MODULES.items()}
+
+
+def room(module: str) -> str:
+    return module.partition(".")[0]
+
+
+def test_every_room_has_its_layer() -> None:
+    assert {room(module) for module in MODULES} == LAYER_OF.keys()
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_imports_run_downwards(module: str) -> None:
+    here = room(module)
+    upwards = {
+        target
+        for target in IMPORTS[module]
+        if room(target) != here and LAYER_OF[room(target)] >= LAYER_OF[here] and (here, room(target)) not in UNDONE
+    }
+    assert not upwards
+
+
+def test_there_are_no_circles() -> None:
+    # A package's `__init__` gathers its own modules; they may come back to the package only for what is not gathered.
+    graph = {module: targets - {module} for module, targets in IMPORTS.items()}
+    packages = {module for module, path in MODULES.items() if path.name == "__init__.py"}
+    for module, targets in graph.items():
+        targets -= {package for package in packages if module.startswith(f"{package}.")}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(f"a circle: {' → '.join(error.args[1])}")
+
+
+@pytest.mark.parametrize("here", IGNORANT)
+def test_a_room_knows_nothing_of_what_is_not_its_own(here: str) -> None:
+    known = {
+        (module, target)
+        for module, targets in IMPORTS.items()
+        if room(module) == here
+        for target in targets
+        if target in IGNORANT[here] or any(target.startswith(f"{unknown}.") for unknown in IGNORANT[here])
+    }
+    assert not known
+
+
+def test_nothing_below_the_service_reads_a_clock() -> None:
+    readers = {
+        module
+        for module, path in MODULES.items()
+        if room(module) in READS_NO_CLOCK and module not in MAY_KNOW_TIME
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if (isinstance(node, ast.Import) and any(alias.name == "time" for alias in node.names))
+        or (isinstance(node, ast.ImportFrom) and node.module == "time")
+        or (isinstance(node, ast.Attribute) and node.attr in {"now", "utcnow", "today"})
+    }
+    assert not readers
+
+
+def test_exported_names_are_sorted_and_there() -> None:
+    assert sorted(candaemon.__all__) == candaemon.__all__
+    assert {name for name in candaemon.__all__ if getattr(candaemon, name, None) is None} == set()
+    assert dir(candaemon) == candaemon.__all__
+
+
+def test_exported_names_are_these() -> None:
+    needed = {"load_config", "bind", "Pipeline", "replay", "ReplayRequest", "Imm", "LinearModel", "CurrentStatistical"}
+    assert needed <= set(candaemon.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = candaemon.nothing
+
+
+@pytest.mark.parametrize(
+    "module",
+    [name for name, path in MODULES.items() if path.name == "__init__.py"],
+    ids=lambda name: f"candaemon.{name}",
+)
+def test_packages_export_what_they_say(module: str) -> None:
+    package = import_module(f"candaemon.{module}")
+    for name in getattr(package, "__all__", ()):
+        assert hasattr(package, name)
+
+
+def loaded_after(statement: str) -> set[str]:
+    """Return the top-level modules that a fresh interpreter has loaded after a statement."""
+    code = f"{statement}\nimport sys\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+def test_import_candaemon_costs_nothing() -> None:
+    assert not loaded_after("import candaemon") & (HEAVY | {"numpy", "can", "cantools", "pydantic"})
+
+
+def test_the_command_line_starts_without_libraries() -> None:
+    assert not loaded_after("import candaemon.cli") & (HEAVY | {"numpy", "can", "cantools", "pydantic", "yaml"})
+
+
+def test_the_tables_of_the_papers_need_no_matplotlib() -> None:
+    assert "matplotlib" not in loaded_after("import candaemon.papers.registry, candaemon.papers.text")
+
+
+def test_the_service_loads_neither_scipy_nor_rich() -> None:
+    ready = (
+        "from pathlib import Path\nimport candaemon\nfrom candaemon.cli.run import Daemon\n"
+        f"Daemon(candaemon.bind(candaemon.load_config(Path({str(ROOT / 'config' / 'demo.yaml')!r}))))"
+    )
+    assert not loaded_after(ready) & HEAVY
+
+
+def test_no_exported_function_has_the_name_of_a_room() -> None:
+    # A room that is imported becomes an attribute of the package, in the place of the function.
+    assert not set(candaemon.__all__) & {room(module) for module in MODULES}

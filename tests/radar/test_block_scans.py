@@ -1,0 +1,173 @@
+"""A log taken block by block gives what it gives frame by frame, whatever was lost, doubled, late or cut short."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.candump import ChunkDecoder, candump_text
+from candaemon.can_io.logs.read import read_log, read_log_blocks
+from candaemon.can_io.logs.stream import TICK_BUS, TICK_CHANNEL, ChannelMap, LogCounts
+from candaemon.can_io.logs.write import open_log_writer
+from candaemon.can_io.reorder import Reorder
+from candaemon.config.load import load_config
+from candaemon.frames.block import FrameBlock
+from candaemon.frames.frame import Frame, Tick
+from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.radar.assembly import CounterAssembler
+from candaemon.simulation.scenario import Scenario
+from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.simulate import simulate
+from tests.support.bound import binding
+from tests.support.paths import ROOT
+
+CONFIGS = ("esr_ins", "two_radars", "toyota_rav4", "gm_lrr", "ars408", "tesla_continental")
+BUSES = ["can0", "can1", "can2", "can3"]
+NAMES = [*BUSES, TICK_CHANNEL, "none"]  # a tick's bus counts from the end
+
+DAMAGE = ("loss", "twice", "late", "short", "change", "gap", "foreign", "tick")
+
+
+@cache
+def bound(config: str) -> Binding:
+    return two_radars() if config == "two_radars" else binding(config)
+
+
+def two_radars() -> Binding:
+    """Bind an ESR and a slower one beside it, on a bus of its own."""
+    text = (ROOT / "config" / "esr_ins.yaml").read_text().replace("../dbc", str(ROOT / "dbc"))
+    told = yaml.safe_load(text)
+    told["buses"]["other"] = {"channel": "can9"}
+    told["sensors"]["second"] = told["sensors"]["front"] | {"bus": "other", "cycle_time": 0.07}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "two.yaml"
+        path.write_text(yaml.safe_dump(told))
+        return bind(load_config(path))
+
+
+@cache
+def drive(config: str) -> tuple[Frame, ...]:
+    """Return two seconds of traffic."""
+    told = load_scenario(ROOT / "config" / "scenarios" / "turning_ego.yaml").model_dump() | {"duration": 2.0}
+    return tuple(simulate(Scenario.model_validate(told), bound(config)).frames())
+
+
+def damaged(frames: Sequence[Frame], seed: int) -> Iterator[Frame]:
+    """Lose, double, swap, cut short, change, delay and hold back a few frames; put in ticks and foreign ones."""
+    rng = random.Random(seed)  # noqa: S311 - test data
+    share = rng.choice((0.0, 0.001, 0.01))
+    silent_until_ns = 0
+    late: list[Frame] = []
+    for frame in frames:
+        if frame.time_ns < silent_until_ns:
+            continue
+        for each in [each for each in late if frame.time_ns > each.time_ns + 2_000_000]:
+            late.remove(each)
+            yield each._replace(time_ns=frame.time_ns)
+        kind = rng.choice(DAMAGE) if rng.random() < share else ""
+        if kind == "late":
+            late.append(frame)
+        elif kind == "short":
+            yield frame._replace(data=frame.data[: rng.randrange(len(frame.data))])
+        elif kind == "change":
+            data = bytearray(frame.data)
+            data[rng.randrange(len(data))] = rng.getrandbits(8)
+            yield frame._replace(data=bytes(data))
+        elif kind == "gap":
+            silent_until_ns = frame.time_ns + rng.choice((20, 60, 200, 700)) * 1_000_000
+        elif kind != "loss":
+            yield frame
+        if kind == "twice":
+            yield frame
+        elif kind == "foreign":
+            yield frame._replace(can_id=0x7FE)
+        elif kind == "tick":
+            yield Frame(frame.time_ns, TICK_BUS, 0, b"")
+
+
+def blocks_of(frames: Sequence[Frame], size: int = 1000) -> Iterator[FrameBlock]:
+    """Cut frames into blocks."""
+    channels = ChannelMap({name: bus for bus, name in enumerate(BUSES)})
+    for begin in range(0, len(frames), size):
+        yield ChunkDecoder(candump_text(frames[begin : begin + size], NAMES), channels, LogCounts()).decode()
+
+
+def told(pipeline: Pipeline, cycles: Iterable[Cycle]) -> list[object]:
+    """Return all that a pipeline says, and what it counts."""
+    said: list[object] = [
+        (cycle.time_ns, cycle.pose, tuple(cycle.frames), cycle.obstacles.id.tobytes(), cycle.obstacles.x.tobytes())
+        for cycle in (*cycles, *pipeline.finish())
+    ]
+    return [*said, asdict(pipeline.counts), *(asdict(each.counts) for each in pipeline.assemblers)]
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+@settings(deadline=None, max_examples=5)
+@given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from((50, 700, 3000)))
+def test_both_ways_tell_the_same(config: str, seed: int, size: int) -> None:
+    frames = sorted(damaged(drive(config), seed), key=lambda frame: frame.time_ns)
+    by_frame, by_block = Pipeline(bound(config)), Pipeline(bound(config))
+    assert told(by_frame, by_frame.run(frames)) == told(by_block, by_block.run_blocks(blocks_of(frames, size)))
+
+
+@pytest.mark.parametrize("config", ["esr_ins", "two_radars"])
+def test_what_came_whole_is_taken_together(config: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[int] = []
+    begin = CounterAssembler.begin_whole
+
+    def noted(self: CounterAssembler, part: int, slot: int, data: bytes, time_ns: int) -> None:
+        taken.append(time_ns)
+        begin(self, part, slot, data, time_ns)
+
+    monkeypatch.setattr(CounterAssembler, "begin_whole", noted)
+    pipeline = Pipeline(bound(config))
+    list(pipeline.run_blocks(blocks_of(drive(config))))
+    assert len(taken) > 0.6 * sum(each.counts.scans for each in pipeline.assemblers) > 20
+
+
+@pytest.mark.parametrize(("window_ns", "whole"), [(0, True), (5_000_000, False)])
+def test_a_block_in_order_stays_one(window_ns: int, whole: bool) -> None:
+    frames, sequence, other = drive("esr_ins"), Reorder(window_ns), Reorder(window_ns)
+    passed = list(sequence.sequenced_blocks([*blocks_of(frames), [Tick(frames[-1].time_ns)]]))
+    assert any(isinstance(each, FrameBlock) for each in passed) == whole
+    items = [item for each in passed for item in (each.frames() if isinstance(each, FrameBlock) else each)]
+    assert items == list(other.sequenced([*frames, Tick(frames[-1].time_ns)]))
+
+
+def test_a_block_out_of_order_is_sorted_as_its_frames_are() -> None:
+    frames = list(drive("esr_ins"))
+    frames[700], frames[701] = frames[701], frames[700]
+    frames[2000:] = [frame._replace(time_ns=frame.time_ns - 3_600_000_000_000) for frame in frames[2000:]]
+    sequence, other = Reorder(), Reorder()
+    passed = sequence.sequenced_blocks(blocks_of(frames))
+    items = [item for each in passed for item in (each.frames() if isinstance(each, FrameBlock) else each)]
+    assert items == list(other.sequenced(frames))
+    names = ("late", "reordered", "backward_steps", "offset_ns")
+    assert [getattr(sequence, name) for name in names] == [getattr(other, name) for name in names]
+    assert sequence.backward_steps == 1
+
+
+@pytest.mark.parametrize("suffix", [".log", ".blf", ".asc"])
+def test_every_format_comes_in_blocks(tmp_path: Path, suffix: str) -> None:
+    path, channels = tmp_path / f"drive{suffix}", {name: bus for bus, name in enumerate(BUSES)}
+    with open_log_writer(path, BUSES) as writer:
+        writer.write(drive("toyota_rav4"))
+    counts, others = LogCounts(), LogCounts()
+    read: list[Any] = []
+    for block in read_log_blocks(path, channels, counts):
+        read += block.frames() if isinstance(block, FrameBlock) else block
+    assert read == list(read_log(path, channels, others))
+    assert counts == others

@@ -1,0 +1,285 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.config.load import load_config
+from candaemon.ego.factory import make_ego
+from candaemon.ego.motion import EgoMotion
+from candaemon.errors import ConfigError
+from candaemon.evaluation.tables import read_truth
+from candaemon.evaluation.writers import TrackWriter
+from candaemon.frames.frame import Frame
+from candaemon.radar.assembly import make_assembler
+from candaemon.radar.scan import Scan
+from candaemon.simulation.scenario import Scenario
+from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scene import Scene
+from candaemon.simulation.schedule import start_ns
+from candaemon.simulation.simulate import Simulation, simulate
+from candaemon.simulation.slot_report import Report
+from tests.support.paths import ROOT
+
+CONFIGS = ("esr_ins", "gm_lrr", "tesla_continental", "ars408", "toyota_rav4", "toyota_rav4_ins")
+
+
+def bound(name: str) -> Binding:
+    return bind(load_config(ROOT / "config" / f"{name}.yaml"))
+
+
+def drive(name: str, **changes: Any) -> Scenario:
+    """Return one of the project's scenarios with some of its settings changed."""
+    settings = load_scenario(ROOT / "config" / "scenarios" / f"{name}.yaml").model_dump()
+    for key, value in changes.items():
+        settings[key] = settings[key] | value if isinstance(value, dict) else value
+    return Scenario.model_validate(settings)
+
+
+def scans(frames: Iterator[Frame], binding: Binding) -> list[Scan]:
+    """Read the first sensor's frames back."""
+    sensor = binding.sensors[0]
+    assembler = make_assembler(sensor)
+    found: list[Scan | None] = []
+    for frame in frames:
+        if frame.bus != sensor.bus:
+            continue
+        if frame.time_ns >= assembler.deadline_ns:
+            found.append(assembler.expire(frame.time_ns))
+        receive, part, slot = assembler.routes[frame.can_id]
+        found.append(receive(part, slot, frame.data, frame.time_ns))
+    found.append(assembler.flush())
+    return [scan for scan in found if scan is not None]
+
+
+def followed(ego: EgoMotion, frames: list[Frame], binding: Binding) -> None:
+    """Let own motion take the frames that are for it."""
+    assert binding.ego is not None
+    for frame in frames:
+        message = binding.ego.messages.get(frame.can_id)
+        if frame.bus == binding.ego.bus and message is not None:
+            values = message.decode(frame.data)
+            assert values is not None
+            ego.update(frame.time_ns, message.quantities, values)
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_what_a_sensor_reports_is_what_its_frames_say(name: str) -> None:
+    binding = bound(name)
+    simulation = simulate(drive("highway", duration=4.0), binding)
+    reports = list(simulation.reports(0))
+    read = scans(simulation.frames(), binding)
+    reader, form = binding.sensors[0].reader, binding.sensors[0].settings.objects
+    packed = form.identity is not None and not form.multiplexed
+    rows = [reports[0][1].quantities.index(quantity) for quantity in reader.quantities]
+    step = np.array([[abs(b.gain * b.signal.scale)] for b in reader.bindings])
+    assert len(read) == len(reports) > 50
+    assert sum(len(report.slot) for _, report in reports) > 100
+    for scan, (time_ns, report) in zip(read, reports, strict=True):
+        assert scan.complete
+        assert scan.time_ns == pytest.approx(time_ns, abs=1000)
+        held = report.slot + 1 if packed else report.slot
+        assert scan.object_id.tolist() == held.tolist()
+        assert scan.slot.tolist() == (list(range(len(held))) if packed else held.tolist())
+        if form.new:
+            assert scan.new.tolist() == report.new.tolist()
+        limits = np.array([[_limits(b.quantity, b.signal, b.gain, b.bias)] for b in reader.bindings])[:, 0]
+        exact = np.clip(report.values[rows], limits[:, :1], limits[:, 1:])
+        assert np.all(np.abs(scan.values - exact) <= 0.5001 * step + 1e-9)
+
+
+def _limits(quantity: str, signal: Any, gain: float, bias: float) -> tuple[float, float]:
+    """Return what a quantity saturates at."""
+    low = -math.inf if signal.minimum is None else signal.minimum
+    high = math.inf if signal.maximum is None else signal.maximum
+    ends = sorted((gain * low + bias, gain * high + bias))
+    return ends[0], ends[1]
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_others() -> None:
+    binding, scenario = bound("esr_ins"), drive("highway", duration=2.0, frames={"loss": 0.02, "jitter": 0.001})
+    first, again = (list(simulate(scenario, binding, 7).frames()) for _ in range(2))
+    assert first == again
+    assert first != list(simulate(scenario, binding, 8).frames())
+    times = [frame.time_ns for frame in first]
+    assert times == sorted(times)
+    assert all(time % 1000 == 0 for time in times)
+
+
+def test_clutter_changes_neither_noise_nor_misses() -> None:
+    binding = bound("esr_ins")
+
+    def real(clutter: float) -> list[list[float]]:
+        scenario = drive("turning_ego", duration=5.0, measurement={"clutter": clutter})
+        found = []
+        for _, report in simulate(scenario, binding).reports(0):
+            mine = report.owner >= 0
+            order = np.argsort(report.owner[mine], kind="stable")
+            found.append(report.values[:, mine][:, order].ravel().tolist())
+        return found
+
+    assert real(0.0) == real(4.0)
+
+
+def test_detections_clutter_and_noise_are_as_asked() -> None:
+    scenario = drive("automotive_cruise", duration=200.0, actors=(_point(60.0, 2.0, 15.0),), measurement={
+        "detection_probability": 0.9, "clutter": 0.7, "noise": {"range": 0.3, "azimuth_deg": 0.4, "range_rate": 0.2},
+    })  # fmt: skip
+    reports = [report for _, report in simulate(scenario, bound("esr_ins")).reports(0)]
+    lead = np.array([report.values[:3, report.owner == 0][:, 0] for report in reports if 0 in report.owner])
+    false = sum(np.count_nonzero(report.owner < 0) for report in reports)
+    truth = np.array([math.hypot(56.4, 2.0), math.atan2(2.0, 56.4), 0.0])
+    assert len(lead) / len(reports) == pytest.approx(0.9, abs=0.02)
+    assert false / len(reports) == pytest.approx(0.7, abs=0.06)
+    assert (lead - truth).mean(axis=0) == pytest.approx(0.0, abs=0.03)
+    assert (lead - truth).std(axis=0) == pytest.approx([0.3, math.radians(0.4), 0.2], rel=0.06)
+
+
+def _point(x: float, y: float, vx: float, **more: Any) -> dict[str, Any]:
+    start = {"x": x, "y": y, "vx": vx, "vy": 0.0}
+    return {"name": f"at {x:g}", "size": {"length": 0.0, "width": 0.0}, "start": start, **more}
+
+
+@pytest.mark.parametrize("name", ["esr_ins", "ars408"])
+def test_rates_are_the_derivatives_of_positions_in_the_turning_axes(name: str) -> None:
+    exact = {"range": 0.0, "azimuth_deg": 0.0, "range_rate": 0.0, "x": 0.0, "y": 0.0, "vx": 0.0, "vy": 0.0}
+    quiet = {"noise": exact, "detection_probability": 1.0, "clutter": 0.0, "cycle_jitter": 0.0}
+    binding = bound(name)
+    scenario = drive("turning_ego", duration=12.0, measurement=quiet, stationary={"posts": ()})
+    cycle = binding.sensors[0].settings.cycle_time
+    reports = [report for _, report in simulate(scenario, binding).reports(0)]
+    lead = np.array([report.values[:, report.owner == 0][:, 0] for report in reports])
+    row = {quantity: k for k, quantity in enumerate(reports[0].quantities)}
+    for place, rate in (("range", "range_rate"), ("x", "vx"), ("y", "vy")):
+        if place in row:
+            slope = (lead[2:, row[place]] - lead[:-2, row[place]]) / (2 * cycle)
+            error = np.abs(slope - lead[1:-1, row[rate]])
+            assert np.median(error) < 0.002
+            assert np.count_nonzero(error > 0.02) <= 12, "only where one of the bends begins or ends"
+
+
+def test_a_car_hides_the_one_before_it_and_truth_says_so() -> None:
+    cars = tuple(
+        {"name": name, "start": {"x": x, "y": 0.0, "vx": 15.0, "vy": 0.0}}
+        for name, x in (("near", 30.0), ("far", 60.0))
+    )
+    scenario = drive("automotive_cruise", duration=3.0, actors=cars)
+    simulation = simulate(scenario, bound("esr_ins"))
+    assert all(1 not in report.owner for _, report in simulation.reports(0))
+    assert all(cycle.columns["state"].tolist() == ["actor", "hidden"] for cycle in simulation.truth())
+    seen = simulate(
+        drive("automotive_cruise", duration=3.0, actors=cars, measurement={"occlusion": False}), bound("esr_ins")
+    )
+    assert all(1 in report.owner for _, report in seen.reports(0))
+
+
+def test_the_reference_point_is_the_middle_of_the_side_that_faces_the_ego() -> None:
+    cars = (
+        {"name": "lead", "start": {"x": 40.0, "y": 0.0, "vx": 15.0, "vy": 0.0}},
+        {"name": "oncoming", "start": {"x": 90.0, "y": 3.5, "speed": 10.0, "heading_deg": 180.0}},
+        {"name": "crossing", "start": {"x": 60.0, "y": -8.0, "speed": 5.0, "heading_deg": 90.0}},
+    )
+    ego = {"start": {"speed": 0.0, "heading_deg": 45.0}}
+    first = next(simulate(drive("automotive_turn", actors=cars, ego=ego), bound("esr_ins")).truth()).columns
+    assert first["x"] == pytest.approx([37.75, 87.75, 59.1])
+    assert first["y"] == pytest.approx([0.0, 3.5, -8.0], abs=1e-9)
+    assert first["vx"] == pytest.approx([15.0, -10.0, 0.0], abs=1e-9)
+    assert first["ve"][0] == pytest.approx(15.0 * math.sin(math.radians(45.0)))
+
+
+def test_truth_is_a_table_that_evaluate_reads(tmp_path: Path) -> None:
+    simulation = simulate(drive("guard_rail", duration=1.0), bound("esr_ins"))
+    with TrackWriter(tmp_path / "truth.csv") as writer:
+        for cycle in simulation.truth():
+            writer.write_cycle(cycle.time_ns, cycle.columns)
+    table = read_truth(tmp_path / "truth.csv")
+    assert len(np.unique(table.time_ns)) == 20
+    assert np.unique(table.id[table.state == 3]).tolist() == [1]
+    still = table.state == 5
+    assert np.count_nonzero(still) > 20 * 50
+    assert not table.vx[still].any()
+
+
+def _moved(name: str, scenario: Scenario) -> tuple[EgoMotion, Simulation]:
+    binding = bound(name)
+    simulation = simulate(scenario, binding)
+    ego = make_ego(binding.ego)
+    followed(ego, list(simulation.frames()), binding)
+    return ego, simulation
+
+
+def test_an_ins_tells_the_true_motion() -> None:
+    scenario = drive("turning_ego", duration=7.0, ego={"own_motion": {"noise": 0.0}})
+    ego, _ = _moved("esr_ins", scenario)
+    (truth,) = Scene(scenario).instants(np.array([6.5]))
+    pose = ego.pose(start_ns(scenario) + 6_500_000_000)
+    assert pose is not None
+    assert complex(pose.ve, pose.vn) == pytest.approx(truth.ego.velocity, abs=0.02)
+    assert pose.yaw_rate == pytest.approx(0.2, abs=0.02)
+    assert math.remainder(pose.heading - truth.ego.yaw, 2 * math.pi) == pytest.approx(0.0, abs=3e-4)
+
+
+def test_odometry_tells_speed_and_yaw_rate_with_the_bias_asked_for() -> None:
+    scenario = drive("turning_ego", duration=7.0, ego={"own_motion": {"noise": 0.0, "yaw_rate_bias_deg": -0.5}})
+    binding = bound("toyota_rav4")
+    assert binding.ego is not None
+    speeds: list[float] = []
+    turns: list[float] = []
+    for frame in simulate(scenario, binding).frames():
+        message = binding.ego.messages.get(frame.can_id) if frame.bus == binding.ego.bus else None
+        if message is None or frame.time_ns < start_ns(scenario) + 5_000_000_000:
+            continue
+        values = message.decode(frame.data) or ()
+        for quantity, value in zip(message.quantities, values, strict=True):
+            (turns if quantity == "yaw_rate" else speeds).append(value)
+    assert np.mean(speeds) == pytest.approx(12.0, abs=0.01)
+    assert np.mean(turns) == pytest.approx(math.radians(11.4592 - 0.5), abs=math.radians(0.13))
+
+
+def test_frames_are_lost_and_delayed_as_asked() -> None:
+    binding = bound("esr_ins")
+    whole = list(simulate(drive("dense", duration=5.0), binding).frames())
+    thinned = list(simulate(drive("dense", duration=5.0, frames={"loss": 0.1}), binding).frames())
+    late = list(simulate(drive("dense", duration=5.0, frames={"jitter": 0.004}), binding).frames())
+    assert len(thinned) / len(whole) == pytest.approx(0.9, abs=0.02)
+    assert len(late) == len(whole)
+    assert 0.001 < (np.mean([f.time_ns for f in late]) - np.mean([f.time_ns for f in whole])) / 1e9 < 0.006
+
+
+def test_a_missed_object_is_moved_on_if_asked() -> None:
+    changes = {"detection_probability": 0.6, "clutter": 0.0, "missing": "coast", "hold": 50, "cycle_jitter": 0.0}
+    actors = (_point(80.0, 0.0, 5.0),)
+    reports = list(
+        simulate(
+            drive("automotive_cruise", duration=4.0, actors=actors, measurement=changes), bound("esr_ins")
+        ).reports(0)
+    )
+    after = [report for _, report in reports[20:]]
+    assert all(len(report.slot) == 1 for report in after)
+    assert np.abs(np.diff([report.values[0, 0] for report in after])).max() < 3.0
+
+
+def test_slots_are_reused_without_an_empty_cycle_between() -> None:
+    reports: list[Report] = [report for _, report in simulate(drive("guard_rail"), bound("gm_lrr")).reports(0)]
+    reused = 0
+    for before, here in pairwise(reports):
+        was = dict(zip(before.slot.tolist(), before.owner.tolist(), strict=True))
+        for slot, owner, new in zip(here.slot.tolist(), here.owner.tolist(), here.new.tolist(), strict=True):
+            reused += new and slot in was
+            assert new or slot not in was or was[slot] == owner
+    assert reused > 20
+
+
+def test_a_static_ego_cannot_drive() -> None:
+    binding = bound("esr_ins")
+    still = Binding(binding.loaded, binding.buses, binding.sensors, None, None, {}, ())
+    with pytest.raises(ConfigError, match="static"):
+        simulate(drive("highway"), still)
+    assert next(simulate(drive("automotive_turn"), still).frames()).bus == binding.sensors[0].bus

@@ -1,0 +1,224 @@
+"""The endpoint for Prometheus, scraped as Prometheus does."""
+
+from __future__ import annotations
+
+import re
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from http.client import HTTPConnection
+from pathlib import Path
+from urllib.request import urlopen
+
+import pytest
+from prometheus_client.metrics_core import Metric
+from prometheus_client.parser import text_string_to_metric_families
+
+from candaemon.binding.bound import Binding
+from candaemon.daemon.daemon import Observer
+from candaemon.status import http as scrape
+from candaemon.status.endpoint import MetricsEndpoint
+from candaemon.status.meter import Meter
+from tests.support.paths import ROOT
+from tests.support.served import Served, bound, drive, wait_until
+
+
+@pytest.fixture
+def port() -> int:
+    """Return a port that is free at this moment."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def with_port(folder: Path, port: int) -> Binding:
+    return bound(folder, f"  metrics: {{port: {port}}}\n")
+
+
+def observers(binding: Binding) -> list[Observer]:
+    meter = Meter(binding.settings.service.metrics)
+    return [meter, MetricsEndpoint(meter)]
+
+
+def scraped(port: int) -> dict[str, Metric]:
+    wait_until(lambda: is_open(port))
+    with urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5.0) as answer:
+        text = answer.read().decode()
+    return {family.name: family for family in text_string_to_metric_families(text)}
+
+
+def value(families: dict[str, Metric], sample: str, **labels: str) -> float:
+    (found,) = [
+        each.value
+        for family in families.values()
+        for each in family.samples
+        if each.name == sample and labels.items() <= each.labels.items()
+    ]
+    return float(found)
+
+
+def is_open(port: int, address: str = "127.0.0.1") -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex((address, port)) == 0
+
+
+def test_the_counters_are_the_daemons(tmp_path: Path, port: int) -> None:
+    binding = with_port(tmp_path, port)
+    with Served(binding, observers(binding)) as served:
+        served.feed(drive(binding, 2.0))
+        families = scraped(port)
+        pipeline, buses = served.daemon.pipeline, served.daemon.buses
+        assert value(families, "candaemon_frames_total", bus="radar", direction="received") == buses[0].counts.received
+        assert value(families, "candaemon_frames_total", bus="obstacles", direction="sent") == pipeline.counts.sent
+        assert value(families, "candaemon_frames_dropped_total", bus="radar", cause="queue_full") == 0
+        assert value(families, "candaemon_sensor_frames_total", sensor="front", fate="used") == 40 * 64
+        assert value(families, "candaemon_cycles_total") == pipeline.counts.cycles == 40
+    assert value(families, "candaemon_bus_up", bus="ins") == 1
+    assert value(families, "candaemon_tracks", state="confirmed") >= 3
+    assert value(families, "candaemon_own_motion", status="valid") == 1
+    assert value(families, "candaemon_own_motion", status="lost") == 0
+    assert value(families, "candaemon_sensor_trust", sensor="front") == pytest.approx(1.0)
+    assert 0.3 < value(families, "candaemon_nis", sensor="front") < 2.0
+    assert value(families, "candaemon_info", instance="mine") == 1
+    assert value(families, "process_cpu_seconds_total") > 0.1
+    assert value(families, "process_resident_memory_bytes") > 10e6
+
+
+def test_the_histograms_add_up(tmp_path: Path, port: int) -> None:
+    binding = bound(tmp_path, f"  metrics: {{port: {port}, buckets: [0.001, 0.01, 5]}}\n")
+    with Served(binding, observers(binding)) as served:
+        served.feed(drive(binding, 1.0))
+        families = scraped(port)
+    for name in ("candaemon_cycle_seconds", "candaemon_latency_seconds"):
+        buckets = [each.value for each in families[name].samples if each.name.endswith("_bucket")]
+        assert len(buckets) == 4
+        assert buckets == sorted(buckets)
+        assert buckets[-1] == value(families, f"{name}_count") == value(families, "candaemon_cycles_total")
+        assert 0.0 <= value(families, f"{name}_sum") <= 5.0 * buckets[-1]
+
+
+def test_every_metric_has_its_help_and_its_own_name(tmp_path: Path, port: int) -> None:
+    binding = with_port(tmp_path, port)
+    with Served(binding, observers(binding)):
+        families = scraped(port)
+    assert len(families) >= 25
+    for name, family in families.items():
+        assert family.documentation, name
+        assert family.type != "unknown", name
+        assert name.startswith(("candaemon", "process_")), name
+
+
+def test_it_listens_on_the_loopback_alone_and_not_after_the_end(tmp_path: Path, port: int) -> None:
+    binding = with_port(tmp_path, port)
+    with Served(binding, observers(binding)):
+        wait_until(lambda: is_open(port))
+        listening = Path("/proc/net/tcp").read_text(encoding="ascii").splitlines()[1:]
+        ours = [line.split()[1] for line in listening if line.split()[1].endswith(f":{port:04X}")]
+        assert all(address.startswith("0100007F:") for address in ours), ours
+    assert not is_open(port)
+
+
+def test_without_a_port_nothing_listens_and_nothing_is_loaded(tmp_path: Path) -> None:
+    binding = bound(tmp_path)
+    meter = Meter(binding.settings.service.metrics)
+    endpoint = MetricsEndpoint(meter)
+    with Served(binding, [meter, endpoint]):
+        meter.wait_for_figures(5.0)
+        assert endpoint.port is None
+    code = (
+        "import sys\nimport candaemon.cli.run, candaemon.status.endpoint, candaemon.status.meter\n"
+        "import candaemon.status.socket\n"
+        "sys.exit('prometheus_client' in sys.modules or 'http.server' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
+def test_a_port_in_use_is_said_with_its_line_and_does_not_end_the_service(
+    tmp_path: Path, port: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    binding = with_port(tmp_path, port)
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", port))
+        other.listen()
+        meter, endpoint = observers(binding)
+        with Served(binding, [meter, endpoint]) as served:
+            served.feed(drive(binding, 0.5))
+            assert served.daemon.pipeline.counts.cycles
+        assert is_open(port)  # the other one's still
+    (said,) = [message for message in caplog.messages if "in use" in message]
+    assert "choose another port, then reload. Until then there are no metrics" in said
+    place = re.search(rf"mine\.yaml:(\d+): service\.metrics\.port: .*:{port}", said)
+    assert place is not None
+    assert "port:" in (tmp_path / "mine.yaml").read_text(encoding="utf-8").splitlines()[int(place[1]) - 1]
+
+
+def test_a_reload_moves_the_port_or_keeps_it_where_it_cannot(
+    tmp_path: Path, port: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = with_port(tmp_path, port)
+    meter = Meter(first.settings.service.metrics)
+    endpoint = MetricsEndpoint(meter)
+    ports = []
+    with Served(first, [meter]) as served, socket.socket() as other:
+        endpoint.started(served.daemon)
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        taken, none = with_port(tmp_path, other.getsockname()[1]), bound(tmp_path)
+        for binding, error in ((taken, ""), (none, "mine.yaml:1: refused"), (none, "")):
+            served.daemon.pipeline.binding = binding
+            endpoint.reloaded(served.daemon, error)
+            ports.append(endpoint.port)
+    assert ports == [port, port, None]
+    assert "in use" in caplog.text
+    assert f"port {port}" in caplog.text
+    assert not is_open(port)
+
+
+@pytest.fixture
+def unturned() -> Iterator[scrape.ScrapeServer]:
+    """Yield a server whose core loop takes no turn."""
+
+    def ask() -> None:
+        raise TimeoutError
+
+    server = scrape.ScrapeServer(0, ask)  # type: ignore[arg-type]  # it never returns
+    server.start()
+    yield server
+    server.stop()
+
+
+def test_a_core_loop_that_hangs_is_said(unturned: scrape.ScrapeServer) -> None:
+    connection = HTTPConnection("127.0.0.1", unturned.port, timeout=5.0)
+    connection.request("GET", "/metrics")
+    answer = connection.getresponse()
+    assert (answer.status, answer.reason) == (503, "the core loop takes no turn")
+    connection.close()
+
+
+def test_clients_that_say_nothing_are_few_and_hung_up_on(
+    unturned: scrape.ScrapeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scrape, "_CLIENT_S", 0.5)
+    clients = [socket.create_connection(("127.0.0.1", unturned.port), timeout=5.0) for _ in range(8)]
+    began_s = time.monotonic()
+    for client in clients:
+        client.sendall(b"GET /met")
+        assert client.recv(100) == b""
+        client.close()
+    assert time.monotonic() - began_s < 2.5
+    test_a_core_loop_that_hangs_is_said(unturned)
+
+
+def test_clients_without_rest_do_not_hold_the_core_loop(tmp_path: Path, port: int) -> None:
+    binding = with_port(tmp_path, port)
+    with Served(binding, observers(binding)) as served:
+        wait_until(lambda: is_open(port))
+        silent = [socket.create_connection(("127.0.0.1", port)) for _ in range(12)]
+        began_s = time.monotonic()
+        served.feed(drive(binding, 1.0))
+        assert time.monotonic() - began_s < 5.0
+        for client in silent:
+            client.close()
+    assert served.daemon.pipeline.counts.cycles >= 20

@@ -1,0 +1,39 @@
+"""Runs a scenario through a configuration's sensors and the whole pipeline, and compares with the truth."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from candaemon.binding.bind import bind
+from candaemon.config.load import load_config
+from candaemon.evaluation.metrics import evaluate
+from candaemon.evaluation.results import Evaluation
+from candaemon.evaluation.writers import TrackWriter
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.playback.replay import track_columns
+from candaemon.simulation.scenario import Scenario
+from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.simulate import simulate
+from tests.support.paths import ROOT
+
+
+def scenario(name: str) -> Scenario:
+    """Load one of the project's scenarios."""
+    return load_scenario(ROOT / "config" / "scenarios" / f"{name}.yaml")
+
+
+def drive(config: str, drama: Scenario, seed: int) -> tuple[Evaluation, Pipeline]:
+    """Simulate, track and evaluate."""
+    binding = bind(load_config(ROOT / "config" / f"{config}.yaml"))
+    simulation, pipeline = simulate(drama, binding, seed), Pipeline(binding)
+    names = [sensor.name for sensor in binding.sensors]
+    with tempfile.TemporaryDirectory() as folder:
+        tracks, truth = Path(folder) / "tracks.csv", Path(folder) / "truth.csv"
+        with TrackWriter(tracks) as table:
+            for cycle in pipeline.run(simulation.frames()):
+                table.write_cycle(cycle.obstacles.time_ns, track_columns(cycle.obstacles, names))
+        with TrackWriter(truth) as table:
+            for row in simulation.truth():
+                table.write_cycle(row.time_ns, row.columns)
+        return evaluate(tracks, truth), pipeline

@@ -1,0 +1,54 @@
+"""What the tracker must reach on simulated drives, 20 seeds each, through the ESR's DBC."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from candaemon.evaluation.results import Evaluation
+from tests.support.simulated import drive, scenario
+
+SEEDS = 20
+CONFIRMED_WITHIN = 0.5  # s, 10 scans
+AUTOMOTIVE = {
+    "automotive_cruise": (0.085, 0.087),
+    "automotive_brake": (0.235, 0.49),
+    "automotive_cut_in": (0.17, 0.49),
+    "automotive_turn": (0.165, 0.24),
+}
+"""Largest RMSE of position (m) and velocity (m/s) of a point target."""
+DRAMAS = ("highway", "stop_and_go", "intersection", "guard_rail", "turning_ego")
+
+
+@cache
+def runs(name: str) -> tuple[Evaluation, ...]:
+    drama = scenario(name)
+    return tuple(drive("esr_ins", drama, seed)[0] for seed in range(SEEDS))
+
+
+@pytest.mark.parametrize("name", AUTOMOTIVE)
+def test_a_point_target_is_tracked_as_well_as_can_be(name: str) -> None:
+    position, velocity = AUTOMOTIVE[name]
+    errors = [run.errors for run in runs(name)]
+    assert np.sqrt(np.mean([each.position**2 for each in errors])) <= position
+    assert np.sqrt(np.mean([each.velocity**2 for each in errors])) <= velocity
+    assert sum(run.id_switches for run in runs(name)) == 0
+
+
+@pytest.mark.parametrize("name", [*AUTOMOTIVE, *DRAMAS])
+def test_every_actor_in_view_is_confirmed_in_time(name: str) -> None:
+    for run in runs(name):
+        assert run.time_to_confirm.unconfirmed == 0
+        assert run.time_to_confirm.max <= CONFIRMED_WITHIN
+
+
+@pytest.mark.parametrize("name", [*AUTOMOTIVE, *DRAMAS])
+def test_hardly_any_run_has_a_false_track(name: str) -> None:
+    assert sum(run.false_tracks.ids > 0 for run in runs(name)) <= 0.05 * SEEDS
+
+
+@pytest.mark.parametrize("name", DRAMAS)
+def test_a_vehicle_is_one_obstacle(name: str) -> None:
+    assert np.mean([run.duplicates.share for run in runs(name)]) < 0.05
