@@ -19,15 +19,19 @@ from __future__ import annotations
 from bisect import insort_right
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 from operator import itemgetter
 from typing import TypeAlias
 
-from candaemon.frames.block import FrameBlock
+import numpy as np
+
+from candaemon.frames.block import FrameBlock, block_of, joined_blocks
 from candaemon.frames.frame import Frame, Tick
+from candaemon.frames.times import NEVER_NS
 
 Item: TypeAlias = Frame | Tick
+ItemBlock: TypeAlias = FrameBlock | Sequence[Item]
 
 STEP_NS = 200_000_000
 """Default lateness in ns from which on the clock must have been set back: time servers slew it by less than 128 ms."""
@@ -103,21 +107,24 @@ class Reorder:
         self.late = 0
 
     def sequenced(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Return all items in order, the held ones at the end; the way for a log.
+        """Return all items in order, the held ones at the end; the way for a log that is replayed at a pace.
 
         Takes them in batches: what is in order passes in C, an item that is late costs its batch alone the longer way.
         """
-        return chain.from_iterable(self._runs(iter(items)))
+        return chain(chain.from_iterable(self._runs(iter(items))), self._rest())
 
-    def sequenced_blocks(self, blocks: Iterable[FrameBlock | Sequence[Item]]) -> Iterator[FrameBlock | Sequence[Item]]:
-        """As `sequenced`, block by block: a block that is in order stays one."""
+    def sequenced_blocks(self, blocks: Iterable[ItemBlock]) -> Iterator[ItemBlock]:
+        """As `sequenced`, many items at a time; the way for a log.
+
+        A block is put in order as arrays and stays a block. Only one in which the clock may have been set, and items
+        that come as a list, take the way of single items.
+        """
         for block in blocks:
-            if isinstance(block, FrameBlock) and self._passes_whole(block):
-                self._newest_ns = self._passed_ns = int(block.time_ns[-1])
-                yield block
+            ordered = self._ordered(block) if isinstance(block, FrameBlock) and len(block) else None
+            if ordered is not None:
+                yield ordered
             else:
-                items = block.frames() if isinstance(block, FrameBlock) else block
-                yield [due for item in items for due in self.push(item)]
+                yield from self._runs(block.frames() if isinstance(block, FrameBlock) else iter(block))
         yield self.flush()
 
     def push(self, item: Item) -> list[Item]:
@@ -157,6 +164,10 @@ class Reorder:
             self._passed_ns = due[-1][0]
         return due
 
+    def _rest(self) -> Iterator[Item]:
+        """Yield what is held back when it is asked for, not before."""
+        yield from self.flush()
+
     def _runs(self, items: Iterator[Item]) -> Iterator[list[Item]]:
         """Yield what can be passed on, batch by batch."""
         while batch := list(islice(items, _BATCH)):
@@ -166,23 +177,49 @@ class Reorder:
             else:
                 for item in batch:
                     yield self.push(item)
-        yield self.flush()
 
     def _passes_untouched(self, batch: list[Item]) -> bool:
-        """Tell whether pushing the items one by one would give them back as they are."""
+        """Return whether pushing the items one by one would give them back as they are."""
         if self._window_ns or self.offset_ns or batch != sorted(batch, key=_time_of):
             return False
         first_ns, last_ns = batch[0][0], batch[-1][0]
         newest_ns = first_ns if self._newest_ns is None else self._newest_ns
-        return newest_ns <= first_ns and (self._max_gap_ns is None or last_ns - newest_ns <= self._step_ns)
+        return newest_ns <= first_ns and last_ns - newest_ns <= self._longest_pause_ns
 
-    def _passes_whole(self, block: FrameBlock) -> bool:
-        """Tell the same of a block."""
-        times = block.time_ns
-        if self._window_ns or self.offset_ns or not len(times) or bool((times[1:] < times[:-1]).any()):
-            return False
-        newest_ns = times[0] if self._newest_ns is None else self._newest_ns
-        return bool(newest_ns <= times[0] and (self._max_gap_ns is None or times[-1] - newest_ns <= self._step_ns))
+    def _ordered(self, block: FrameBlock) -> FrameBlock | None:
+        """Return what pushing the frames of a block one by one would pass on.
+
+        None where a time stamp is so far from the newest before it that the clock may have been set, where a frame is
+        late despite a window, and where a tick is held back: nothing has changed then.
+        """
+        times = block.time_ns + self.offset_ns
+        first_ns = int(times[0]) if self._newest_ns is None else self._newest_ns
+        newest = np.maximum.accumulate(np.append(first_ns, times))
+        ahead = times - newest[:-1]
+        latest = self._window_ns or self._step_ns
+        held = [item for item in self._held if isinstance(item, Frame)]
+        if ahead.min() < -latest or ahead.max() > self._longest_pause_ns or len(held) < len(self._held):
+            return None
+        behind = int(np.count_nonzero(ahead < 0))
+        self._newest_ns = newest_ns = int(newest[-1])
+        if not self._window_ns:
+            self._passed_ns = newest_ns
+            self.late += behind
+            return block if not (behind or self.offset_ns) else replace(block, time_ns=newest[1:])
+        self.reordered += behind
+        block = joined_blocks([block_of(held), replace(block, time_ns=times)])
+        block = block.rows(np.argsort(block.time_ns, kind="stable"))
+        due = int(np.searchsorted(block.time_ns, newest_ns - self._window_ns, side="right"))
+        self._held = deque(block.rows(slice(due, None)).frames())
+        if due:
+            self._passed_ns = int(block.time_ns[due - 1])
+        return block.rows(slice(due))
+
+    @property
+    def _longest_pause_ns(self) -> int:
+        """How far ahead a time stamp can be without the clock, or a leftover of an earlier step, being asked."""
+        watched = self._max_gap_ns is not None or self._before_ns is not None
+        return self._step_ns if watched else NEVER_NS
 
     def _in_time(self, item: Item) -> Item:
         """Return the item with its time free of steps and not before what was passed on."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat, starmap
 from typing import Any, cast
@@ -20,7 +20,7 @@ FD_LENGTHS = frozenset((*range(9), 12, 16, 20, 24, 32, 48, 64))
 
 @dataclass(frozen=True, slots=True)
 class FrameBlock:
-    """Consecutive data frames of a log, in the order of its lines.
+    """Consecutive data frames of a log.
 
     Attributes:
         time_ns: int64 (n,), the log's time stamps.
@@ -29,7 +29,6 @@ class FrameBlock:
         length: uint8 (n,), payload length in bytes.
         fd: bool (n,), whether it is a CAN FD frame.
         payload: uint8 (n, 8), or (n, 64) where the block holds CAN FD; zeros after the length.
-        line: int64 (n,), 1-based number of the line.
     """
 
     time_ns: Integers
@@ -38,10 +37,20 @@ class FrameBlock:
     length: Bytes
     fd: Booleans
     payload: Bytes
-    line: Integers
 
     def __len__(self) -> int:
         return len(self.time_ns)
+
+    def rows(self, rows: Indices | slice) -> FrameBlock:
+        """Return some of its frames, in that order."""
+        return FrameBlock(
+            self.time_ns[rows],
+            self.bus[rows],
+            self.can_id[rows],
+            self.length[rows],
+            self.fd[rows],
+            np.ascontiguousarray(self.payload[rows]),
+        )
 
     def payloads(self, rows: Indices) -> list[bytes]:
         """Return the payloads of some rows, each as long as it is."""
@@ -62,3 +71,33 @@ class FrameBlock:
         fields = struct.iter_unpack(f"=qhI{width + 1}p?", records)
         # Frame(…) and Frame._make(…) are Python calls; this one stays in C
         return starmap(cast("Any", tuple.__new__), zip(repeat(Frame), fields, strict=False))
+
+
+def block_of(frames: Sequence[Frame]) -> FrameBlock:
+    """Return frames as a block."""
+    length = np.array([len(frame.data) for frame in frames], np.uint8)
+    width = 8 if length.max(initial=0) <= 8 else 64
+    payload = b"".join([frame.data.ljust(width, b"\0") for frame in frames])
+    return FrameBlock(
+        time_ns=np.array([frame.time_ns for frame in frames], np.int64),
+        bus=np.array([frame.bus for frame in frames], np.int16),
+        can_id=np.array([frame.can_id for frame in frames], np.uint32),
+        length=length,
+        fd=np.array([frame.fd for frame in frames], np.bool_),
+        payload=np.frombuffer(payload, np.uint8).reshape(-1, width),
+    )
+
+
+def joined_blocks(blocks: Sequence[FrameBlock]) -> FrameBlock:
+    """Return blocks, one after another, as one."""
+    width = max(block.payload.shape[1] for block in blocks)
+    return FrameBlock(
+        time_ns=np.concatenate([block.time_ns for block in blocks]),
+        bus=np.concatenate([block.bus for block in blocks]),
+        can_id=np.concatenate([block.can_id for block in blocks]),
+        length=np.concatenate([block.length for block in blocks]),
+        fd=np.concatenate([block.fd for block in blocks]),
+        payload=np.concatenate(
+            [np.pad(block.payload, ((0, 0), (0, width - block.payload.shape[1]))) for block in blocks]
+        ),
+    )

@@ -18,18 +18,14 @@ from __future__ import annotations
 import logging
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import chain
 from pathlib import Path
 from typing import Final
 
 from candaemon._version import __version__
-from candaemon.can_io.logs.read import read_log
-from candaemon.can_io.logs.stream import LogCounts
 from candaemon.errors import InputError
-from candaemon.frames.frame import Frame
 from candaemon.pipeline.saved_state.fingerprint import Fingerprint, differences
 from candaemon.pipeline.saved_state.header import StateHeader, header_of
 
@@ -129,11 +125,6 @@ def runs(log: Path, fingerprint: Fingerprint, *, fresh: bool = False) -> list[Ru
         header = header_beside(log)
         return [_run([(log, header)])]
     return _joined(_usable(logs, fingerprint))
-
-
-def frames_of(logs: Sequence[Path], channels: Mapping[str, int], counts: LogCounts) -> Iterator[Frame]:
-    """Read logs one after another; otherwise as `read_log`."""
-    return chain.from_iterable(read_log(log, channels, counts) for log in logs)
 
 
 def _usable(logs: Sequence[Path], fingerprint: Fingerprint) -> list[tuple[Path, StateHeader | None]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
 from typing import TypeAlias
 
 import numpy as np
@@ -26,11 +25,6 @@ def mutated(block: FrameBlock, rng: np.random.Generator) -> FrameBlock:
         if rng.random() < 1 / 3:
             block = mutate(block, rng, 10 ** rng.uniform(*_SHARES))
     return block
-
-
-def take(block: FrameBlock, rows: NDArray[np.intp]) -> FrameBlock:
-    """Return some of a block's frames, in the order of `rows`."""
-    return FrameBlock(**{field.name: getattr(block, field.name)[rows] for field in fields(FrameBlock)})
 
 
 def sealed(
@@ -104,18 +98,18 @@ def _tick(block: FrameBlock, rng: np.random.Generator, share: float) -> FrameBlo
 
 
 def _drop(block: FrameBlock, rng: np.random.Generator, share: float) -> FrameBlock:
-    return take(block, np.flatnonzero(rng.random(len(block)) >= share))
+    return block.rows(np.flatnonzero(rng.random(len(block)) >= share))
 
 
 def _repeat(block: FrameBlock, rng: np.random.Generator, share: float) -> FrameBlock:
     rows = np.arange(len(block))
-    return take(block, np.repeat(rows, np.where(rng.random(len(block)) < share, rng.integers(2, 20), 1)))
+    return block.rows(np.repeat(rows, np.where(rng.random(len(block)) < share, rng.integers(2, 20), 1)))
 
 
 def _reorder(block: FrameBlock, rng: np.random.Generator, share: float) -> FrameBlock:
     """Let some frames come later than their time."""
     late = np.where(rng.random(len(block)) < share, rng.integers(1, 60, len(block)), 0)
-    return take(block, np.argsort(np.arange(len(block)) + late, kind="stable"))
+    return block.rows(np.argsort(np.arange(len(block)) + late, kind="stable"))
 
 
 def _jump(block: FrameBlock, rng: np.random.Generator, share: float) -> FrameBlock:
@@ -149,14 +143,3 @@ MUTATIONS: tuple[Mutation, ...] = (
     _jump,
     _stand_still,
 )
-
-
-def joined(blocks: list[FrameBlock]) -> FrameBlock:
-    """Return blocks as one."""
-    width = max(block.payload.shape[1] for block in blocks)
-
-    def columns(name: str) -> list[NDArray[np.generic]]:
-        found = [getattr(block, name) for block in blocks]
-        return [np.pad(each, ((0, 0), (0, width - each.shape[1]))) for each in found] if name == "payload" else found
-
-    return FrameBlock(**{field.name: np.concatenate(columns(field.name)) for field in fields(FrameBlock)})

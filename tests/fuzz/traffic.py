@@ -11,13 +11,13 @@ import numpy as np
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import ChunkDecoder, candump_text, read_candump_blocks
 from candaemon.can_io.logs.stream import ChannelMap, LogCounts
-from candaemon.frames.block import FrameBlock
+from candaemon.frames.block import FrameBlock, joined_blocks
 from candaemon.frames.frame import Frame
 from candaemon.protection.checksums import FrameProtector
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 
-from .mutations import joined, mutated, sealed, take
+from .mutations import mutated, sealed
 
 BLOCK = 4000
 """Frames that are mutated together."""
@@ -60,7 +60,7 @@ class Traffic:
                 block = mutated(block, self._rng)
                 if self._rng.random() < _SEALED:
                     block = sealed(block, self._protectors, self._lengths)
-            block = take(block, np.arange(min(count, len(block))))
+            block = block.rows(np.arange(min(count, len(block))))
             count -= len(block)
             if len(block):
                 self._now_ns = int(block.time_ns[-1])
@@ -78,7 +78,7 @@ class Traffic:
             self._at = 0
         rows = np.arange(self._at, min(self._at + BLOCK, len(self._drive)))
         self._at += BLOCK
-        return take(self._drive, rows)
+        return self._drive.rows(rows)
 
     def _noise(self) -> FrameBlock:
         """Return scans of random payloads: of one scan they differ in some bytes only, so that it has many objects."""
@@ -102,7 +102,6 @@ class Traffic:
             length=length,
             fd=length > 8,
             payload=payload,
-            line=np.arange(count),
         )
 
 
@@ -157,6 +156,6 @@ def _recorded(binding: Binding, drive: Path) -> FrameBlock:
     """Return a candump log's frames of the configured buses, in order of time."""
     channels = ChannelMap({name: bus.index for bus in binding.buses for name in bus.settings.names_in_logs})
     counts = LogCounts()
-    block = joined(list(read_candump_blocks(drive, channels, counts)))
+    block = joined_blocks(list(read_candump_blocks(drive, channels, counts)))
     counts.require_frames(drive)
-    return take(block, np.argsort(block.time_ns, kind="stable"))
+    return block.rows(np.argsort(block.time_ns, kind="stable"))

@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given, settings
@@ -21,7 +22,7 @@ from candaemon.can_io.logs.candump import ChunkDecoder, candump_text
 from candaemon.can_io.logs.read import read_log, read_log_blocks
 from candaemon.can_io.logs.stream import TICK_BUS, TICK_CHANNEL, ChannelMap, LogCounts
 from candaemon.can_io.logs.write import open_log_writer
-from candaemon.can_io.reorder import Reorder
+from candaemon.can_io.reorder import Item, ItemBlock, Reorder
 from candaemon.config.load import load_config
 from candaemon.frames.block import FrameBlock
 from candaemon.frames.frame import Frame, Tick
@@ -138,26 +139,63 @@ def test_what_came_whole_is_taken_together(config: str, monkeypatch: pytest.Monk
     assert len(taken) > 0.6 * sum(each.counts.scans for each in pipeline.assemblers) > 20
 
 
-@pytest.mark.parametrize(("window_ns", "whole"), [(0, True), (5_000_000, False)])
-def test_a_block_in_order_stays_one(window_ns: int, whole: bool) -> None:
-    frames, sequence, other = drive("esr_ins"), Reorder(window_ns), Reorder(window_ns)
-    passed = list(sequence.sequenced_blocks([*blocks_of(frames), [Tick(frames[-1].time_ns)]]))
-    assert any(isinstance(each, FrameBlock) for each in passed) == whole
-    items = [item for each in passed for item in (each.frames() if isinstance(each, FrameBlock) else each)]
-    assert items == list(other.sequenced([*frames, Tick(frames[-1].time_ns)]))
+def items_of(passed: Iterable[ItemBlock]) -> list[Item]:
+    """Return what blocks hold, item by item."""
+    return [item for each in passed for item in (each.frames() if isinstance(each, FrameBlock) else each)]
 
 
-def test_a_block_out_of_order_is_sorted_as_its_frames_are() -> None:
+def agree(blocks: Sequence[ItemBlock], window_ns: int, max_gap_ns: int | None = None) -> Reorder:
+    """Assert that blocks are put in order as their items one by one are; return what did it."""
+    sequence, other = (Reorder(window_ns, max_gap_ns=max_gap_ns) for _ in range(2))
+    passed = items_of(sequence.sequenced_blocks(blocks))
+    assert passed == [due for item in items_of(blocks) for due in other.push(item)] + other.flush()
+    names = ("late", "reordered", "backward_steps", "forward_steps", "offset_ns")
+    assert [getattr(sequence, name) for name in names] == [getattr(other, name) for name in names]
+    return sequence
+
+
+@pytest.mark.parametrize("window_ns", [0, 5_000_000])
+def test_a_block_stays_one(window_ns: int) -> None:
+    blocks: list[ItemBlock] = [*blocks_of(drive("esr_ins")), [Tick(drive("esr_ins")[-1].time_ns)]]
+    agree(blocks, window_ns)
+    passed = list(Reorder(window_ns).sequenced_blocks(blocks))
+    assert all(isinstance(each, FrameBlock) for each in passed[:-2])
+    assert len(passed) == len(blocks) + 1
+
+
+@pytest.mark.parametrize("window_ns", [0, 5_000_000])
+def test_a_block_out_of_order_is_sorted_as_its_frames_are(window_ns: int) -> None:
     frames = list(drive("esr_ins"))
     frames[700], frames[701] = frames[701], frames[700]
     frames[2000:] = [frame._replace(time_ns=frame.time_ns - 3_600_000_000_000) for frame in frames[2000:]]
-    sequence, other = Reorder(), Reorder()
-    passed = sequence.sequenced_blocks(blocks_of(frames))
-    items = [item for each in passed for item in (each.frames() if isinstance(each, FrameBlock) else each)]
-    assert items == list(other.sequenced(frames))
-    names = ("late", "reordered", "backward_steps", "offset_ns")
-    assert [getattr(sequence, name) for name in names] == [getattr(other, name) for name in names]
+    sequence = agree(list(blocks_of(frames)), window_ns)
     assert sequence.backward_steps == 1
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    steps=st.lists(
+        st.one_of(
+            st.integers(0, 3),
+            st.sampled_from((-400, -201, -200, -199, -11, -10, -9, -1, 199, 200, 201, 1500, -3_600_000, 3_600_000)),
+        ),
+        min_size=1,
+        max_size=60,
+    ),
+    size=st.integers(1, 20),
+    window_ms=st.sampled_from((0, 1, 10, 300)),
+    max_gap_ns=st.sampled_from((None, 1_000_000_000)),
+    tick=st.booleans(),
+)
+def test_blocks_are_put_in_order_as_their_frames_are(
+    steps: list[int], size: int, window_ms: int, max_gap_ns: int | None, tick: bool
+) -> None:
+    times = 1_533_226_488_000_000_000 + np.cumsum([0, *steps]) * 1_000_000
+    frames = [Frame(int(time_ns), index % 4, index, bytes([index])) for index, time_ns in enumerate(times)]
+    blocks: list[ItemBlock] = list(blocks_of(frames, size))
+    if tick:
+        blocks.insert(len(blocks) // 2, [Tick(frames[len(frames) // 2].time_ns)])
+    agree(blocks, window_ms * 1_000_000, max_gap_ns)
 
 
 @pytest.mark.parametrize("suffix", [".log", ".blf", ".asc"])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
-from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -117,7 +116,6 @@ class ChunkDecoder:
             length=self._length[kept],
             fd=self._fd[kept],
             payload=self._payload[kept],
-            line=lines + self._first_line,
         )
 
     def _decode_equally_long(self, rows: Integers, length: int) -> list[int]:
@@ -301,11 +299,6 @@ def read_candump_blocks(
         InputError: the file is not there or cannot be opened. What it holds never raises.
     """
     return _blocks(LogBytes(path, counts), channels, counts, chunk)
-
-
-def read_candump(path: Path, channels: ChannelMap, counts: LogCounts) -> Iterator[Frame]:
-    """Read a candump log frame by frame; otherwise as `read_candump_blocks`."""
-    return chain.from_iterable(block.frames() for block in read_candump_blocks(path, channels, counts))
 
 
 def _blocks(stream: LogBytes, channels: ChannelMap, counts: LogCounts, chunk: int) -> Iterator[FrameBlock]:

@@ -25,14 +25,14 @@ import re
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import can
 from can.io.blf import BLFParseError
 
-from candaemon.can_io.logs.candump import read_candump, read_candump_blocks
+from candaemon.can_io.logs.candump import read_candump_blocks
 from candaemon.can_io.logs.stream import NO_CHANNEL, ChannelMap, LogBytes, LogCounts
 from candaemon.can_io.messages import to_frame
 from candaemon.errors import InputError
@@ -42,6 +42,8 @@ from candaemon.frames.frame import Frame
 if TYPE_CHECKING:
     from typing import TextIO
 
+LogBlock: TypeAlias = FrameBlock | Sequence[Frame]
+"""Consecutive frames of a log."""
 _Reader: TypeAlias = Callable[[LogBytes, LogCounts], Iterator[can.Message]]
 
 _BATCH = 1024  # frames
@@ -53,8 +55,8 @@ _BAD_LINE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError
 """What python-can's text readers raise on a line that they cannot read."""
 
 
-def read_log(path: Path, channels: Mapping[str, int], counts: LogCounts) -> Iterator[Frame]:
-    """Read the data frames of a log, in the order of the file.
+def read_log_blocks(path: Path, channels: Mapping[str, int], counts: LogCounts) -> Iterator[LogBlock]:
+    """Read the data frames of a log, in the order of the file and many at a time: arrays of candump, lists of others.
 
     Frames may be out of order in time where the recorder left them so. What the log holds never raises: call
     `LogCounts.require_frames` at its end to refuse one that held nothing.
@@ -71,18 +73,19 @@ def read_log(path: Path, channels: Mapping[str, int], counts: LogCounts) -> Iter
     suffix = log_suffix(path)
     resolved = ChannelMap(channels)
     if suffix == ".log":
-        return read_candump(path, resolved, counts)
-    return _frames(_READERS[suffix](LogBytes(path, counts), counts), suffix, resolved, counts)
-
-
-def read_log_blocks(
-    path: Path, channels: Mapping[str, int], counts: LogCounts
-) -> Iterator[FrameBlock | Sequence[Frame]]:
-    """As `read_log`, many frames at a time: as arrays where the format allows, which is several times faster."""
-    if log_suffix(path) == ".log":
-        return read_candump_blocks(path, ChannelMap(channels), counts)
-    frames = read_log(path, channels, counts)
+        return read_candump_blocks(path, resolved, counts)
+    frames = _frames(_READERS[suffix](LogBytes(path, counts), counts), suffix, resolved, counts)
     return iter(lambda: list(islice(frames, _BATCH)), [])
+
+
+def read_log(path: Path, channels: Mapping[str, int], counts: LogCounts) -> Iterator[Frame]:
+    """Read a log frame by frame; otherwise as `read_log_blocks`."""
+    return frames_of(read_log_blocks(path, channels, counts))
+
+
+def frames_of(blocks: Iterable[LogBlock]) -> Iterator[Frame]:
+    """Return the frames of blocks one by one."""
+    return chain.from_iterable(block.frames() if isinstance(block, FrameBlock) else block for block in blocks)
 
 
 def log_suffix(path: Path) -> str:
