@@ -6,10 +6,11 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-import digests
 import pytest
-from conftest import ROOT
-from digests import Case, DigestsError, Outcome, Side, Verdict, choose, compare, covering, run_case
+
+from tests import digests
+from tests.digests import Case, DigestsError, Outcome, Side, Verdict, choose, compare, covering, run_case
+from tests.support.paths import ROOT
 
 HERE, THERE = Side("here", ROOT), Side("revision", ROOT)
 CONFIGS = HERE.shipped("*.yaml")
