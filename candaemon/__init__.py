@@ -20,8 +20,11 @@ from candaemon._version import __version__ as __version__
 if TYPE_CHECKING:
     from candaemon.binding.bind import bind as bind
     from candaemon.binding.bound import Binding as Binding
+    from candaemon.can_io.logs.read import read_log as read_log
+    from candaemon.can_io.logs.stream import LogCounts as LogCounts
     from candaemon.config.load import json_schema as json_schema
     from candaemon.config.load import load_config as load_config
+    from candaemon.config.shipped import shared_folder as shared_folder
     from candaemon.estimation.adaptive import AdaptiveFilter as AdaptiveFilter
     from candaemon.estimation.adaptive import InnovationNoise as InnovationNoise
     from candaemon.estimation.alignment import lagrange as lagrange
@@ -33,6 +36,7 @@ if TYPE_CHECKING:
     from candaemon.estimation.imm import Imm as Imm
     from candaemon.estimation.information import InformationFilter as InformationFilter
     from candaemon.estimation.manoeuvre import SwitchRule as SwitchRule
+    from candaemon.estimation.measurement import Measurement as Measurement
     from candaemon.estimation.motion_models import CoordinatedTurn as CoordinatedTurn
     from candaemon.estimation.motion_models import CurrentStatistical as CurrentStatistical
     from candaemon.estimation.motion_models import LinearModel as LinearModel
@@ -47,6 +51,7 @@ if TYPE_CHECKING:
     from candaemon.estimation.trilateration import trilaterate as trilaterate
     from candaemon.estimation.variational import NoiseScale as NoiseScale
     from candaemon.estimation.variational import VariationalNoise as VariationalNoise
+    from candaemon.evaluation.metrics import evaluate as evaluate
     from candaemon.frames.frame import Frame as Frame
     from candaemon.frames.frame import Tick as Tick
     from candaemon.pipeline.cycle import Cycle as Cycle
@@ -55,67 +60,42 @@ if TYPE_CHECKING:
     from candaemon.playback.replay import ReplayRequest as ReplayRequest
     from candaemon.playback.replay import replay as replay
     from candaemon.playback.summary import summarise as summarise
+    from candaemon.simulation.scenario_file import load_scenario as load_scenario
+    from candaemon.simulation.simulate import simulate as simulate
+    from candaemon.simulation.write import record as record
     from candaemon.tracking.obstacles import Obstacles as Obstacles
     from candaemon.tracking.tracker import Tracker as Tracker
 
 _NAMES = {
     "candaemon.binding.bind": ("bind",),
     "candaemon.binding.bound": ("Binding",),
-    "candaemon.config.load": (
-        "json_schema",
-        "load_config",
-    ),
-    "candaemon.estimation.adaptive": (
-        "AdaptiveFilter",
-        "InnovationNoise",
-    ),
-    "candaemon.estimation.alignment": (
-        "lagrange",
-        "mounting_rotation",
-    ),
-    "candaemon.estimation.axis_filter": (
-        "AxisFilter",
-        "WhiteAxis",
-    ),
+    "candaemon.can_io.logs.read": ("read_log",),
+    "candaemon.can_io.logs.stream": ("LogCounts",),
+    "candaemon.config.load": ("json_schema", "load_config"),
+    "candaemon.config.shipped": ("shared_folder",),
+    "candaemon.estimation.adaptive": ("AdaptiveFilter", "InnovationNoise"),
+    "candaemon.estimation.alignment": ("lagrange", "mounting_rotation"),
+    "candaemon.estimation.axis_filter": ("AxisFilter", "WhiteAxis"),
     "candaemon.estimation.cv_csm_switch": ("CvCsmSwitch",),
     "candaemon.estimation.federated": ("Federated",),
     "candaemon.estimation.imm": ("Imm",),
     "candaemon.estimation.information": ("InformationFilter",),
     "candaemon.estimation.manoeuvre": ("SwitchRule",),
-    "candaemon.estimation.motion_models": (
-        "CoordinatedTurn",
-        "CurrentStatistical",
-        "LinearModel",
-        "Singer",
-    ),
+    "candaemon.estimation.measurement": ("Measurement",),
+    "candaemon.estimation.motion_models": ("CoordinatedTurn", "CurrentStatistical", "LinearModel", "Singer"),
     "candaemon.estimation.radial": ("ModifiedLinearKalman",),
-    "candaemon.estimation.smoothing": (
-        "FixedLag",
-        "Link",
-        "Step",
-        "smooth",
-    ),
-    "candaemon.estimation.trilateration": (
-        "Status",
-        "Trilateration",
-        "trilaterate",
-    ),
-    "candaemon.estimation.variational": (
-        "NoiseScale",
-        "VariationalNoise",
-    ),
-    "candaemon.frames.frame": (
-        "Frame",
-        "Tick",
-    ),
+    "candaemon.estimation.smoothing": ("FixedLag", "Link", "Step", "smooth"),
+    "candaemon.estimation.trilateration": ("Status", "Trilateration", "trilaterate"),
+    "candaemon.estimation.variational": ("NoiseScale", "VariationalNoise"),
+    "candaemon.evaluation.metrics": ("evaluate",),
+    "candaemon.frames.frame": ("Frame", "Tick"),
     "candaemon.pipeline.cycle": ("Cycle",),
     "candaemon.pipeline.pipeline": ("Pipeline",),
-    "candaemon.playback.replay": (
-        "ReplayRequest",
-        "Replayed",
-        "replay",
-    ),
+    "candaemon.playback.replay": ("ReplayRequest", "Replayed", "replay"),
     "candaemon.playback.summary": ("summarise",),
+    "candaemon.simulation.scenario_file": ("load_scenario",),
+    "candaemon.simulation.simulate": ("simulate",),
+    "candaemon.simulation.write": ("record",),
     "candaemon.tracking.obstacles": ("Obstacles",),
     "candaemon.tracking.tracker": ("Tracker",),
 }
