@@ -1,4 +1,4 @@
-"""Two configurations on the same drive: is the adaptive filter of the current statistical model better than the IMM?
+"""Two configurations on the same drive: the IMM, and the adaptive filter of the current statistical model.
 
 `python examples/compare_configurations.py` simulates a drive through the ESR radar, replays it with both filters, and
 prints the errors of each against the truth.
