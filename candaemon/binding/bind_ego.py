@@ -1,64 +1,23 @@
-"""Own motion's signals: which message carries which quantity."""
+"""Ego motion, bound: which message carries which quantity."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 
-from candaemon.binding.bind_protection import guard_plan
+from candaemon.binding.bind_protection import bind_guard
+from candaemon.binding.bind_signal import bind_signal
+from candaemon.binding.bound import BoundEgo, EgoMessage
 from candaemon.binding.location import SettingLocation, collected, raise_all
+from candaemon.binding.look_up import find_message, find_qualified
 from candaemon.config.base import SignalRef
 from candaemon.config.ego import InsSettings, OdometrySettings
 from candaemon.config.protection import InputProtectionSettings
-from candaemon.dbc.batch_codec import Decoder, compile_decoder
+from candaemon.dbc.single_codec import compile_decoder
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.errors import ConfigError
-from candaemon.objects.layout import find_message, find_qualified
-from candaemon.objects.signals import SignalBinding, bind_signal
+from candaemon.objects.signals import SignalBinding
 from candaemon.protection.monitor import GuardPlan
-
-
-@dataclass(frozen=True, slots=True)
-class EgoMessage:
-    """A message that carries own motion.
-
-    Attributes:
-        message: what the DBC says of it.
-        decode: payload → the quantities, SI units (angles, latitude and longitude too in radians); None for a payload
-            that is too short.
-        quantities: name of each value's quantity; one that has several signals (wheel speeds) is there for each.
-        bindings: quantities with their signals, for writing them.
-        guard: what a frame must be to be used, None where anything will do.
-
-    """
-
-    message: MessageSpec
-    decode: Decoder
-    quantities: tuple[str, ...]
-    bindings: tuple[SignalBinding, ...]
-    guard: GuardPlan | None
-
-
-@dataclass(frozen=True, slots=True)
-class BoundEgo:
-    """Own motion's settings, bound to a DBC.
-
-    Attributes:
-        settings: from the configuration.
-        bus: index of the bus.
-        database: the DBC.
-        messages: by CAN id.
-
-    """
-
-    settings: InsSettings | OdometrySettings
-    bus: int
-    database: Database
-    messages: Mapping[int, EgoMessage]
-
-    def count(self, quantity: str) -> int:
-        """Count the signals that give a quantity."""
-        return sum(message.quantities.count(quantity) for message in self.messages.values())
 
 
 def bind_ego(
@@ -95,7 +54,7 @@ def _guard(message: MessageSpec, protection: InputProtectionSettings, place: Set
     cycle_time = message.cycle_time or 0.0
     if protection.max_rate is not None and not (protection.cycle_time or cycle_time):
         raise place.at("max_rate").error(f"the DBC gives no cycle time of '{message.name}'; give cycle_time beside it")
-    return guard_plan([message], protection, place, cycle_time=cycle_time)
+    return bind_guard([message], protection, place, cycle_time=cycle_time)
 
 
 def _signals(

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from candaemon.binding.location import SettingLocation
+from candaemon.binding.look_up import find_signal
 from candaemon.config.protection import InputProtectionSettings, ProtectionSettings
 from candaemon.config.sensors import ObjectFormat, SensorSettings
+from candaemon.dbc.bits import value_count
+from candaemon.dbc.single_codec import compile_field_reader
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
-from candaemon.objects.layout import Part, find_signal
+from candaemon.objects.message_layout import MessageLayout
 from candaemon.objects.reader import ObjectReader
-from candaemon.objects.signals import field_reader, wraps_at
 from candaemon.protection.checksums import FrameProtector, Protector
 from candaemon.protection.e2e import HEADERS, E2eProtector, check_header
 from candaemon.protection.monitor import UNWATCHED, GuardPlan
@@ -22,7 +24,7 @@ Protection = TypeVar("Protection", bound=ProtectionSettings)
 
 
 @dataclass(frozen=True, slots=True)
-class PartProtection(Generic[Protection]):
+class LayoutProtection(Generic[Protection]):
     """The protection of one of an object's messages.
 
     Attributes:
@@ -36,27 +38,27 @@ class PartProtection(Generic[Protection]):
     first: int
 
     def order(self, slots: Iterable[int]) -> list[int]:
-        """Tell which of the data ids are those of some slots' messages."""
+        """Return which of the data ids are those of some slots' messages."""
         return [self.first + slot for slot in slots]
 
 
-def parts_protection(
-    parts: Sequence[Part], form: ObjectFormat, default: Protection, where: SettingLocation
-) -> list[PartProtection[Protection | InputProtectionSettings]]:
+def layout_protections(
+    layouts: Sequence[MessageLayout], form: ObjectFormat, default: Protection, where: SettingLocation
+) -> list[LayoutProtection[Protection | InputProtectionSettings]]:
     """List the protection of each of an object's messages; those without one of their own share the data ids."""
-    found: list[PartProtection[Protection | InputProtectionSettings]] = []
+    found: list[LayoutProtection[Protection | InputProtectionSettings]] = []
     first, entries = 0, where.at("objects", "messages")
-    for part, entry in zip(parts, form.messages, strict=True):
+    for layout, entry in zip(layouts, form.messages, strict=True):
         if entry.protection is not None:
-            found.append(PartProtection(entry.protection, entries.at(part.index, "protection"), 0))
+            found.append(LayoutProtection(entry.protection, entries.at(layout.index, "protection"), 0))
         else:
-            found.append(PartProtection(default, where.at("protection"), first))
-            first += len(part.messages)
+            found.append(LayoutProtection(default, where.at("protection"), first))
+            first += len(layout.messages)
     return found
 
 
 def check_written(protection: ProtectionSettings, place: SettingLocation) -> None:
-    """Make sure that frames can be written with a protection.
+    """Check that frames can be written with a protection.
 
     Raises:
         ConfigError: a profile's counter has no signal by whose name it is written.
@@ -68,7 +70,7 @@ def check_written(protection: ProtectionSettings, place: SettingLocation) -> Non
         )
 
 
-def part_protector(
+def bind_protector(
     messages: Sequence[MessageSpec],
     protection: ProtectionSettings,
     place: SettingLocation,
@@ -119,7 +121,7 @@ def _e2e_protector(
         raise place.at("e2e").error(error.message) from None
 
 
-def guard_plan(
+def bind_guard(
     messages: Sequence[MessageSpec],
     protection: InputProtectionSettings,
     place: SettingLocation,
@@ -137,10 +139,10 @@ def guard_plan(
         order: which of the data ids is each message's; default: in their order.
 
     Raises:
-        ConfigError: as `part_protector`; no such counter.
+        ConfigError: as `bind_protector`; no such counter.
 
     """
-    protector = part_protector(messages, protection, place, order=order)
+    protector = bind_protector(messages, protection, place, order=order)
     max_step, counter, values = protection.greatest_step, None, 0
     if max_step is not None:
         counter, values = _counter(messages[0], protection, place, protector)
@@ -159,25 +161,25 @@ def guard_plan(
     return plan if plan.protector is not None or plan.watches else None
 
 
-def part_guards(reader: ObjectReader, settings: SensorSettings, where: SettingLocation) -> tuple[GuardPlan | None, ...]:
+def bind_guards(reader: ObjectReader, settings: SensorSettings, where: SettingLocation) -> tuple[GuardPlan | None, ...]:
     """Work out for each of an object's messages what its frames must be to be used.
 
     Raises:
-        ConfigError: as `guard_plan`.
+        ConfigError: as `bind_guard`.
 
     """
     # where all objects share a message it comes as many times a cycle
     cycle_time = settings.cycle_time / (reader.slots if reader.multiplexed else 1)
-    protections = parts_protection(reader.parts, settings.objects, settings.protection, where)
+    protections = layout_protections(reader.parts, settings.objects, settings.protection, where)
     return tuple(
-        guard_plan(
-            part.messages,
+        bind_guard(
+            layout.messages,
             each.settings,
             each.place,
             cycle_time=cycle_time,
-            order=each.order(range(len(part.messages))),
+            order=each.order(range(len(layout.messages))),
         )
-        for part, each in zip(reader.parts, protections, strict=True)
+        for layout, each in zip(reader.parts, protections, strict=True)
     )
 
 
@@ -189,16 +191,16 @@ def _counter(
         assert isinstance(protector, E2eProtector)  # noqa: S101  # the settings ask for a counter or a profile
         return protector.counter, protector.header.counter_values
     signal = find_signal(message, protection.counter, place.at("counter"))
-    return field_reader(message, signal), counter_period(protection, signal)
+    return compile_field_reader(message, signal), counter_period(protection, signal)
 
 
 def counter_period(protection: ProtectionSettings, signal: SignalSpec) -> int:
     """Count the values that a counter signal goes through under a protection."""
     if protection.counter_values is not None:
-        return min(protection.counter_values, wraps_at(signal))
+        return min(protection.counter_values, value_count(signal))
     if protection.e2e is not None and signal.name == protection.counter:
         return HEADERS[protection.e2e.profile].counter_values
-    return wraps_at(signal)
+    return value_count(signal)
 
 
 def _dbc_line(message: MessageSpec) -> str:

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from candaemon.binding.bind_ego import BoundEgo
-from candaemon.binding.location import SettingLocation
-from candaemon.config.base import SignalRef
 from candaemon.config.buses import BusSettings
+from candaemon.config.ego import InsSettings, OdometrySettings
 from candaemon.config.load import LoadedConfig
 from candaemon.config.output import OutputSettings
-from candaemon.config.sensors import CounterScan, ObjectSignals, SensorSettings
+from candaemon.config.sensors import SensorSettings
 from candaemon.config.settings import Config
+from candaemon.dbc.single_codec import Decoder
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.objects.reader import ObjectReader
 from candaemon.objects.scan_messages import ScanHeader, StatusWriter
+from candaemon.objects.signals import SignalBinding
 from candaemon.objects.writer import ObjectWriter
 from candaemon.protection.checksums import FrameProtector
 from candaemon.protection.monitor import GuardPlan
@@ -90,23 +90,48 @@ class BoundSensor:
         """CAN id of the trigger message."""
         return None if self.trigger is None else self.trigger.can_id
 
-    def writer(self, where: SettingLocation | None = None) -> ObjectWriter:
-        """Make the writer of this sensor's own frames, as the simulation needs it.
 
-        Raises:
-            ConfigError: a slot cannot be written as the configuration says.
+@dataclass(frozen=True, slots=True)
+class EgoMessage:
+    """A message that carries own motion.
 
-        """
-        settings = self.settings
-        counters = [settings.scan.signal] if isinstance(settings.scan, CounterScan) else []
-        return ObjectWriter(
-            settings.objects,
-            {**quantities_of(settings.signals)},
-            self.database,
-            settings.protection,
-            counters=counters,
-            where=where,
-        )
+    Attributes:
+        message: what the DBC says of it.
+        decode: payload → the quantities, SI units (angles, latitude and longitude too in radians); None for a payload
+            that is too short.
+        quantities: name of each value's quantity; one that has several signals (wheel speeds) is there for each.
+        bindings: quantities with their signals, for writing them.
+        guard: what a frame must be to be used, None where anything will do.
+
+    """
+
+    message: MessageSpec
+    decode: Decoder
+    quantities: tuple[str, ...]
+    bindings: tuple[SignalBinding, ...]
+    guard: GuardPlan | None
+
+
+@dataclass(frozen=True, slots=True)
+class BoundEgo:
+    """Own motion's settings, bound to a DBC.
+
+    Attributes:
+        settings: from the configuration.
+        bus: index of the bus.
+        database: the DBC.
+        messages: by CAN id.
+
+    """
+
+    settings: InsSettings | OdometrySettings
+    bus: int
+    database: Database
+    messages: Mapping[int, EgoMessage]
+
+    def count(self, quantity: str) -> int:
+        """Count the signals that give a quantity."""
+        return sum(message.quantities.count(quantity) for message in self.messages.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,9 +189,3 @@ class Binding:
     def patience(self, sensor: BoundSensor) -> float:
         """Give the s without a scan after which a sensor is lost."""
         return self.settings.supervision.lost_after * sensor.settings.cycle_time
-
-
-def quantities_of(signals: ObjectSignals) -> dict[str, SignalRef]:
-    """List the quantities that a sensor measures, with their signals."""
-    found = {name: getattr(signals, name) for name in type(signals).model_fields}
-    return {name: ref for name, ref in found.items() if ref is not None}

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from candaemon.binding.bind_ego import BoundEgo
-from candaemon.binding.bound import BoundOutput, BoundSensor
+from candaemon.binding.bound import BoundEgo, BoundOutput, BoundSensor
 from candaemon.binding.location import SettingLocation
-from candaemon.dbc.bits import raw_width
+from candaemon.dbc.bits import value_width
 from candaemon.dbc.types import Database, MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
 
@@ -76,16 +75,16 @@ def range_warnings(ego: BoundEgo | None, sensors: Iterable[BoundSensor], output:
     bound: list[tuple[MessageSpec, SignalSpec]] = []
     for sensor in sensors:
         bound += [
-            (part.layout, binding.signal)
-            for part in sensor.reader.parts
+            (layout.shortest, binding.signal)
+            for layout in sensor.reader.parts
             for binding in sensor.reader.bindings
-            if binding.signal in part.layout.signals
+            if binding.signal in layout.shortest.signals
         ]
     if ego is not None:
         bound += [(each.message, binding.signal) for each in ego.messages.values() for binding in each.bindings]
     if output is not None:
-        for part in output.writer.parts:
-            bound += [(part.layout, signal) for signal in part.layout.signals]
+        for layout in output.writer.parts:
+            bound += [(layout.shortest, signal) for signal in layout.shortest.signals]
     return [text for message, signal in dict.fromkeys(bound) for text in _range_warning(message, signal)]
 
 
@@ -93,7 +92,7 @@ def _range_warning(message: MessageSpec, signal: SignalSpec) -> Iterator[str]:
     low, high = signal.minimum, signal.maximum
     if low is None or high is None or low == high or signal.is_float:
         return
-    ends = sorted(raw * signal.scale + signal.offset for raw in raw_width(signal))
+    ends = value_width(signal)
     step = abs(signal.scale)
     if low < ends[0] - step or high > ends[1] + step:
         place = "" if message.file is None else f"{message.file}:{signal.line or message.line}: "

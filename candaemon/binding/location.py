@@ -28,6 +28,10 @@ class SettingLocation:
         """Go to a place further in."""
         return SettingLocation(self.loaded, (*self.location, *steps))
 
+    def beside(self, key: str) -> SettingLocation:
+        """Go to another key of the mapping that holds this place."""
+        return SettingLocation(self.loaded, (*self.location[:-1], key))
+
     def error(self, text: str) -> ConfigError:
         """Make the error for a problem at this place."""
         if self.loaded is None:

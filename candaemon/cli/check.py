@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from candaemon.binding.bind_ego import BoundEgo
-from candaemon.binding.bound import Binding, BoundOutput, BoundSensor
+from candaemon.binding.bind_signal import DIMENSIONS, SI_NAMES
+from candaemon.binding.bound import Binding, BoundEgo, BoundOutput, BoundSensor
 from candaemon.cli.console import Sheet
 from candaemon.config.base import Condition
 from candaemon.config.ego import InsSettings
@@ -24,9 +24,8 @@ from candaemon.config.sensors import CounterScan, HeaderScan, ObjectFormat, Scan
 from candaemon.config.tracker import TrackerSettings
 from candaemon.dbc.types import MessageSpec
 from candaemon.frames.frame import EXTENDED
-from candaemon.objects.layout import Part
-from candaemon.objects.signals import DIMENSIONS, SI_NAMES, SignalBinding
-from candaemon.radar.plausibility import tells_new
+from candaemon.objects.message_layout import MessageLayout
+from candaemon.objects.signals import SignalBinding
 
 
 def check_report(binding: Binding) -> Iterator[Sheet]:
@@ -118,15 +117,15 @@ def _sensor(binding: Binding, sensor: BoundSensor) -> Iterator[Sheet]:
     ]
     yield Sheet(f"{settings.kind} {sensor.name}", tuple(rows))
     bound = [
-        (part.layout, each)
+        (part.shortest, each)
         for part in sensor.reader.parts
         for each in sensor.reader.bindings
-        if each.signal in part.layout.signals
+        if each.signal in part.shortest.signals
     ]
     yield _signals(f"{sensor.name}'s signals", bound)
 
 
-def _format(form: ObjectFormat, parts: Iterable[Part]) -> Iterator[tuple[str, str]]:
+def _format(form: ObjectFormat, parts: Iterable[MessageLayout]) -> Iterator[tuple[str, str]]:
     """Yield rows on how objects lie in frames."""
     for part in parts:
         first, last = part.messages[0], part.messages[-1]
@@ -273,7 +272,7 @@ def _plausible(sensor: BoundSensor) -> str:
     within = "within the DBC's ranges" if settings.ranges else "of any value"
     if settings.max_speed is None:
         return within
-    if not tells_new(sensor):
+    if not sensor.reader.reports_new:
         return f"{within}; jumps are not watched, for objects do not say if they are new"
     return f"{within}, up to {settings.max_speed:g} m/s from scan to scan"
 

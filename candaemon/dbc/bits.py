@@ -15,6 +15,10 @@ FLOAT_LIMIT: Final = {16: 65504.0, 32: 3.4028234663852886e38, 64: 1.797693134862
 """Greatest finite IEEE 754 number, by bits."""
 
 
+NEARLY: Final = 1e-6
+"""Share of a signal's step within which a number of the configuration means a value of the signal."""
+
+
 class Gate(NamedTuple):
     """A condition for a signal to be in a frame: the multiplexer's value is one of the ids."""
 
@@ -150,6 +154,34 @@ def raw_fallback(signal: SignalSpec) -> float:
     if not signal.is_float and math.isfinite(wanted):
         wanted = round(wanted)
     return min(max(wanted, low), high)
+
+
+def value_width(signal: SignalSpec) -> tuple[float, float]:
+    """Least and greatest value that a signal's bits can hold, whatever range the DBC gives."""
+    low, high = (raw * signal.scale + signal.offset for raw in raw_width(signal))
+    return min(low, high), max(low, high)
+
+
+def value_limits(signal: SignalSpec) -> tuple[float, float]:
+    """Least and greatest value that can be sent in a signal."""
+    low, high = (raw * signal.scale + signal.offset for raw in raw_limits(signal))
+    return min(low, high), max(low, high)
+
+
+def value_count(signal: SignalSpec) -> int:
+    """Count the values that a counter or identity in this signal can have."""
+    return 1 << min(signal.length, 62)
+
+
+def as_decoded(signal: SignalSpec, value: float) -> float:
+    """Bring a number to the value that the decoder gives for it, where it is one of the signal's values.
+
+    A step of 0.1 decodes three steps as 0.30000000000000004, which `in: [0.3]` should find.
+    """
+    if signal.is_float or signal.scale == 0:
+        return value
+    nearest = round(to_raw(signal, value)) * signal.scale + signal.offset
+    return nearest if abs(nearest - value) <= NEARLY * abs(signal.scale) else value
 
 
 def same_layout(a: MessageSpec, b: MessageSpec, signals: Iterable[str]) -> bool:

@@ -8,6 +8,7 @@ the DBC enters the text.
 from __future__ import annotations
 
 import math
+import operator
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, cast
@@ -67,6 +68,28 @@ def compile_decoder(message: MessageSpec, signals: Iterable[str] | None = None) 
     lines += conditions.take()
     lines.append(f" return ({''.join(value + ', ' for value in values)})")
     return cast("Decoder", _build("decode", lines, scope, message))
+
+
+def compile_field_reader(message: MessageSpec, signal: SignalSpec) -> Callable[[bytes], int]:
+    """Make a function that reads one integer signal (a counter, an id) from a payload long enough.
+
+    It gives −1 where the payload does not carry the signal.
+    """
+    byte, before = divmod(bits.first_bit(signal), 8)
+    plain = not signal.signed and not signal.is_float and (signal.scale, signal.offset) == (1, 0)
+    if plain and signal.multiplexer_signal is None and before + signal.length <= 8:
+        if signal.length == 8:
+            return operator.itemgetter(byte)
+        shift = before if signal.byte_order == "little" else 8 - before - signal.length
+        mask = (1 << signal.length) - 1
+        return lambda data: data[byte] >> shift & mask
+    decode = compile_decoder(message, [signal.name])
+
+    def read(data: bytes) -> int:
+        values = decode(data)
+        return -1 if values is None or not math.isfinite(values[0]) else int(values[0])
+
+    return read
 
 
 def compile_encoder(message: MessageSpec, signals: Iterable[str] | None = None) -> Encoder:

@@ -100,20 +100,24 @@ class MessageSpec:
     file: Path | None = None
     line: int = 0
 
+    def find(self, name: str) -> SignalSpec | None:
+        """Find a signal by name, None where the message has none of it."""
+        return next((signal for signal in self.signals if signal.name == name), None)
+
     def signal(self, name: str) -> SignalSpec:
         """Find a signal by name.
 
         Raises:
             ConfigError: the message has no such signal; the text suggests near names.
         """
-        for signal in self.signals:
-            if signal.name == name:
-                return signal
-        raise ConfigError(
-            f"message '{self.name}' has no signal '{name}'; {near_names(name, [s.name for s in self.signals])}",
-            file=self.file,
-            line=self.line or None,
-        )
+        signal = self.find(name)
+        if signal is None:
+            raise ConfigError(
+                f"message '{self.name}' has no signal '{name}'; {near_names(name, [s.name for s in self.signals])}",
+                file=self.file,
+                line=self.line or None,
+            )
+        return signal
 
     def select(self, names: Iterable[str] | None) -> tuple[SignalSpec, ...]:
         """Find signals by name, in the order asked for; all of them for None.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from candaemon.binding.bind_ego import BoundEgo
+from candaemon.binding.bound import BoundEgo
 from candaemon.config.ego import InsSettings
 from candaemon.ego.georeference import Georeferencer
 from candaemon.ego.ins import InsMotion

@@ -8,7 +8,7 @@ from math import isnan, radians
 from sys import float_info
 from typing import Final
 
-from candaemon.binding.bind_ego import EgoMessage
+from candaemon.binding.bound import EgoMessage
 from candaemon.config.protection import MotionPlausibilitySettings
 from candaemon.frames.times import LONG_AGO_NS
 from candaemon.objects.signals import SignalBinding, dbc_range

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from candaemon.arrays import Floats
+from candaemon.binding.bind_reader import bind_reader
 from candaemon.binding.bound import BoundOutput
 from candaemon.config.base import SignalRef
-from candaemon.objects.reader import ObjectReader
 from candaemon.tracking.obstacles import MOTION
 
 FIRST_STATE = 1
@@ -57,7 +57,7 @@ class OutputDecoder:
     def __init__(self, output: BoundOutput) -> None:
         settings = output.settings
         signals: dict[str, SignalRef] = {str(name): refs[0] for name, refs in settings.signals.items()}
-        self._reader = ObjectReader(settings.objects, signals, output.database)
+        self._reader = bind_reader(settings.objects, signals, output.database)
         self._status_id = None if output.status is None else output.status.message.can_id
         self._payloads: list[list[bytes | None]] = []
         self._clear()

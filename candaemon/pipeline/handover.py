@@ -13,8 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from candaemon.binding.bind_ego import BoundEgo
-from candaemon.binding.bound import Binding, BoundOutput, BoundSensor
+from candaemon.binding.bound import Binding, BoundEgo, BoundOutput, BoundSensor
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.pipeline.cycle import BusCounts
 from candaemon.pipeline.pipeline import Pipeline

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from candaemon.binding.bind_ego import BoundEgo, EgoMessage
-from candaemon.binding.bound import Binding, BoundSensor
+from candaemon.binding.bound import Binding, BoundEgo, BoundSensor, EgoMessage
 from candaemon.ego.factory import make_ego, make_placer
 from candaemon.ego.georeference import Georeferencer
 from candaemon.ego.motion import EgoMotion

@@ -26,7 +26,7 @@ import numpy as np
 from candaemon.binding.bound import BoundSensor
 from candaemon.config.sensors import CounterScan, HeaderScan, TimeoutScan, TriggerScan
 from candaemon.frames.times import NEVER_NS
-from candaemon.objects.batch import ObjectBatch
+from candaemon.objects.object_batch import ObjectBatch
 from candaemon.protection.monitor import FrameGuard
 from candaemon.radar.frame_validity import FrameValidity
 from candaemon.radar.scan import Scan, ScanCounts

@@ -14,7 +14,7 @@ from candaemon.binding.bound import BoundSensor
 from candaemon.config.sensors import CounterScan
 from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.frames.block import FrameBlock
-from candaemon.objects.batch import ObjectBatch
+from candaemon.objects.object_batch import ObjectBatch
 from candaemon.radar.assembly import CounterAssembler, ScanAssembler
 
 
@@ -31,7 +31,7 @@ class WholeScans:
         assert isinstance(scan, CounterScan), "found by `whole_scans`"  # noqa: S101  # a promise within this file
         self.assembler = assembler
         self._reader = sensor.reader
-        self._counters = [BatchDecoder(part.layout, [scan.signal]) for part in sensor.reader.parts]
+        self._counters = [BatchDecoder(part.shortest, [scan.signal]) for part in sensor.reader.parts]
         self._lengths = np.array([part.length for part in sensor.reader.parts])
         self._frames = sensor.reader.slots * len(sensor.reader.parts)
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices, Integers
 from candaemon.binding.bound import BoundSensor
-from candaemon.binding.location import SettingLocation
+from candaemon.dbc.bits import value_count
 from candaemon.frames.times import LONG_AGO_NS
-from candaemon.objects.layout import find_in_parts
-from candaemon.objects.signals import dbc_range, wraps_at
+from candaemon.objects.signals import dbc_range
 from candaemon.radar.scan import ScanCounts
 
 MOST_SLOTS: Final = 1 << 16
@@ -40,7 +39,7 @@ class ObjectPlausibility:
         found = np.array([limits for limits in ranges if limits is not None]).reshape(-1, 2)
         self._low, self._high = found[:, :1], found[:, 1:]
         slots = _slots(sensor)
-        self._speed = settings.max_speed if tells_new(sensor) and slots <= MOST_SLOTS else None
+        self._speed = settings.max_speed if reader.reports_new and slots <= MOST_SLOTS else None
         self._polar = "range" in reader.quantities
         first, second = ("range", "azimuth") if self._polar else ("x", "y")
         self._first, self._second = reader.quantities.index(first), reader.quantities.index(second)
@@ -119,14 +118,7 @@ class ObjectPlausibility:
         return refused
 
 
-def tells_new(sensor: BoundSensor) -> bool:
-    """Tell whether each object says if it is new, by a message that cannot be missing."""
-    conditions = sensor.settings.objects.new
-    found = [find_in_parts(sensor.reader.parts, each.signal, SettingLocation())[0][0] for each in conditions]
-    return bool(found) and not any(part.optional for part in found)
-
-
 def _slots(sensor: BoundSensor) -> int:
     """Count the slots, or the ids in the payload, that tell objects apart."""
     identifying = [part.id_signal for part in sensor.reader.parts if part.id_signal is not None]
-    return max([sensor.reader.slots, *(wraps_at(signal) for signal in identifying)])
+    return max([sensor.reader.slots, *(value_count(signal) for signal in identifying)])

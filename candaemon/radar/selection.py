@@ -6,7 +6,7 @@ import numpy as np
 
 from candaemon.arrays import Integers
 from candaemon.binding.bound import BoundSensor
-from candaemon.objects.batch import ObjectBatch
+from candaemon.objects.object_batch import ObjectBatch
 from candaemon.radar.plausibility import ObjectPlausibility
 from candaemon.radar.scan import Scan, ScanCounts
 

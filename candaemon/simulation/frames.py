@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.arrays import Floats, Indices
+from candaemon.binding.bind_sensor import bind_sensor_writer
 from candaemon.binding.bound import BoundSensor
 from candaemon.binding.location import SettingLocation
 from candaemon.config.sensors import HeaderScan
@@ -37,7 +38,7 @@ class SensorEncoder:
     def __init__(self, sensor: BoundSensor, transmission: Transmission, *, seed: int, where: SettingLocation) -> None:
         form, scan = sensor.settings.objects, sensor.settings.scan
         self._settings, self._bus, self._transmission = sensor.settings, sensor.bus, transmission
-        self._writer = sensor.writer(where)
+        self._writer = bind_sensor_writer(sensor, where)
         self._packed = form.identity is not None and not form.multiplexed
         self._used_only = form.multiplexed or (isinstance(scan, HeaderScan) and scan.used_only)
         objects = {message.can_id: (part.index, message) for part in self._writer.parts for message in part.messages}

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from candaemon.arrays import Floats, Integers
-from candaemon.binding.bind_ego import BoundEgo, EgoMessage
 from candaemon.binding.bind_protection import counter_period
+from candaemon.binding.bound import BoundEgo, EgoMessage
 from candaemon.config.ego import InsSettings, OdometrySettings
 from candaemon.config.protection import InputProtectionSettings
 from candaemon.frames.frame import Frame

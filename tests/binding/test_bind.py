@@ -9,15 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.binding.bind import bind
+from candaemon.binding.bind_sensor import bind_sensor_writer
+from candaemon.binding.bind_signal import bind_signal, normalised_unit
 from candaemon.binding.bus_load import Traffic, bus_load, frame_time
+from candaemon.binding.compile_condition import compile_condition
 from candaemon.binding.location import SettingLocation
 from candaemon.config.base import Condition, SignalRef
 from candaemon.config.load import load_config
+from candaemon.dbc.bits import as_decoded, value_limits
 from candaemon.dbc.types import SignalSpec
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import EXTENDED
-from candaemon.objects.conditions import compile_condition, on_grid, value_limits
-from candaemon.objects.signals import bind_signal, normalised
 from tests.support.bound import binding
 from tests.support.paths import ROOT
 
@@ -133,7 +135,7 @@ def test_a_sensor_that_cannot_be_written_is_only_warned_of(tmp_path: Path, old: 
     bound = bind(load_config(path))
     assert expected in bound.warnings[0]
     with pytest.raises(ConfigError):
-        bound.sensors[0].writer()
+        bind_sensor_writer(bound.sensors[0])
 
 
 @pytest.mark.parametrize(
@@ -179,7 +181,7 @@ def test_units_that_do_not_fit(unit: str, quantity: str, told: str) -> None:
         bind_signal(quantity, SignalRef(signal="S"), signal, SettingLocation())
     assert told in caught.value.message
     assert "unit: …" in caught.value.message
-    assert normalised(" Meters / Sec ") == "meter/s"
+    assert normalised_unit(" Meters / Sec ") == "meter/s"
 
 
 @settings(deadline=None)
@@ -195,7 +197,7 @@ def test_conditions_hold_for_numbers_as_one_writes_them(scale: float, offset: fl
 
     def holds(**test: object) -> bool:
         condition = Condition.model_validate({"signal": "S", **test})
-        return bool(compile_condition(condition, signal, SettingLocation())(decoded))
+        return bool(compile_condition(condition, signal, SettingLocation()).passes(decoded))
 
     rising = scale > 0
     assert holds(**{"in": [bound]}) == (raw == other)
@@ -204,7 +206,7 @@ def test_conditions_hold_for_numbers_as_one_writes_them(scale: float, offset: fl
     assert holds(above=bound) == (raw > other if rising else raw < other)
     assert holds(below=bound) == (raw < other if rising else raw > other)
     assert holds(min=bound, max=bound) == (raw == other)
-    assert on_grid(signal, bound) == other * scale + offset
+    assert as_decoded(signal, bound) == other * scale + offset
 
 
 def test_limits_are_the_tighter_of_range_and_bits() -> None:

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.binding.bind_sensor import bind_sensor_writer
 from candaemon.binding.bound import BoundSensor
-from candaemon.objects.batch import ObjectBatch
-from candaemon.objects.conditions import value_limits
+from candaemon.dbc.bits import value_limits
+from candaemon.objects.object_batch import ObjectBatch
 from candaemon.objects.writer import ObjectWriter
 from tests.support.bound import binding
 
@@ -22,7 +23,7 @@ def written(
 ) -> tuple[ObjectWriter, ObjectBatch, dict[str, Floats], Integers, Booleans, Booleans]:
     """Write random objects within the sensor's ranges, some slots empty, and read them."""
     rng = np.random.default_rng(seed)
-    reader, writer = sensor.reader, sensor.writer()
+    reader, writer = sensor.reader, bind_sensor_writer(sensor)
     slot = np.sort(rng.choice(reader.slots, min(count, reader.slots), replace=False))
     occupied = rng.random(len(slot)) < 0.7
     new = rng.random(len(slot)) < 0.3
@@ -72,7 +73,7 @@ def test_an_empty_scan_has_no_objects(name: str) -> None:
 
 def test_missing_messages() -> None:
     sensor = binding("toyota_rav4").sensors[0]
-    frames = sensor.writer().write(
+    frames = bind_sensor_writer(sensor).write(
         np.arange(3), {"x": np.full(3, 30.0), "score": np.full(3, 0.5)}, np.ones(3, np.bool_), counter=7
     )
     a, b = [data for _, data in frames[:3]], [data for _, data in frames[3:]]
@@ -86,7 +87,9 @@ def test_missing_messages() -> None:
 
 def test_messages_of_a_part_may_differ_in_length() -> None:
     sensor = binding("toyota_rav4").sensors[0]
-    frames = sensor.writer().write(np.arange(16), {"score": np.linspace(0, 1, 16)}, np.ones(16, np.bool_), counter=1)
+    frames = bind_sensor_writer(sensor).write(
+        np.arange(16), {"score": np.linspace(0, 1, 16)}, np.ones(16, np.bool_), counter=1
+    )
     lengths = {can_id: len(data) for can_id, data in frames}
     assert [lengths[0x220 + slot] for slot in range(16)] == [8] * 8 + [6] * 8
     batch = sensor.reader.read([[data for _, data in frames[:16]], [data for _, data in frames[16:]]])
@@ -95,7 +98,7 @@ def test_messages_of_a_part_may_differ_in_length() -> None:
 
 def test_unequal_pairs_are_found() -> None:
     sensor = binding("tesla_continental").sensors[0]
-    writer = sensor.writer()
+    writer = bind_sensor_writer(sensor)
     occupied = np.ones(2, np.bool_)
     first = writer.write(np.arange(2), {}, occupied, counter=0)
     second = writer.write(np.arange(2), {}, occupied, counter=1)
@@ -105,7 +108,7 @@ def test_unequal_pairs_are_found() -> None:
 
 def test_values_out_of_range_saturate_and_count() -> None:
     sensor = binding("toyota_rav4").sensors[0]
-    writer = sensor.writer()
+    writer = bind_sensor_writer(sensor)
     values = {"x": np.array([400.0, 10.0]), "y": np.array([0.0, -90.0])}
     frames = writer.write(np.arange(2), values, np.ones(2, np.bool_), counter=0)
     assert writer.saturated == 2

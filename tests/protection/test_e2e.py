@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from candaemon.binding.bind import bind
-from candaemon.binding.bind_protection import guard_plan
+from candaemon.binding.bind_protection import bind_guard
+from candaemon.binding.bind_writer import bind_writer
 from candaemon.binding.bound import Binding
 from candaemon.binding.location import SettingLocation
 from candaemon.config.load import load_config
@@ -24,7 +25,6 @@ from candaemon.dbc.database import load_database
 from candaemon.dbc.types import MessageSpec
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import Frame
-from candaemon.objects.writer import ObjectWriter
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.protection.e2e import E2eProtector
 from candaemon.protection.monitor import FrameFaults, FrameGuard
@@ -124,8 +124,8 @@ def test_what_is_written_goes_on_for_the_reader(profile: int, tmp_path: Path) ->
     protection = InputProtectionSettings.model_validate(
         {"counter": "Count", "checksum": "Crc", "e2e": PROFILES[profile] | more, "max_step": 1}
     )
-    writer = ObjectWriter(FORM, {}, database, protection)
-    plan = guard_plan(writer.parts[0].messages, protection, SettingLocation(), cycle_time=0.05)
+    writer = bind_writer(FORM, {}, database, protection)
+    plan = bind_guard(writer.parts[0].messages, protection, SettingLocation(), cycle_time=0.05)
     assert plan is not None
     guard = FrameGuard(plan, FrameFaults())
     for cycle in range(600):

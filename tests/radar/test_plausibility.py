@@ -14,7 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.binding.bind import bind
+from candaemon.binding.bind_sensor import bind_sensor
 from candaemon.binding.bound import BoundSensor
+from candaemon.binding.location import SettingLocation
 from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.config.load import load_config
@@ -114,7 +116,8 @@ def test_the_limit_is_a_speed() -> None:
 def test_a_sensor_that_tells_neither_identity_nor_novelty_is_not_watched() -> None:
     _, counts, sensor = judged()
     silent = {"objects": sensor.settings.objects.model_copy(update={"new": ()})}
-    sensor = replace(sensor, settings=sensor.settings.model_copy(update=silent))
+    settings = sensor.settings.model_copy(update=silent)
+    sensor = bind_sensor(settings, sensor.index, sensor.name, sensor.bus, sensor.database, SettingLocation())
     assert not any(refused((ObjectPlausibility(sensor, counts), counts, sensor), [50, 49, 80, 20]))
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon.binding.bind_sensor import bind_sensor_writer
 from candaemon.binding.bound import BoundSensor
 from candaemon.config.sensors import TimeoutScan, TriggerScan
 from candaemon.radar.assembly import ScanAssembler, make_assembler
@@ -53,7 +54,7 @@ def sensor(kind: str) -> BoundSensor:
 def cycle(kind: str, number: int, objects: int = 9) -> tuple[tuple[int, bytes], ...]:
     """Return the frames of a cycle in their natural order; header first, trigger last."""
     bound = sensor(kind)
-    listed, writer = bound.reader.multiplexed, bound.writer()
+    listed, writer = bound.reader.multiplexed, bind_sensor_writer(bound)
     slots = np.arange(objects if listed else bound.reader.slots)
     n = len(slots)
     values: dict[str, NDArray[np.float64]] = {name: np.full(n, 1.5) for name in writer.quantities}

@@ -1,14 +1,8 @@
-"""Objects as they were read: a structure of arrays."""
+"""The objects of one scan as they were read: a structure of arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from candaemon.arrays import Booleans, Floats, Integers
 
@@ -40,21 +34,3 @@ class ObjectBatch:
         return ObjectBatch(
             self.identity[rows], self.valid[rows], self.new[rows], self.paired[rows], self.values[:, rows], not_finite
         )
-
-
-@lru_cache
-def same(value: int, n: int) -> npt.NDArray[Any]:
-    """Make an array (n,) of one value; made once, so not to be written to."""
-    array = np.full(n, value)
-    array.flags.writeable = False
-    return array
-
-
-def every(tested: Sequence[Booleans], n: int) -> Booleans:
-    """Tell for which of n objects all tests passed; the first test's array may be used for it."""
-    if not tested:
-        return same(True, n)
-    first, *others = tested
-    for each in others:
-        first &= each
-    return first

@@ -1,0 +1,96 @@
+"""Units: a signal of the DBC as a physical quantity, with gain and bias into SI."""
+
+from __future__ import annotations
+
+from typing import Final, Literal, TypeAlias
+
+from candaemon.binding.location import SettingLocation
+from candaemon.config.base import UNIT_FACTORS, SignalRef
+from candaemon.dbc.types import SignalSpec
+from candaemon.objects.signals import SignalBinding
+
+Dimension: TypeAlias = Literal["length", "angle", "speed", "rate", "acceleration", "curvature", "time", "number"]
+
+UNITS: Final[dict[str, tuple[Dimension, float]]] = {
+    **dict.fromkeys(("m", "meter", "metre"), ("length", UNIT_FACTORS["m"])),
+    **{name: ("length", factor) for name, factor in (("mm", 1e-3), ("cm", 1e-2), ("dm", 1e-1), ("km", 1e3))},
+    **dict.fromkeys(("deg", "degree", "°", "ø"), ("angle", UNIT_FACTORS["deg"])),
+    **dict.fromkeys(("rad", "radian"), ("angle", 1.0)),
+    **dict.fromkeys(("m/s", "mps", "meter/s", "metre/s"), ("speed", 1.0)),
+    **dict.fromkeys(("km/h", "kph", "kmh", "kmph", "km/hr"), ("speed", UNIT_FACTORS["km/h"])),
+    **dict.fromkeys(("mph", "mi/h"), ("speed", UNIT_FACTORS["mph"])),
+    **dict.fromkeys(("deg/s", "degree/s", "°/s", "dps"), ("rate", UNIT_FACTORS["deg/s"])),
+    **dict.fromkeys(("rad/s", "radian/s"), ("rate", 1.0)),
+    **dict.fromkeys(("m/s^2", "m/s2", "m/s²", "m/s/s", "meter/s/s", "m/s**2", "mpss"), ("acceleration", 1.0)),
+    **dict.fromkeys(("g", "g-force"), ("acceleration", UNIT_FACTORS["g"])),
+    **dict.fromkeys(("1/m", "m^-1", "rad/m"), ("curvature", 1.0)),
+    **dict.fromkeys(("s", "second"), ("time", 1.0)),
+    "ms": ("time", 1e-3),
+    **dict.fromkeys(("%", "percent"), ("number", 0.01)),
+    **dict.fromkeys(("1", "-", "count"), ("number", 1.0)),
+}
+"""Dimension and SI value of a unit, by its text brought into the form that `normalised_unit` gives."""
+
+DIMENSIONS: Final[dict[str, Dimension]] = {
+    **dict.fromkeys(("x", "y", "range", "width", "length", "sx", "sy"), "length"),
+    **dict.fromkeys(("azimuth", "heading", "latitude", "longitude"), "angle"),
+    **dict.fromkeys(("vx", "vy", "range_rate", "rel_vx", "rel_vy", "svx", "svy", "speed"), "speed"),
+    **dict.fromkeys(("velocity_north", "velocity_east", "left_wheels", "right_wheels"), "speed"),
+    **dict.fromkeys(("ax", "ay", "rel_ax"), "acceleration"),
+    "yaw_rate": "rate",
+    "curvature": "curvature",
+    "age": "time",
+}
+"""Dimension of each quantity; those left out are plain numbers."""
+
+SI_NAMES: Final[dict[Dimension, str]] = {
+    "length": "m",
+    "angle": "deg or rad",
+    "speed": "m/s",
+    "rate": "deg/s or rad/s",
+    "acceleration": "m/s^2",
+    "curvature": "1/m",
+    "time": "s",
+    "number": "1",
+}
+
+
+def normalised_unit(unit: str) -> str:
+    """Bring a unit's text into one form: `Meters/Sec` becomes `meter/s`."""
+    text = unit.strip().strip("[]").lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
+    text = text.replace("sec", "s").replace("hour", "h").replace("hr", "h").replace("metre", "meter")
+    for plural in ("meters", "degrees", "radians"):
+        text = text.replace(plural, plural[:-1])
+    return text
+
+
+def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, where: SettingLocation) -> SignalBinding:
+    """Work out gain and bias of a signal as a quantity.
+
+    Args:
+        quantity: a key of `DIMENSIONS`, or any other name for a plain number.
+        ref: the signal's entry in the configuration.
+        signal: what the DBC says of it.
+        where: the entry's place.
+
+    Raises:
+        ConfigError: the unit does not fit the quantity, is not known, or is an angle's and nowhere said.
+
+    """
+    dimension = DIMENSIONS.get(quantity, "number")
+    said, source = (ref.unit, "the configuration") if ref.unit is not None else (signal.unit, "the DBC")
+    factor = 1.0
+    expected = f"expected {SI_NAMES[dimension]} or another unit of {dimension}; give {{signal: {ref.signal}, unit: …}}"
+    known = UNITS.get(normalised_unit(said)) if said.strip() else None
+    if not said.strip():
+        if dimension in {"angle", "rate"}:
+            raise where.error(f"signal '{signal.name}' has no unit in the DBC and {quantity} is an angle; {expected}")
+    elif known is None:
+        # A plain number's unit is a remark (`class`, `bits`): nothing to convert.
+        if dimension != "number":
+            raise where.error(f"signal '{signal.name}' has the unit '{said}' by {source}, {expected}")
+    elif known[0] == dimension:
+        factor = known[1]
+    elif dimension != "number" and not (ref.unit is None and known == ("number", 1.0)):
+        raise where.error(f"signal '{signal.name}' has the unit '{said}' ({known[0]}) by {source}, {expected}")
+    return SignalBinding(quantity, signal, factor * ref.scale, factor * ref.offset)
