@@ -1,4 +1,4 @@
-"""What own motion sensors read wrongly: the speed's factor, the yaw rate's bias, the wheels' mismatch.
+"""What the sensors of ego motion read wrongly: the speed's factor, the yaw rate's bias, the wheels' mismatch.
 
 Three numbers are estimated by a Kalman filter: k with speed = k × wheel speed, the bias b of the yaw rate sensor, and
 the bias m of the yaw rate that the wheels' difference gives. The wheels see m − b, a stationary return sees k by its
@@ -7,14 +7,29 @@ range rate and b by its apparent drift across.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import radians
 
 import numpy as np
 
+from candaemon.arrays import Floats
 from candaemon.config.ego import BiasSettings
 from candaemon.ego.motion import StationaryReturns
 
 _SCALE, _BIAS, _MISMATCH = 0, 1, 2
+
+
+@dataclass(slots=True)
+class MotionBiasState:
+    """Estimate of [speed factor, yaw rate bias (rad/s), wheel mismatch (rad/s)].
+
+    Attributes:
+        mean: (3,).
+        covariance: (3, 3).
+    """
+
+    mean: Floats
+    covariance: Floats
 
 
 class MotionBias:
@@ -22,56 +37,62 @@ class MotionBias:
 
     Args:
         settings: initial standard deviations and noise.
+
+    Attributes:
+        state: the estimate.
     """
 
     def __init__(self, settings: BiasSettings) -> None:
         self._settings = settings
-        self._mean = np.array([1.0, 0.0, 0.0])
         deviations = (
             settings.speed_scale_sd,
             radians(settings.yaw_rate_bias_sd_deg),
             radians(settings.wheel_mismatch_deg),
         )
-        self._covariance = np.diag(np.square(deviations))
-        self._learnt = settings.learnt**2 * self._covariance.diagonal()[:_MISMATCH]
+        covariance: Floats = np.diag(np.square(deviations))
+        self.state = MotionBiasState(np.array([1.0, 0.0, 0.0]), covariance)
+        self._learnt = settings.learnt**2 * covariance.diagonal()[:_MISMATCH]
         self._drift = radians(settings.yaw_rate_drift_deg) ** 2
         self._wheel_variance = radians(settings.wheel_noise_deg) ** 2
         self._return_variance = settings.shared_returns * settings.stationary_noise**2
 
     @property
     def scale(self) -> float:
-        """Own speed over wheel speed."""
-        return float(self._mean[_SCALE])
+        """Speed over ground divided by wheel speed."""
+        return float(self.state.mean[_SCALE])
 
     @property
     def yaw_rate(self) -> float:
         """Bias of the yaw rate sensor, rad/s."""
-        return float(self._mean[_BIAS])
+        return float(self.state.mean[_BIAS])
 
     @property
     def learnt(self) -> bool:
-        """Whether factor and bias of the yaw rate are known well enough by now."""
-        return bool((self._covariance.diagonal()[:_MISMATCH] <= self._learnt).all())
+        """Whether the speed factor and the yaw rate bias are known well enough."""
+        return bool((self.state.covariance.diagonal()[:_MISMATCH] <= self._learnt).all())
 
     def age(self, dt: float) -> None:
         """Let the yaw rate's bias drift for a time, s."""
-        if self._covariance[_BIAS, _BIAS] > 0.0:
-            self._covariance[_BIAS, _BIAS] += self._drift * dt
+        covariance = self.state.covariance
+        if covariance[_BIAS, _BIAS] > 0.0:
+            covariance[_BIAS, _BIAS] += self._drift * dt
 
     def learn_from_wheels(self, difference: float) -> None:
         """Learn from one difference of yaw rates, wheels minus sensor, rad/s."""
         self._update(np.array([0.0, -1.0, 1.0]), difference, self._wheel_variance)
 
     def learn_from_returns(self, returns: StationaryReturns, wheel_speed: float) -> None:
-        """Learn from what stands still: own speed that it implies, and its drift to the side."""
+        """Learn from what stands still: the speed over ground that it implies, and its drift to the side."""
         for speed, cosine in returns.speeds:
             self._update(np.array([wheel_speed * cosine, 0.0, 0.0]), speed, self._return_variance)
         for moved, swept in returns.drifts:
             variance = 2 * (self._settings.drift_noise / swept) ** 2
             self._update(np.array([0.0, 1.0, 0.0]), self.yaw_rate + moved / swept, variance)
 
-    def _update(self, row: np.ndarray[tuple[int], np.dtype[np.float64]], value: float, variance: float) -> None:
-        cross = self._covariance @ row
+    def _update(self, row: Floats, value: float, variance: float) -> None:
+        """Update with one scalar measurement: value = row · state + noise."""
+        state = self.state
+        cross = state.covariance @ row
         gain = cross / (row @ cross + variance)
-        self._mean += gain * (value - row @ self._mean)
-        self._covariance -= np.outer(gain, cross)
+        state.mean += gain * (value - row @ state.mean)
+        state.covariance -= np.outer(gain, cross)

@@ -1,4 +1,4 @@
-"""The source of own motion that the configuration names, and what places it on earth."""
+"""The source of ego motion that the configuration names, and what places its frame on earth."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from candaemon.ego.odometry import OdometryMotion, StandingStill
 
 
 def make_ego(bound: BoundEgo | None) -> EgoMotion:
-    """Return own motion for a bound configuration; without one, of a vehicle that stands."""
+    """Return the source of ego motion for a bound configuration; without one, of a vehicle that stands."""
     if bound is None:
         return StandingStill()
     if isinstance(bound.settings, InsSettings):
@@ -19,8 +19,8 @@ def make_ego(bound: BoundEgo | None) -> EgoMotion:
     return OdometryMotion(bound.settings)
 
 
-def make_placer(bound: BoundEgo | None, ego: EgoMotion) -> Georeferencer | None:
-    """Return what places the level frame of an INS on earth; None where the configuration does not ask for it."""
+def make_georeferencer(bound: BoundEgo | None, ego: EgoMotion) -> Georeferencer | None:
+    """Return what places the local frame of an INS on earth; None where the configuration does not ask for it."""
     if bound is None or not isinstance(bound.settings, InsSettings) or not isinstance(ego, InsMotion):
         return None
     gnss = bound.settings.gnss

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -15,12 +16,25 @@ from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.motion_models import CurrentStatistical, LinearModel
 
 _AT_REST: Floats = np.zeros(2)
-_NOWHERE: tuple[Floats, Floats] = np.full(2, np.nan), np.full((2, 2), np.nan)
 _ONLY_TRACK = np.zeros(1, dtype=np.intp)
 
 
+FixFilterState: TypeAlias = Any
+
+
 class FixFilter(Protocol):
-    """An estimate of the vehicle's position in a plane, axes east and north, m."""
+    """An estimate of the vehicle's position in a plane, axes east and north, m.
+
+    Attributes:
+        state: what it remembers: each filter has a dataclass of its own.
+    """
+
+    state: Any
+
+    @property
+    def started(self) -> bool:
+        """Whether there is an estimate."""
+        ...
 
     @property
     def position(self) -> Floats:
@@ -48,8 +62,8 @@ class FixFilter(Protocol):
 
         Args:
             dt: s since the fix before.
-            placed: where the level frame, as it is placed so far, puts the vehicle, (2,), m.
-            unseen: s of dt in which the level frame was reckoned on without samples.
+            placed: where the local frame, as it is georeferenced so far, puts the vehicle, (2,), m.
+            unseen: s of dt in which the local frame was extrapolated without samples.
         """
         ...
 
@@ -69,48 +83,84 @@ def make_filter(settings: FixFilterSettings, noise: float) -> FixFilter:
             return ImmFilter(settings, noise)
 
 
-class DriftFilter:
-    """A Kalman filter of the difference between fix and level frame, which wanders slowly; both axes alike.
+@dataclass(slots=True)
+class DriftFilterState:
+    """Estimate of a drift filter.
 
-    Between fixes the vehicle goes where the level frame says; so smooth as that is, so smooth is the estimate.
+    Attributes:
+        position: (2,), m.
+        variance: of each axis, m².
+    """
+
+    position: Floats = field(default_factory=lambda: np.zeros(2))
+    variance: float = 0.0
+
+    def validate(self) -> None:
+        """Refuse a variance that is none.
+
+        Raises:
+            ValueError: it is negative.
+        """
+        if self.variance < 0.0:
+            raise ValueError("a negative variance")
+
+
+class DriftFilter:
+    """A Kalman filter of the difference between fix and local frame, a slow random walk; both axes alike.
+
+    Between fixes the vehicle goes where the local frame says; so smooth as that is, so smooth is the estimate.
 
     Args:
-        settings: how far the difference wanders.
+        settings: of the random walk.
         noise: standard deviation of a fix, each axis, m.
+
+    Attributes:
+        state: the estimate.
     """
 
     def __init__(self, settings: DriftFilterSettings, noise: float) -> None:
         self._walk, self._noise = settings.walk**2, noise**2
         self._unseen_acceleration = settings.unseen_acceleration
-        self._variance = 0.0
-        self.position: Floats = np.zeros(2)
+        self.state = DriftFilterState()
+
+    @property
+    def started(self) -> bool:
+        """See `FixFilter.started`; without a fix it is sure of the origin."""
+        return True
+
+    @property
+    def position(self) -> Floats:
+        """See `FixFilter.position`."""
+        return self.state.position
 
     @property
     def covariance(self) -> Floats:
         """See `FixFilter.covariance`."""
-        return self._variance * np.eye(2)
+        return self.state.variance * np.eye(2)
 
     def start(self, position: Floats, covariance: Floats, velocity: Floats, speed_variance: float) -> None:
-        """See `FixFilter.start`; the velocity is the level frame's own."""
+        """See `FixFilter.start`; the velocity is the local frame's own."""
         del velocity, speed_variance
-        self.position, self._variance = position, float(covariance[0, 0])
+        self.state.position, self.state.variance = position, float(covariance[0, 0])
 
     def predict(self, dt: float, placed: Floats, unseen: float) -> None:
         """See `FixFilter.predict`; unseen, the vehicle may have braked or turned."""
-        self.position = placed
-        self._variance += self._walk * dt + (self._unseen_acceleration * unseen**2 / 2) ** 2
+        state = self.state
+        state.position = placed
+        state.variance += self._walk * dt + (self._unseen_acceleration * unseen**2 / 2) ** 2
 
     def update(self, fix: Floats) -> None:
         """See `FixFilter.update`."""
-        gain = self._variance / (self._variance + self._noise)
-        self.position = self.position + gain * (fix - self.position)
-        self._variance *= 1.0 - gain
+        state = self.state
+        gain = state.variance / (state.variance + self._noise)
+        state.position = state.position + gain * (fix - state.position)
+        state.variance *= 1.0 - gain
 
 
 class SwitchingFilter:
     """Constant velocity or the current statistical model on the track of fixes, switched as paper 003 does.
 
-    It knows nothing of the level frame: for an INS whose velocity is poor.
+    It knows nothing of the local frame: for an INS whose velocity is poor.
 
     Args:
         settings: of the two models and of the switch.
@@ -126,9 +176,25 @@ class SwitchingFilter:
             interval=settings.interval,
         )
         statistical = CurrentStatistical(settings.alpha, settings.limit, settings.floor)
+        self.state = None
         self._switch = CvCsmSwitch(2, settings.noise, statistical, rule)
         self._acceleration, self._noise = settings.first_acceleration**2, noise**2
-        self.position, self.covariance = _NOWHERE
+
+    @property
+    def started(self) -> bool:
+        """See `FixFilter.started`."""
+        return len(self._switch) == 1
+
+    @property
+    def position(self) -> Floats:
+        """See `FixFilter.position`."""
+        position: Floats = self._switch.mean[0, :, 0]
+        return position
+
+    @property
+    def covariance(self) -> Floats:
+        """See `FixFilter.covariance`."""
+        return np.diag(self._switch.covariance[0, :, 0, 0])
 
     def start(self, position: Floats, covariance: Floats, velocity: Floats, speed_variance: float) -> None:
         """See `FixFilter.start`."""
@@ -136,28 +202,21 @@ class SwitchingFilter:
         variances = np.stack([np.diag(covariance), np.full(2, speed_variance), np.full(2, self._acceleration)], axis=-1)
         self._switch.keep(_ONLY_TRACK[:0])
         self._switch.spawn(mean[None], (variances[..., None] * np.eye(3))[None])
-        self._tell()
 
     def predict(self, dt: float, placed: Floats, unseen: float) -> None:
         """See `FixFilter.predict`."""
         del placed, unseen
         self._switch.predict(dt)
-        self._tell()
 
     def update(self, fix: Floats) -> None:
         """See `FixFilter.update`."""
         self._switch.update(fix[None], self._noise)
-        self._tell()
-
-    def _tell(self) -> None:
-        self.position = self._switch.mean[0, :, 0]
-        self.covariance = np.diag(self._switch.covariance[0, :, 0, 0])
 
 
 class ImmFilter:
     """An interacting multiple model filter of the track of fixes, constant velocity and constant acceleration.
 
-    It knows nothing of the level frame: for an INS whose velocity is poor.
+    It knows nothing of the local frame: for an INS whose velocity is poor.
 
     Args:
         settings: noise of the two models, and how readily the vehicle changes between them.
@@ -167,27 +226,35 @@ class ImmFilter:
     def __init__(self, settings: ImmFilterSettings, noise: float) -> None:
         steady, manoeuvre = settings.steady_noise, settings.manoeuvre_noise
         models = (LinearModel(1, (steady, steady)), LinearModel(2, (manoeuvre, manoeuvre)))
+        self.state = None
         self._imm = Imm(models, switch_rate=settings.switch_rate, acceleration=settings.first_acceleration)
         self._noise: Floats = noise**2 * np.eye(2)[None]
-        self.position, self.covariance = _NOWHERE
+
+    @property
+    def started(self) -> bool:
+        """See `FixFilter.started`."""
+        return len(self._imm) == 1
+
+    @property
+    def position(self) -> Floats:
+        """See `FixFilter.position`."""
+        return self._imm.combined()[0][0, :2]
+
+    @property
+    def covariance(self) -> Floats:
+        """See `FixFilter.covariance`."""
+        return self._imm.combined()[1][0, :2, :2]
 
     def start(self, position: Floats, covariance: Floats, velocity: Floats, speed_variance: float) -> None:
         """See `FixFilter.start`."""
         self._imm.keep(_ONLY_TRACK[:0])
         self._imm.spawn(position[None], covariance[None], velocity[None], speed_variance * np.eye(2)[None])
-        self._tell()
 
     def predict(self, dt: float, placed: Floats, unseen: float) -> None:
         """See `FixFilter.predict`."""
         del placed, unseen
         self._imm.predict(dt, _AT_REST[None])
-        self._tell()
 
     def update(self, fix: Floats) -> None:
         """See `FixFilter.update`."""
         self._imm.update(_ONLY_TRACK, Measurement(fix[None], self._noise, _AT_REST, _AT_REST))
-        self._tell()
-
-    def _tell(self) -> None:
-        mean, covariance = self._imm.combined()
-        self.position, self.covariance = mean[0, :2], covariance[0, :2, :2]

@@ -1,14 +1,34 @@
-"""Quantities that a source tells in a burst of frames, of which any may be lost."""
+"""Quantities that a source sends in a burst of frames, of which any may be lost."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 
 _SHORTEST_PERIOD_NS = 1_000_000
 
 
+@dataclass(slots=True)
+class InsEpochState:
+    """What came of the current burst and of those before.
+
+    Attributes:
+        period_ns: of the bursts, as short as it was seen.
+        missing: needed quantities that have not come in the current burst.
+        time_ns: when the clock came last.
+        value: the latest value of every quantity received, needed or not.
+        arrived_ns: when it came.
+    """
+
+    period_ns: int
+    missing: set[str]
+    time_ns: int = 0
+    value: dict[str, float] = field(default_factory=dict)
+    arrived_ns: dict[str, int] = field(default_factory=dict)
+
+
 class InsEpoch:
-    """Gathers the quantities of one instant from the frames that tell them.
+    """Gathers the quantities of one instant from the frames that carry them.
 
     Args:
         needed: the quantities that make a burst complete.
@@ -17,39 +37,54 @@ class InsEpoch:
 
     Attributes:
         needed: as given.
-        time_ns: when the clock came last.
-        value: the latest of every quantity told, needed or not.
+        state: what it remembers.
     """
 
     def __init__(self, needed: Iterable[str], clock: str, longest_period: float) -> None:
         self.needed = frozenset(needed)
-        self.time_ns = 0
-        self.value: dict[str, float] = {}
         self._clock = clock
-        self._missing = set(self.needed)
-        self._arrived_ns: dict[str, int] = {}
-        self._period_ns = round(longest_period * 1e9)
+        self._state = InsEpochState(round(longest_period * 1e9), set(self.needed))
+
+    @property
+    def state(self) -> InsEpochState:
+        """What it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit the quantities needed.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: InsEpochState) -> None:
+        if not (state.missing <= self.needed <= state.missing | state.arrived_ns.keys()):
+            raise ValueError("other quantities than the configuration's")
+        if state.value.keys() != state.arrived_ns.keys():
+            raise ValueError("a quantity without a time")
+        self._state = state
 
     def take(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> bool:
-        """Take the quantities of one frame; tell whether it completes a burst: each has come afresh."""
+        """Take the quantities of one frame; return whether it completes a burst: each has come afresh."""
+        state = self._state
         if self._clock in names:
             self._beat(time_ns)
         for name, value in zip(names, values):  # noqa: B905 - binding pairs them once for all frames
             if value == value:  # not NaN: the DBC's multiplexer may leave it out
-                self.value[name] = value
-                self._arrived_ns[name] = time_ns
-                self._missing.discard(name)
-        if not self._missing:
+                state.value[name] = value
+                state.arrived_ns[name] = time_ns
+                state.missing.discard(name)
+        if not state.missing:
             # what has waited since the burst before, because a frame was lost, does not belong to this one
-            self._missing.update(name for name in self.needed if time_ns - self._arrived_ns[name] > self._period_ns / 2)
-        if self._missing:
+            overdue = (name for name in self.needed if time_ns - state.arrived_ns[name] > state.period_ns / 2)
+            state.missing.update(overdue)
+        if state.missing:
             return False
-        self._missing.update(self.needed)
+        state.missing.update(self.needed)
         return True
 
     def _beat(self, time_ns: int) -> None:
         """Note when the clock came; the shortest time between two is the bursts' period."""
-        interval_ns = time_ns - self.time_ns
+        state = self._state
+        interval_ns = time_ns - state.time_ns
         if interval_ns > _SHORTEST_PERIOD_NS:
-            self._period_ns = min(self._period_ns, interval_ns)
-        self.time_ns = time_ns
+            state.period_ns = min(state.period_ns, interval_ns)
+        state.time_ns = time_ns

@@ -1,6 +1,6 @@
-"""Own motion: a history of samples, and the pose at any instant between and shortly after them.
+"""Ego motion: a history of samples, and the pose at any instant between and shortly after them.
 
-The level frame is continuous: positions are integrated from velocity over ground and heading, so that a GNSS fix
+The local frame is continuous: positions are integrated from velocity over ground and heading, so that a GNSS fix
 that jumps moves nothing. Its origin is where the first sample was taken, its axes are east and north where the source
 knows them; with odometry alone, x is the vehicle's first heading.
 """
@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import cos, hypot, sin
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import cos, hypot, inf, sin
+from typing import Any, NamedTuple, Protocol
 
 from candaemon.config.ego import BiasSettings
 from candaemon.ego.pose import EgoPose, EgoStatus
@@ -21,12 +22,12 @@ _KEPT = 1024
 
 @dataclass(frozen=True, slots=True)
 class StationaryReturns:
-    """Detections of one scan that lie still, or nearly, for a source of own motion to learn from.
+    """Detections of one scan that lie still, or nearly, for a source of ego motion to learn from.
 
     Attributes:
         time_ns: measurement time.
-        speeds: for each, own speed along the line of sight that it implies, m/s, and the cosine of the angle between
-            line of sight and travel.
+        speeds: for each, the ego speed along the line of sight that it implies, m/s, and the cosine of the angle
+            between line of sight and travel.
         drifts: for each that was watched for long enough, how far it seems to have moved to the left over ground, m,
             and its distance ahead integrated over that time, m·s: their ratio is the error of the yaw rate.
     """
@@ -37,13 +38,15 @@ class StationaryReturns:
 
 
 class EgoMotion(Protocol):
-    """A source of own motion.
+    """A source of ego motion.
 
     Attributes:
+        state: what it remembers: each source has a dataclass of its own; None for one that remembers nothing.
         teaching: how stationary returns may correct it; None where they may not.
         wanted: the quantities it makes use of.
     """
 
+    state: Any
     teaching: BiasSettings | None
     wanted: frozenset[str]
 
@@ -57,7 +60,7 @@ class EgoMotion(Protocol):
         ...
 
     def pose(self, time_ns: int) -> EgoPose | None:
-        """Return own pose at an instant; None before anything is known."""
+        """Return the ego pose at an instant; None before anything is known."""
         ...
 
     def learn(self, returns: StationaryReturns) -> None:
@@ -66,7 +69,7 @@ class EgoMotion(Protocol):
 
 
 class Sample(NamedTuple):
-    """Own motion at one instant: as `EgoPose`, with the accelerations east and north, m/s²."""
+    """Ego motion at one instant: as `EgoPose`, with the accelerations east and north, m/s²."""
 
     time_ns: int
     east: float
@@ -79,18 +82,42 @@ class Sample(NamedTuple):
     an: float
 
 
+@dataclass(slots=True)
+class MotionHistoryState:
+    """Samples of ego motion.
+
+    Attributes:
+        samples: in order of time, the newest last, no two of one instant.
+        unseen: s, all gaps between samples together over which positions were extrapolated.
+    """
+
+    samples: list[Sample] = field(default_factory=list)
+    unseen: float = 0.0
+
+    def validate(self) -> None:
+        """Refuse samples that no history comes to.
+
+        Raises:
+            ValueError: they are not in order of time, or too many.
+        """
+        if len(self.samples) > 2 * _KEPT:
+            raise ValueError(f"{len(self.samples)} samples, expected {2 * _KEPT} at most")
+        if any(behind.time_ns <= before.time_ns for before, behind in pairwise(self.samples)):
+            raise ValueError("samples that are not in order of time")
+
+
 class MotionHistory:
-    """Samples of own motion in order of time, bounded, and the pose between and after them.
+    """Samples of ego motion in order of time, bounded, and the pose between and after them.
 
     Args:
-        age_limit: s after the last sample from which own motion counts as dead reckoning.
+        age_limit: s after the last sample from which ego motion counts as dead reckoning.
         dead_reckoning: s after the last sample from which it counts as lost.
         unseen_acceleration: m/s², by which the velocity may have changed since the last sample.
         speed_variance: of a fresh sample, (m/s)².
         smoothing: s, time constant of the acceleration.
 
     Attributes:
-        unseen: s, all gaps between samples together over which positions were reckoned on.
+        state: the samples.
     """
 
     def __init__(
@@ -107,19 +134,24 @@ class MotionHistory:
         self._unseen_acceleration = unseen_acceleration
         self._speed_variance = speed_variance
         self._smoothing = smoothing
-        self.unseen = 0.0
-        self._times: list[int] = []
-        self._samples: list[Sample] = []
+        self.state = MotionHistoryState()
 
     @property
     def latest_ns(self) -> int:
         """Time of the newest sample, 0 before the first."""
-        return self._times[-1] if self._times else 0
+        samples = self.state.samples
+        return samples[-1].time_ns if samples else 0
 
     @property
     def latest(self) -> Sample | None:
         """The newest sample."""
-        return self._samples[-1] if self._samples else None
+        samples = self.state.samples
+        return samples[-1] if samples else None
+
+    @property
+    def unseen(self) -> float:
+        """All gaps between samples together over which positions were extrapolated, s."""
+        return self.state.unseen
 
     def add(self, time_ns: int, heading: float, ve: float, vn: float, yaw_rate: float) -> None:
         """Add a sample; one that is not newer than the newest is ignored.
@@ -139,9 +171,9 @@ class MotionHistory:
         if dt <= 0.0:
             return
         if dt > self._age_limit:
-            self.unseen += dt
-            reckoned = self._extrapolated(last, time_ns)
-            east, north, ae, an = reckoned.east, reckoned.north, 0.0, 0.0
+            self.state.unseen += dt
+            pose = self._extrapolated(last, time_ns)
+            east, north, ae, an = pose.east, pose.north, 0.0, 0.0
         else:
             share = dt / (dt + self._smoothing)
             east = last.east + dt * (last.ve + ve) / 2
@@ -151,21 +183,22 @@ class MotionHistory:
         self._keep(Sample(time_ns, east, north, heading, ve, vn, yaw_rate, ae, an))
 
     def _keep(self, sample: Sample) -> None:
-        self._times.append(sample.time_ns)
-        self._samples.append(sample)
-        if len(self._times) > 2 * _KEPT:
-            del self._times[:_KEPT], self._samples[:_KEPT]
+        samples = self.state.samples
+        samples.append(sample)
+        if len(samples) > 2 * _KEPT:
+            del samples[:_KEPT]
 
     def pose(self, time_ns: int) -> EgoPose | None:
         """Return the pose at an instant, interpolated between samples or extrapolated from the nearest one."""
-        after = bisect_right(self._times, time_ns)
-        if not self._times:
+        samples = self.state.samples
+        if not samples:
             return None
-        if 0 < after < len(self._times):
-            before, behind = self._samples[after - 1], self._samples[after]
+        after = bisect_right(samples, (time_ns, inf))  # the first one that is younger
+        if 0 < after < len(samples):
+            before, behind = samples[after - 1], samples[after]
             if behind.time_ns - before.time_ns <= self._age_limit * 1e9:
                 return self._interpolated(before, behind, time_ns)
-        return self._extrapolated(self._samples[max(after - 1, 0)], time_ns)
+        return self._extrapolated(samples[max(after - 1, 0)], time_ns)
 
     def _interpolated(self, a: Sample, b: Sample, time_ns: int) -> EgoPose:
         span = (b.time_ns - a.time_ns) * 1e-9

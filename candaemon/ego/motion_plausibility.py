@@ -1,9 +1,9 @@
-"""Values of own motion that cannot be true: no number, outside the DBC's range, or changed faster than can be."""
+"""Values of ego motion that cannot be true: no number, outside the DBC's range, or changed faster than can be."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isnan, radians
 from sys import float_info
 from typing import Final
@@ -21,7 +21,7 @@ LEAST_INTERVAL: Final = 0.02
 
 @dataclass(slots=True)
 class MotionFaults(FrameFaults):
-    """Frames of own motion that were not used, each under one cause.
+    """Frames of ego motion that were not used, each under one cause.
 
     Attributes:
         not_finite: frames with a value that is no number.
@@ -40,25 +40,45 @@ class MotionFaults(FrameFaults):
 
 
 @dataclass(slots=True)
+class ValueHistory:
+    """What one value was.
+
+    Attributes:
+        latest: the last one received, SI.
+        latest_ns: its time.
+        accepted: the last one that was no jump, SI.
+        accepted_ns: its time.
+    """
+
+    latest: float = 0.0
+    latest_ns: int = LONG_AGO_NS
+    accepted: float = 0.0
+    accepted_ns: int = LONG_AGO_NS
+
+
+@dataclass(slots=True)
+class MotionPlausibilityState:
+    """What each value of a message of ego motion was, in the order of its quantities."""
+
+    values: list[ValueHistory] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
 class _Limit:
-    """What one value of a message of own motion may be, and how fast it may change; and what it was."""
+    """What one value of a message of ego motion may be, and how fast it may change."""
 
     low: float
     high: float
     rate: float
     optional: bool
-    told: float = 0.0
-    told_ns: int = LONG_AGO_NS
-    believed: float = 0.0
-    believed_ns: int = LONG_AGO_NS
 
-    def jumps(self, value: float, time_ns: int) -> bool:
-        """Tell whether a value is too far from the last one told and the last one believed; remember it."""
-        jumps = self._far(value - self.told, time_ns - self.told_ns)
-        jumps = jumps and self._far(value - self.believed, time_ns - self.believed_ns)
-        self.told, self.told_ns = value, time_ns
+    def jumps(self, before: ValueHistory, value: float, time_ns: int) -> bool:
+        """Return whether a value is too far from the last one received and the last one accepted; remember it."""
+        jumps = self._far(value - before.latest, time_ns - before.latest_ns)
+        jumps = jumps and self._far(value - before.accepted, time_ns - before.accepted_ns)
+        before.latest, before.latest_ns = value, time_ns
         if not jumps:
-            self.believed, self.believed_ns = value, time_ns
+            before.accepted, before.accepted_ns = value, time_ns
         return jumps
 
     def _far(self, change: float, interval_ns: int) -> bool:
@@ -66,26 +86,45 @@ class _Limit:
 
 
 class MotionPlausibility:
-    """Judges the values of one message of own motion.
+    """Judges the values of one message of ego motion.
 
     Args:
         own: the message.
         settings: what is asked of it.
-        faults: where frames that are refused are counted.
+        faults: where frames that are refused are counted; the owner's.
+
+    Attributes:
+        faults: as given.
     """
 
     def __init__(self, own: EgoMessage, settings: MotionPlausibilitySettings, faults: MotionFaults) -> None:
-        self._faults = faults
+        self.faults = faults
         self._limits = [_limit(binding, settings) for binding in own.bindings]
+        self._state = MotionPlausibilityState([ValueHistory() for _ in self._limits])
+
+    @property
+    def state(self) -> MotionPlausibilityState:
+        """What it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit the message.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: MotionPlausibilityState) -> None:
+        if len(state.values) != len(self._limits):
+            raise ValueError(f"{len(state.values)} values of a message of ego motion, expected {len(self._limits)}")
+        self._state = state
 
     def admits(self, time_ns: int, values: Sequence[float]) -> bool:
-        """Tell whether a frame's values can be true; one whose values cannot is counted.
+        """Return whether a frame's values can be true; one whose values cannot is counted.
 
         Args:
             time_ns: time stamp of the frame.
             values: SI, in the order of the message's quantities; NaN where the DBC's multiplexer leaves one out.
         """
-        faults = self._faults
+        faults = self.faults
         for value, limit in zip(values, self._limits, strict=True):
             if isnan(value):
                 if not limit.optional:
@@ -95,15 +134,15 @@ class MotionPlausibility:
                 faults.out_of_range += 1
                 return False
         jumps = [
-            limit.rate < float_info.max and not isnan(value) and limit.jumps(value, time_ns)
-            for value, limit in zip(values, self._limits, strict=True)
+            limit.rate < float_info.max and not isnan(value) and limit.jumps(before, value, time_ns)
+            for value, limit, before in zip(values, self._limits, self._state.values, strict=True)
         ]
         faults.impossible += any(jumps)
         return not any(jumps)
 
 
 def _limit(binding: SignalBinding, settings: MotionPlausibilitySettings) -> _Limit:
-    """Work out what one value may be."""
+    """Return what one value may be."""
     limits = dbc_range(binding) if settings.ranges else None
     low, high = (-float_info.max, float_info.max) if limits is None else limits
     rate = None

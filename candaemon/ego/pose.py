@@ -1,4 +1,4 @@
-"""Own pose at an instant, and what is seen from it."""
+"""Ego pose at an instant, and what is seen from it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from candaemon.arrays import Floats
 
 
 class EgoStatus(IntEnum):
-    """How far own motion can be trusted; the numbers are those on the wire. Initialising: biases are being learnt."""
+    """How reliable ego motion is; the numbers are those on the wire. Initialising: biases are being learnt."""
 
     LOST = 0
     DEAD_RECKONING = 1
@@ -22,7 +22,7 @@ class EgoStatus(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class EgoPose:
-    """Pose and motion of the vehicle axes in the local level frame at one instant.
+    """Pose and motion of the vehicle axes in the local frame at one instant.
 
     Attributes:
         time_ns: the instant.
@@ -31,7 +31,7 @@ class EgoPose:
         ve, vn: velocity over ground of the rear axle's centre, m/s.
         yaw_rate: positive to the left, rad/s.
         speed_variance: of each velocity component, (m/s)².
-        status: how far it can be trusted.
+        status: how reliable it is.
     """
 
     time_ns: int
@@ -46,12 +46,12 @@ class EgoPose:
 
     @property
     def rotation(self) -> Floats:
-        """Rotation from vehicle to level axes, 2 × 2."""
+        """Rotation from vehicle axes to those of the local frame, 2 × 2."""
         c, s = cos(self.heading), sin(self.heading)
         return np.array([[c, -s], [s, c]])
 
     def place(self, x: float, y: float) -> tuple[Floats, Floats]:
-        """Return where a point fixed to the vehicle is in the level frame (2,), and its velocity over ground (2,)."""
+        """Return where a point fixed to the vehicle is in the local frame (2,), and its velocity over ground (2,)."""
         c, s = cos(self.heading), sin(self.heading)
         east, north = c * x - s * y, s * x + c * y
         position = np.array([self.east + east, self.north + north])
@@ -59,7 +59,7 @@ class EgoPose:
         return position, velocity
 
     def to_vehicle(self, points: Floats) -> Floats:
-        """Return level-frame points (n, 2) in vehicle axes."""
+        """Return local-frame points (n, 2) in vehicle axes."""
         return np.asarray((points - np.array([self.east, self.north])) @ self.rotation)
 
     def velocity_in_vehicle_axes(self) -> tuple[float, float]:

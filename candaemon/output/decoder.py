@@ -25,7 +25,7 @@ class DecodedCycle:
 
     Attributes:
         number: of the cycle, from 0.
-        time_ns: the instant they hold for; 0 where nobody told.
+        time_ns: the instant they hold for; 0 where it is not known.
         quantities: by name, shape (n,), SI and vehicle axes.
     """
 
@@ -39,11 +39,11 @@ class DecodedCycle:
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return them as columns of the table of tracks."""
-        told = self.quantities
+        quantities = self.quantities
         return {
-            "id": told["id"].astype(np.int64),
-            "state": told["state"].astype(np.int64) - FIRST_STATE,
-            **{name: told[name] for name in (*MOTION, "age") if name in told},
+            "id": quantities["id"].astype(np.int64),
+            "state": quantities["state"].astype(np.int64) - FIRST_STATE,
+            **{name: quantities[name] for name in (*MOTION, "age") if name in quantities},
         }
 
 

@@ -1,8 +1,8 @@
-"""Obstacles of a cycle into the frames that tell them."""
+"""Obstacles of a cycle into frames: slots, quantities, payloads."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
 from typing import Final, TypeAlias, TypeVar
@@ -14,15 +14,15 @@ from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.binding.bound import BoundOutput
 from candaemon.ego.georeference import Georeference
 from candaemon.ego.pose import EgoPose
-from candaemon.output.quantities import MountView, OwnAcceleration
-from candaemon.output.slots import OFF_PATH, SlotColumns, SlotEncoding
+from candaemon.output.quantities import EgoAcceleration, EgoAccelerationState, MountView
+from candaemon.output.slots import OFF_PATH, SlotColumns, SlotEncoding, SlotState
 from candaemon.tracking.obstacles import TENTATIVE, Obstacles
 
 Columns: TypeAlias = dict[str, Floats | Integers]
 Value = TypeVar("Value", bound=np.generic)
 
 FARTHEST: Final = 1e5
-"""m and m/s; an obstacle with more, or with no number at all, is not told."""
+"""m and m/s; an obstacle with more, or with no number at all, is not sent."""
 UNKNOWN: Final = 1e9
 """Stands for a standard deviation or a place on earth that is no number: its signal shows the greatest value it can."""
 MAY_BE_UNKNOWN: Final = frozenset({"sx", "sy", "svx", "svy", "latitude", "longitude"})
@@ -35,7 +35,7 @@ class OutputStatus:
     """What the status message says beside the slots.
 
     Attributes:
-        ego: validity of own motion, as `EgoStatus`.
+        ego: validity of ego motion, as `EgoStatus`.
         health: 0 ok, 1 degraded, 2 a sensor is lost, 3 fault.
         drops: frames and objects lost or refused since the start.
     """
@@ -43,6 +43,28 @@ class OutputStatus:
     ego: int = 0
     health: int = 0
     drops: int = 0
+
+
+@dataclass(slots=True)
+class OutputEncoderState:
+    """What the encoder remembers between two cycles.
+
+    Attributes:
+        slots: who holds which.
+        ego_acceleration: of the quantities that are relative to it.
+        sent: frames of each slot so far (slots,), which its counters count; where all objects share their messages, the
+            first counts them all.
+        cycle: number of the next cycle.
+        unreported: obstacles of the last cycle that have no slot, or no finite position and velocity.
+        saturated: values so far that did not fit their signal and were brought to its limits.
+    """
+
+    slots: SlotState
+    sent: Integers
+    ego_acceleration: EgoAccelerationState = field(default_factory=EgoAccelerationState)
+    cycle: int = 0
+    unreported: int = 0
+    saturated: int = 0
 
 
 class OutputEncoder:
@@ -56,9 +78,6 @@ class OutputEncoder:
 
     Args:
         output: the bound output.
-
-    Attributes:
-        unreported: obstacles of the last cycle that have no slot, or no finite position and velocity.
     """
 
     def __init__(self, output: BoundOutput) -> None:
@@ -72,62 +91,81 @@ class OutputEncoder:
         self._may_be_unknown = [row for row, name in enumerate(self._names) if name in MAY_BE_UNKNOWN]
         self._polar = "range" in settings.signals
         self._counts_cycles = "counter" in settings.signals
-        self._own_acceleration = OwnAcceleration() if "rel_ax" in settings.signals else None
-        self._tells_id = "id" in settings.signals
-        self._seating = SlotEncoding(output.writer.slots, send_all=self._all, send_freed=not self._listed)
-        self._sent = np.zeros(output.writer.slots, np.int64)
-        self._cycle = 0
-        self.unreported = 0
+        self._relative = "rel_ax" in settings.signals
+        self._ego_acceleration = EgoAcceleration()
+        self._sends_id = "id" in settings.signals
+        self._slots = SlotEncoding(output.writer.slots, send_all=self._all, send_freed=not self._listed)
+        sent = np.zeros(output.writer.slots, np.int64)
+        self._state = OutputEncoderState(self._slots.state, sent, self._ego_acceleration.state)
+
+    @property
+    def state(self) -> OutputEncoderState:
+        """What it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit the configuration.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: OutputEncoderState) -> None:
+        if state.sent.shape != self._state.sent.shape:
+            raise ValueError(f"{len(state.sent)} output slots, expected {len(self._state.sent)}")
+        self._state, self._slots.state, self._ego_acceleration.state = state, state.slots, state.ego_acceleration
 
     @property
     def saturated(self) -> int:
         """Values so far that did not fit their signal and were brought to its limits."""
-        return self._writer.saturated
+        return self._state.saturated
 
     def encode(
-        self, obstacles: Obstacles, status: OutputStatus, pose: EgoPose, placement: Georeference | None = None
+        self, obstacles: Obstacles, status: OutputStatus, pose: EgoPose, georeference: Georeference | None = None
     ) -> list[tuple[int, bytes]]:
         """Encode one cycle.
 
         Args:
             obstacles: of the cycle.
             status: what the status message says.
-            pose: own pose at the obstacles' time.
-            placement: of the level frame on earth; None: not known.
+            pose: ego pose at the obstacles' time.
+            georeference: of the local frame on earth; None: not known.
 
         Returns:
             CAN id and payload: the status, then the first message of every slot in order, then the second, and so on.
         """
-        told = self._told(obstacles)
-        seats = self._seating.seats(obstacles.id[told], partial(self._urgency, obstacles, told))
-        held = len(seats.order)
-        self.unreported = self._worth(obstacles) - held
-        frames = [] if self._status is None else [self._write_status(status, held, seats)]
-        own = 0j if self._own_acceleration is None else self._own_acceleration.update(pose)
-        view = MountView(obstacles, told, self._mount, pose, own, placement)
-        columns = self._columns(view, obstacles.id[told], seats)
-        frames += self._writer.write(seats.sent, columns, seats.occupied, counter=self._count(seats), new=seats.new)
-        self._cycle += 1
+        state, writer = self._state, self._writer
+        rows = self._sendable(obstacles)
+        slots = self._slots.assign(obstacles.id[rows], partial(self._urgency, obstacles, rows))
+        held = len(slots.order)
+        state.unreported = self._worth(obstacles) - held
+        frames = [] if self._status is None else [self._write_status(status, held, slots)]
+        acceleration = self._ego_acceleration.update(pose) if self._relative else 0j
+        view = MountView(obstacles, rows, self._mount, pose, acceleration, georeference)
+        columns = self._columns(view, obstacles.id[rows], slots)
+        saturated = writer.saturated  # of all who write with it
+        frames += writer.write(slots.sent, columns, slots.occupied, counter=self._count(slots), new=slots.new)
+        state.saturated += writer.saturated - saturated
+        state.cycle += 1
         return frames
 
-    def _count(self, seats: SlotColumns) -> int | Integers:
-        """Give what the counters of this cycle's frames show."""
+    def _count(self, slots: SlotColumns) -> int | Integers:
+        """Return what the counters of this cycle's frames show."""
         if self._counts_cycles:
-            return self._cycle
+            return self._state.cycle
+        sent = self._state.sent
         if self._listed:
-            first = self._sent[0]
-            self._sent[0] += len(seats.sent)
-            return np.arange(first, self._sent[0])
-        counted = self._sent[seats.sent]
-        self._sent[seats.sent] = counted + 1
+            first = sent[0]
+            sent[0] += len(slots.sent)
+            return np.arange(first, sent[0])
+        counted = sent[slots.sent]
+        sent[slots.sent] = counted + 1
         return counted
 
     def _worth(self, obstacles: Obstacles) -> int:
-        """Count the obstacles that should be told."""
+        """Count the obstacles that should be sent."""
         return len(obstacles) if self._tentative else int(np.count_nonzero(obstacles.state != TENTATIVE))
 
-    def _told(self, obstacles: Obstacles) -> Indices | slice:
-        """List the obstacles that can be told: of the states asked for, with position and velocity in bounds."""
+    def _sendable(self, obstacles: Obstacles) -> Indices | slice:
+        """Return the rows that can be sent: of the states asked for, with position and velocity in bounds."""
         motion = np.array([obstacles.x, obstacles.y, obstacles.vx, obstacles.vy])
         asked = None if self._tentative else obstacles.state != TENTATIVE
         if np.vdot(motion, motion) < FARTHEST**2:  # then each one is in bounds
@@ -140,35 +178,35 @@ class OutputEncoder:
         in_path = (x > 0) & (np.abs(y) <= self._half_width)
         return np.hypot(x, y) + np.where(in_path, 0.0, OFF_PATH)
 
-    def _columns(self, view: MountView, ids: Integers, seats: SlotColumns) -> Columns:
+    def _columns(self, view: MountView, ids: Integers, slots: SlotColumns) -> Columns:
         """Return each quantity of the slots sent: of their holders where occupied, 0 elsewhere; all are finite."""
         with np.errstate(invalid="ignore", over="ignore"):  # what is no number is dealt with below
             table = np.array([view.quantity(name, polar=self._polar) for name in self._names], np.float64)
-        table = table.take(seats.order, axis=-1)
+        table = table.take(slots.order, axis=-1)
         if not isfinite(np.vdot(table, table)):
             filler = np.zeros((len(self._names), 1))
             filler[self._may_be_unknown] = UNKNOWN
             table = np.where(np.isfinite(table), table, filler)
-        columns: Columns = dict(zip(self._names, _spread(table, seats.occupied), strict=True))
-        if self._tells_id:
-            columns["id"] = _spread(ids[seats.order], seats.occupied)
+        columns: Columns = dict(zip(self._names, _spread(table, slots.occupied), strict=True))
+        if self._sends_id:
+            columns["id"] = _spread(ids[slots.order], slots.occupied)
         return columns
 
-    def _write_status(self, status: OutputStatus, held: int, seats: SlotColumns) -> tuple[int, bytes]:
+    def _write_status(self, status: OutputStatus, held: int, slots: SlotColumns) -> tuple[int, bytes]:
         """Write the status message."""
         assert self._status is not None  # noqa: S101  # the caller asked
         # A reader takes `count` objects from a list, or the first `count` of all slots.
-        count = int(np.flatnonzero(seats.occupied).max(initial=-1)) + 1 if self._all else len(seats.sent)
+        count = int(np.flatnonzero(slots.occupied).max(initial=-1)) + 1 if self._all else len(slots.sent)
         values = {
-            "cycle": self._cycle,
+            "cycle": self._state.cycle,
             "occupied": held,
-            "unreported": self.unreported,
+            "unreported": self._state.unreported,
             "ego": status.ego,
             "health": status.health,
             "drops": status.drops,
             "count": count,
         }
-        return self._status.write(values, counter=self._cycle)
+        return self._status.write(values, counter=self._state.cycle)
 
 
 def _spread(values: NDArray[Value], occupied: Booleans) -> NDArray[Value]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from cmath import exp
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import radians
 from typing import Final, Generic, TypeVar
 
@@ -21,31 +22,49 @@ from candaemon.tracking.obstacles import Obstacles
 Value = TypeVar("Value")
 
 ACCELERATION_TIME: Final = 0.3
-"""s, time constant of own acceleration, which is derived from the velocities of successive cycles."""
+"""s, time constant of the ego acceleration, which is derived from the velocities of successive cycles."""
 LONGEST_GAP: Final = 1.0
 """s between two cycles, over which no acceleration is derived."""
 NEAREST: Final = 1e-3
 """m, least distance that a direction is derived from."""
 
 
-class OwnAcceleration:
-    """Acceleration of the vehicle over ground, from its velocity in successive cycles."""
+@dataclass(slots=True)
+class EgoAccelerationState:
+    """What the ego acceleration is derived from, axes east + i north.
+
+    Attributes:
+        time_ns: of the latest cycle.
+        velocity: in it, m/s.
+        acceleration: smoothed, m/s².
+    """
+
+    time_ns: int = 0
+    velocity: complex = 0j
+    acceleration: complex = 0j
+
+
+class EgoAcceleration:
+    """Acceleration of the vehicle over ground, from its velocity in successive cycles.
+
+    Attributes:
+        state: what it remembers.
+    """
 
     def __init__(self) -> None:
-        self._time_ns = 0
-        self._velocity = self._acceleration = 0j
+        self.state = EgoAccelerationState()
 
     def update(self, pose: EgoPose) -> complex:
         """Take a cycle's pose; return the acceleration in vehicle axes, m/s²; 0 while it is not known."""
-        velocity = complex(pose.ve, pose.vn)
-        dt = (pose.time_ns - self._time_ns) * 1e-9
+        state, velocity = self.state, complex(pose.ve, pose.vn)
+        dt = (pose.time_ns - state.time_ns) * 1e-9
         if 0.0 < dt <= LONGEST_GAP:
             share = dt / (dt + ACCELERATION_TIME)
-            self._acceleration += share * ((velocity - self._velocity) / dt - self._acceleration)
+            state.acceleration += share * ((velocity - state.velocity) / dt - state.acceleration)
         elif dt:
-            self._acceleration = 0j
-        self._time_ns, self._velocity = pose.time_ns, velocity
-        return self._acceleration * exp(-1j * pose.heading)
+            state.acceleration = 0j
+        state.time_ns, state.velocity = pose.time_ns, velocity
+        return state.acceleration * exp(-1j * pose.heading)
 
 
 class _Once(Generic[Value]):
@@ -67,9 +86,9 @@ class MountView:
         obstacles: of the cycle.
         rows: those to show, (n,) or a slice.
         mount: of the output's axes in vehicle axes.
-        pose: own pose at the obstacles' time.
+        pose: ego pose at the obstacles' time.
         acceleration: of the vehicle over ground, in vehicle axes, m/s².
-        placement: of the level frame on earth; None: not known.
+        georeference: of the local frame on earth; None: not known.
     """
 
     def __init__(
@@ -79,12 +98,12 @@ class MountView:
         mount: Mount,
         pose: EgoPose,
         acceleration: complex = 0j,
-        placement: Georeference | None = None,
+        georeference: Georeference | None = None,
     ) -> None:
         self._obstacles, self._rows = obstacles, rows
         self._mount = complex(mount.x, mount.y)
         self._turn = exp(-1j * radians(mount.yaw_deg))
-        self._pose, self._acceleration, self._placement = pose, acceleration, placement
+        self._pose, self._acceleration, self._georeference = pose, acceleration, georeference
 
     def quantity(self, name: str, *, polar: bool) -> Floats:
         """Return a quantity of each obstacle (n,), SI, as `candaemon.config.output.Quantity` names it.
@@ -169,11 +188,11 @@ class MountView:
 
     @_Once
     def earth(self) -> tuple[Floats, Floats]:
-        """Latitudes and longitudes, rad; NaN while the level frame's place is not known."""
+        """Latitudes and longitudes, rad; NaN while the local frame's place is not known."""
         east, north = self._take("east"), self._take("north")
-        if self._placement is None:
+        if self._georeference is None:
             return np.full_like(east, np.nan), np.full_like(north, np.nan)
-        return self._placement.to_earth(east, north)
+        return self._georeference.to_earth(east, north)
 
     def _take(self, name: str) -> Floats:
         column: Floats = getattr(self._obstacles, name)[self._rows]

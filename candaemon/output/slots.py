@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import Final
 
@@ -32,10 +32,23 @@ class SlotAssignment:
     freed: list[int]
 
 
+@dataclass(slots=True)
+class SlotState:
+    """Which obstacle holds which slot.
+
+    Attributes:
+        free: slots that nobody holds, a heap: the lowest first.
+        holder: slot of each obstacle that holds one, by the obstacle's identity.
+    """
+
+    free: list[int]
+    holder: dict[int, int] = field(default_factory=dict)
+
+
 class OutputSlots:
     """Which obstacle holds which slot.
 
-    An obstacle keeps its slot while it lives. A slot that becomes free is given away in the next cycle at the earliest,
+    An obstacle keeps its slot while it lives. A slot that becomes free is assigned in the next cycle at the earliest,
     so that whoever listens sees it empty in between. Where slots run short, an obstacle in the path takes that of the
     least urgent one, a cycle later for the same reason.
 
@@ -44,40 +57,56 @@ class OutputSlots:
     """
 
     def __init__(self, capacity: int) -> None:
-        self._free = list(range(capacity))
-        self._holder: dict[int, int] = {}
+        self._capacity = capacity
+        self._state = SlotState(list(range(capacity)))
+
+    @property
+    def state(self) -> SlotState:
+        """Who holds which slot.
+
+        Raises:
+            ValueError: in a state that is set some slot is held twice, or not there.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: SlotState) -> None:
+        if sorted([*state.free, *state.holder.values()]) != list(range(self._capacity)):
+            raise ValueError(f"other slots than 0 to {self._capacity - 1}, each once")
+        self._state = state
 
     def assign(self, ids: Sequence[int], urgency: Sequence[float]) -> SlotAssignment:
-        """Hand out the slots of one cycle.
+        """Assign the slots of one cycle.
 
         Args:
             ids: identities of the obstacles, each once.
             urgency: distance of each, m, `OFF_PATH` more outside the path; the lowest first.
         """
-        holder = self._holder
+        free, holder = self._state.free, self._state.holder
         urgent = dict(zip(ids, urgency, strict=True))
         freed = [holder.pop(gone) for gone in [each for each in holder if each not in urgent]]
         waiting = sorted((each for each in ids if each not in holder), key=urgent.__getitem__)
-        served = waiting[: len(self._free)]
+        served = waiting[: len(free)]
         for each in served:
-            holder[each] = heappop(self._free)
+            holder[each] = heappop(free)
         # Slots freed just before are for the first of those that wait; only the others need an eviction.
         for each in waiting[len(served) + len(freed) :]:
             if not self._make_room(urgent[each], urgent, freed):
                 break
         for slot in freed:
-            heappush(self._free, slot)
+            heappush(free, slot)
         fresh = set(served)
         return SlotAssignment([holder.get(each, -1) for each in ids], [each in fresh for each in ids], freed)
 
     def _make_room(self, urgency: float, urgent: dict[int, float], freed: list[int]) -> bool:
-        """Free the least urgent slot for an obstacle in the path; tell whether one is less urgent enough."""
-        if urgency >= OFF_PATH or not self._holder:
+        """Free the least urgent slot for an obstacle in the path; return whether one is less urgent enough."""
+        holder = self._state.holder
+        if urgency >= OFF_PATH or not holder:
             return False
-        last = max(self._holder, key=urgent.__getitem__)
+        last = max(holder, key=urgent.__getitem__)
         if urgent[last] <= urgency + MARGIN:
             return False
-        freed.append(self._holder.pop(last))
+        freed.append(holder.pop(last))
         return True
 
 
@@ -90,7 +119,7 @@ class SlotColumns:
         sent: (m,) slots to send, ascending.
         occupied: (m,) whether the slot is held.
         new: (m,) whether its holder has it since this cycle.
-        lasting: whether the same obstacles, given again, are seated alike: none came, left or waits.
+        lasting: whether the same obstacles would get the same slots again: none came, left or waits.
     """
 
     order: Indices
@@ -101,7 +130,7 @@ class SlotColumns:
 
 
 class SlotEncoding:
-    """SlotColumns the obstacles, cycle by cycle; where the same ones come again, at the cost of a comparison.
+    """Assigns slots to the obstacles, cycle by cycle; where the same ones come again, at the cost of a comparison.
 
     Args:
         capacity: number of slots.
@@ -113,24 +142,38 @@ class SlotEncoding:
         self._table = OutputSlots(capacity)
         self._every_slot = np.arange(capacity)
         self._send_all, self._send_freed = send_all, send_freed
-        self._seats: SlotColumns | None = None
-        self._ids = b""
+        # the latest cycle's, as long as the same obstacles would get the same again
+        self._lasting: SlotColumns | None = None
+        self._lasting_ids = b""
 
-    def seats(self, ids: Integers, urgency: Callable[[], Floats]) -> SlotColumns:
-        """Hand out the slots of one cycle.
+    @property
+    def state(self) -> SlotState:
+        """Who holds which slot.
+
+        Raises:
+            ValueError: in a state that is set some slot is held twice, or not there.
+        """
+        return self._table.state
+
+    @state.setter
+    def state(self, state: SlotState) -> None:
+        self._table.state, self._lasting = state, None
+
+    def assign(self, ids: Integers, urgency: Callable[[], Floats]) -> SlotColumns:
+        """Return the slots of one cycle.
 
         Args:
             ids: (n,) identities of the obstacles, each once.
-            urgency: gives (n,) what `OutputSlots.assign` takes; asked only where somebody came or waits.
+            urgency: returns (n,) what `OutputSlots.assign` takes; called only where somebody came or waits.
         """
         key = ids.tobytes()
-        seats = self._seats
-        if seats is None or not seats.lasting or key != self._ids:
-            self._seats = seats = self._seated(ids, urgency())
-            self._ids = key
-        return seats
+        columns = self._lasting
+        if columns is None or key != self._lasting_ids:
+            columns = self._assigned(ids, urgency())
+            self._lasting, self._lasting_ids = columns if columns.lasting else None, key
+        return columns
 
-    def _seated(self, ids: Integers, urgency: Floats) -> SlotColumns:
+    def _assigned(self, ids: Integers, urgency: Floats) -> SlotColumns:
         assigned = self._table.assign(ids.tolist(), urgency.tolist())
         slots = np.array(assigned.slot, np.int64)
         order = np.argsort(slots)[np.count_nonzero(slots < 0) :]

@@ -1,4 +1,4 @@
-"""What the pipeline tells and counts."""
+"""What a cycle of the pipeline results in, and what the pipeline counts."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class BusCounts:
 
     @property
     def used(self) -> int:
-        """Frames that a sensor or own motion took."""
+        """Frames that a sensor or ego motion took."""
         return self.frames - self.spare - self.unknown - self.short
 
 
@@ -41,11 +41,11 @@ class PipelineCounts:
     """What the pipeline did.
 
     Attributes:
-        cycles: times that obstacles were told.
+        cycles: times that obstacles were reported.
         coasting_cycles: those of them without a scan, because every sensor was silent.
-        without_ego: scans dropped because own motion was not known yet.
-        own_motion_short: frames of own motion with fewer bytes than the DBC says.
-        own_motion: frames of own motion that failed otherwise, by cause.
+        without_ego: scans dropped because ego motion was not known yet.
+        own_motion_short: frames of ego motion with fewer bytes than the DBC says.
+        own_motion: frames of ego motion that failed otherwise, by cause.
         sent: frames made for the output bus.
         buses: per bus.
     """
@@ -64,13 +64,13 @@ class Cycle:
     """One cycle of the daemon.
 
     Attributes:
-        time_ns: when it was told: the time of the frame that closed the scan.
+        time_ns: of the frame that closed the scan, or of the instant at which obstacles coast.
         obstacles: of all groups; their own time is that of the measurement.
         frames: what goes onto the output bus.
-        pose: own pose at the obstacles' time.
+        pose: ego pose at the obstacles' time.
         detections: the scan's, None in a cycle without one.
-        tracker: the group's tracker that took them, to be asked before the next cycle.
-        placement: of the level frame on earth at the obstacles' time; None where it is not known or not asked for.
+        tracker: the group's tracker that took them; its latest step is this one until the next cycle.
+        georeference: of the local frame on earth at the obstacles' time; None where it is not known or not asked for.
     """
 
     time_ns: int
@@ -79,4 +79,4 @@ class Cycle:
     pose: EgoPose
     detections: Detections | None
     tracker: Tracker | None
-    placement: Georeference | None = None
+    georeference: Georeference | None = None

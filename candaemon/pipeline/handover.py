@@ -1,17 +1,17 @@
 """What a pipeline takes over from the one before it, when another configuration takes its place.
 
-A sensor, own motion and the output go on as they were where neither their settings nor their messages have changed.
-Obstacles live on where own motion does, for their frame of reference is its, where the tracker has the same filter, and
+A sensor, ego motion and the output go on as they were where neither their settings nor their messages have changed.
+Obstacles live on where ego motion does, for their frame of reference is its, where the tracker has the same filter, and
 where a sensor that has seen them is the same as before; what only changed sensors have seen is forgotten. Identities
-are never given twice, and totals go on.
+are never assigned twice, and totals go on.
 
-It knows the insides of a pipeline and of a tracker: they know nothing of it.
+What goes on is the `state` of a stage: here is decided which stages take over that of their predecessor.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from candaemon.binding.bound import Binding, BoundEgo, BoundOutput, BoundSensor
 from candaemon.dbc.types import Database, MessageSpec
@@ -26,20 +26,20 @@ class Kept:
 
     Attributes:
         sensors: names of the sensors that go on as they were.
-        own_motion: whether own motion does.
+        ego_motion: whether ego motion does.
         output: whether the output does, or there is none in both.
         obstacles: how many live on.
         ended: how many do not.
     """
 
     sensors: tuple[str, ...]
-    own_motion: bool
+    ego_motion: bool
     output: bool
     obstacles: int
     ended: int
 
     def __str__(self) -> str:
-        goes_on = [*self.sensors, *["own motion"] * self.own_motion, *["output"] * self.output]
+        goes_on = [*self.sensors, *["own motion"] * self.ego_motion, *["output"] * self.output]
         ended = f", {self.ended} ended" if self.ended else ""
         return f"unchanged: {', '.join(goes_on) or 'nothing'}; {self.obstacles} obstacles kept{ended}"
 
@@ -51,28 +51,28 @@ def hand_over(former: Pipeline, successor: Pipeline) -> Kept:
         former: with everything that it was given taken.
         successor: of the other configuration.
     """
-    own_motion = _same_own_motion(former.binding.ego, successor.binding.ego)
+    ego_motion = _same_ego(former.binding.ego, successor.binding.ego)
     sensors = _same_sensors(former.binding, successor.binding)
     output = _same_output(former.binding.output, successor.binding.output)
     alive = sum(map(len, former.trackers))
-    if own_motion:
-        successor.ego, successor.placer = former.ego, former.placer
-    if output:
-        successor._encoder = former._encoder
-    _take_assemblers(former, successor, sensors)
-    _take_trackers(former, successor, sensors if own_motion else {})
-    if own_motion and len(sensors) == len(former.assemblers) and all(old == new for old, new in sensors.items()):
-        successor._watch = former._watch
+    for old, new in sensors.items():
+        successor.assemblers[new].state = former.assemblers[old].state
+    if ego_motion:
+        _take_ego(former, successor)
+    if output and former.encoder is not None and successor.encoder is not None:
+        successor.encoder.state = former.encoder.state
+    _take_trackers(former, successor, sensors if ego_motion else {})
+    same_numbers = len(sensors) == len(former.assemblers) and all(old == new for old, new in sensors.items())
+    if ego_motion and same_numbers and former.stationary is not None and successor.stationary is not None:
+        successor.stationary = former.stationary
     _take_counts(former, successor)
-    successor._routes = successor._make_routes()
-    if own_motion:
-        _take_own_frames(former, successor)
+    _take_times(former, successor, sensors)
     kept = sum(map(len, successor.trackers))
     names = tuple(successor.binding.sensors[k].name for k in sorted(sensors.values()))
-    return Kept(names, own_motion, output, kept, alive - kept)
+    return Kept(names, ego_motion, output, kept, alive - kept)
 
 
-def _same_own_motion(former: BoundEgo | None, successor: BoundEgo | None) -> bool:
+def _same_ego(former: BoundEgo | None, successor: BoundEgo | None) -> bool:
     if former is None or successor is None:
         return former is successor
     return former.settings == successor.settings and _messages(former.database, former.messages) == _messages(
@@ -109,13 +109,15 @@ def _messages(database: Database, can_ids: Iterable[int]) -> list[MessageSpec]:
     return [database.by_id[can_id] for can_id in sorted(can_ids)]
 
 
-def _take_assemblers(former: Pipeline, successor: Pipeline, sensors: Mapping[int, int]) -> None:
-    """Let the open scans go on."""
-    for old, new in sensors.items():
-        assembler = former.assemblers[old]
-        assembler._sensor = assembler._selection._sensor = new
-        successor.assemblers[new] = assembler
-        successor._last_scan_ns[new] = former._last_scan_ns[old]
+def _take_ego(former: Pipeline, successor: Pipeline) -> None:
+    """Let ego motion go on; what watches its frames does as long as they come from the bus of the same number."""
+    successor.ego.state = former.ego.state
+    if former.georeferencer is not None and successor.georeferencer is not None:
+        successor.georeferencer.state = former.georeferencer.state
+    ego, other = former.binding.ego, successor.binding.ego
+    if ego is not None and other is not None and ego.bus == other.bus:
+        for can_id, frames in successor.ego_frames.items():
+            frames.state = former.ego_frames[can_id].state
 
 
 def _take_trackers(former: Pipeline, successor: Pipeline, sensors: Mapping[int, int]) -> None:
@@ -135,13 +137,6 @@ def _take_trackers(former: Pipeline, successor: Pipeline, sensors: Mapping[int, 
             tracker._tracks.renumber(kept)
 
 
-def _take_own_frames(former: Pipeline, successor: Pipeline) -> None:
-    """Let what watches the frames of own motion go on, as long as they come from the bus of the same number."""
-    ego, other = former.binding.ego, successor.binding.ego
-    if ego is not None and other is not None and ego.bus == other.bus:
-        successor._routes[ego.bus] |= {can_id: former._routes[ego.bus][can_id] for can_id in ego.messages}
-
-
 def _groups(pipeline: Pipeline) -> dict[str, tuple[Tracker, frozenset[int]]]:
     """Return the tracker of each group and the numbers of its sensors, by the group's name; "" for all the others."""
     number = {sensor.name: sensor.index for sensor in pipeline.binding.sensors}
@@ -151,11 +146,11 @@ def _groups(pipeline: Pipeline) -> dict[str, tuple[Tracker, frozenset[int]]]:
     }
     rest = frozenset(number.values()) - frozenset[int]().union(*named.values())
     members = named | ({"": rest} if rest else {})
-    return {name: (pipeline._tracker_of[min(numbers)], numbers) for name, numbers in members.items()}
+    return {name: (pipeline.tracker_of(min(numbers)), numbers) for name, numbers in members.items()}
 
 
 def _tracks_alike(former: Tracker, successor: Tracker) -> bool:
-    """Tell whether the states of one tracker's filter mean the same in another's."""
+    """Return whether the states of one tracker's filter mean the same in another's."""
     return (
         former._settings.estimator == successor._settings.estimator
         and former._settings.reflections == successor._settings.reflections
@@ -163,9 +158,16 @@ def _tracks_alike(former: Tracker, successor: Tracker) -> bool:
 
 
 def _take_counts(former: Pipeline, successor: Pipeline) -> None:
-    """Let the totals go on, those of a bus by its name; nothing is due before the next frame or tick."""
+    """Let the totals go on, those of a bus by its name."""
     of_bus = dict(zip([bus.name for bus in former.binding.buses], former.counts.buses, strict=True))
-    successor.counts = former.counts
-    successor.counts.buses = [of_bus.get(bus.name) or BusCounts() for bus in successor.binding.buses]
-    successor._drops, successor._dropped_ns = successor.drops, former._dropped_ns
-    successor._coast_due_ns = former._coast_due_ns
+    buses = [of_bus.get(bus.name) or BusCounts() for bus in successor.binding.buses]
+    successor.counts = replace(former.counts, buses=buses)
+
+
+def _take_times(former: Pipeline, successor: Pipeline, sensors: Mapping[int, int]) -> None:
+    """Let what was last when go on; nothing is due before the next frame or tick."""
+    before, after = former.health.state, successor.health.state
+    for old, new in sensors.items():
+        after.last_scan_ns[new] = before.last_scan_ns[old]
+    after.drops, after.dropped_ns = successor.drops, before.dropped_ns
+    successor.schedule.coast_due_ns = former.schedule.coast_due_ns

@@ -214,7 +214,7 @@ class _Outputs:
         """Write cycles into the table of obstacles."""
         for cycle in cycles:
             if self._writers.tracks is not None:
-                columns = track_columns(cycle.obstacles, self._names, cycle.placement)
+                columns = track_columns(cycle.obstacles, self._names, cycle.georeference)
                 self._writers.tracks.write_cycle(cycle.obstacles.time_ns, columns)
 
 

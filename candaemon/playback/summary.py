@@ -85,7 +85,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
         },
         "duplicates": {"share": _rounded(score.duplicates.share), "samples": score.duplicates.samples},
         "output": {"frames": counts.sent, "saturated": pipeline.saturated},
-        **({} if pipeline.placer is None else {"gnss": _placing(pipeline.placer)}),
+        **({} if pipeline.georeferencer is None else {"gnss": _placing(pipeline.georeferencer)}),
         "seconds": _rounded((replayed.last_ns - replayed.first_ns) * 1e-9),
     }
 

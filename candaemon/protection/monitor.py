@@ -14,7 +14,7 @@ UNWATCHED: Final = 1 << 62
 
 @dataclass(slots=True)
 class FrameFaults:
-    """Frames that failed, each under one cause, and what else protection tells.
+    """Frames that failed, each under one cause, and what else protection finds.
 
     Attributes:
         checksum: frames with a wrong checksum, or another message's data id.
@@ -71,13 +71,27 @@ class GuardPlan:
 
 
 @dataclass(slots=True)
-class _Flow:
-    """The frames of one message so far."""
+class MessageSequence:
+    """The frames of one message so far.
+
+    Attributes:
+        used_ns: time of the latest frame used.
+        due_ns: time at which the next frame is due, by the rate.
+        counter: of the latest frame; None before the first, and after a silence.
+        settling: frames whose counters must follow one another until they are used again.
+    """
 
     used_ns: int
     due_ns: int
     counter: int | None = None
     settling: int = 0
+
+
+@dataclass(slots=True)
+class GuardState:
+    """What a frame guard remembers: the sequence of each message, by its CAN id."""
+
+    sequences: dict[int, MessageSequence] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -89,15 +103,16 @@ class FrameGuard:
 
     Args:
         plan: what is asked of them.
-        faults: where those that fail are counted.
+        faults: where those that fail are counted; the owner's.
+        state: what it remembers.
     """
 
     plan: GuardPlan
     faults: FrameFaults
-    _flows: dict[int, _Flow] = field(default_factory=dict)
+    state: GuardState = field(default_factory=GuardState)
 
     def admits(self, can_id: int, data: bytes, time_ns: int) -> bool:
-        """Tell whether a frame may be used; one that may not is counted.
+        """Return whether a frame may be used; one that may not is counted.
 
         Args:
             can_id: of one of the messages.
@@ -110,29 +125,29 @@ class FrameGuard:
             return False
         if not plan.watches:
             return True
-        flow = self._flows.get(can_id)
-        if flow is None:
-            flow = self._flows[can_id] = _Flow(time_ns, time_ns)
-        if time_ns - flow.used_ns > plan.timeout_ns:
+        sequence = self.state.sequences.get(can_id)
+        if sequence is None:
+            sequence = self.state.sequences[can_id] = MessageSequence(time_ns, time_ns)
+        if time_ns - sequence.used_ns > plan.timeout_ns:
             self.faults.timeouts += 1
-            flow.used_ns, flow.counter, flow.settling = time_ns, None, 0
-        if plan.counter is not None and not self._follows(flow, plan.counter(data)):
+            sequence.used_ns, sequence.counter, sequence.settling = time_ns, None, 0
+        if plan.counter is not None and not self._follows(sequence, plan.counter(data)):
             return False
         if plan.spacing_ns:
-            if time_ns < flow.due_ns - plan.slack_ns:
+            if time_ns < sequence.due_ns - plan.slack_ns:
                 self.faults.too_fast += 1
                 return False
-            flow.due_ns = max(flow.due_ns, time_ns) + plan.spacing_ns
-        flow.used_ns = time_ns
+            sequence.due_ns = max(sequence.due_ns, time_ns) + plan.spacing_ns
+        sequence.used_ns = time_ns
         return True
 
-    def _follows(self, flow: _Flow, counter: int) -> bool:
-        """Tell whether a counter follows the one before it."""
+    def _follows(self, sequence: MessageSequence, counter: int) -> bool:
+        """Return whether a counter follows the one before it."""
         plan, faults = self.plan, self.faults
         if counter >= plan.counter_values:  # no value that it goes through: nothing follows from it
             faults.jumped += 1
             return False
-        before, flow.counter = flow.counter, counter
+        before, sequence.counter = sequence.counter, counter
         if before is None:
             return True
         step = (counter - before) % plan.counter_values
@@ -141,9 +156,9 @@ class FrameGuard:
             return False
         if step <= plan.max_step or plan.use_jumps:
             faults.lost += step - 1
-            flow.settling = max(flow.settling - 1, 0)
+            sequence.settling = max(sequence.settling - 1, 0)
         else:
-            flow.settling = plan.settle
-        if flow.settling:
+            sequence.settling = plan.settle
+        if sequence.settling:
             faults.jumped += 1
-        return not flow.settling
+        return not sequence.settling

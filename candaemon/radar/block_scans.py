@@ -15,7 +15,8 @@ from candaemon.config.sensors import CounterScan
 from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.frames.block import FrameBlock
 from candaemon.objects.object_batch import ObjectBatch
-from candaemon.radar.assembly import CounterAssembler, ScanAssembler
+from candaemon.radar.assembly import ScanAssembler
+from candaemon.radar.counter_assembler import CounterAssembler
 
 
 class WholeScans:

@@ -18,18 +18,21 @@ class Selection:
 
     Args:
         sensor: the bound sensor.
-        counts: where objects left out are counted.
+        counts: where objects left out are counted; the owner's.
+
+    Attributes:
+        counts: as given.
+        plausibility: what judges whether an object can be true; it may remember nothing.
     """
 
     def __init__(self, sensor: BoundSensor, counts: ScanCounts) -> None:
         form, reader = sensor.settings.objects, sensor.reader
-        self._counts, self._sensor = counts, sensor.index
+        self.counts, self._sensor = counts, sensor.index
         self._has_identity = form.identity is not None
         self._has_pairs = len(form.pair) > 1
         self._may_lack = any(part.optional for part in reader.parts)
         self._position = [row for row, name in enumerate(reader.quantities) if name in POSITION]
-        plausibility = ObjectPlausibility(sensor, counts)
-        self._plausibility = plausibility if plausibility.watches else None
+        self.plausibility = ObjectPlausibility(sensor, counts)
 
     def scan(self, time_ns: int, batch: ObjectBatch, slot: Integers, missing: int) -> Scan:
         """Return the scan of the objects read.
@@ -40,7 +43,7 @@ class Selection:
             slot: of each (n,), ascending.
             missing: frames that should have been in it and were not.
         """
-        counts, use = self._counts, batch.valid
+        counts, use = self.counts, batch.valid
         if batch.not_finite is not None:
             counts.not_finite += int(np.count_nonzero(batch.not_finite))
         if self._has_pairs:
@@ -56,8 +59,8 @@ class Selection:
             rows = use.nonzero()[0]
             slot, object_id, new = slot.take(rows), object_id.take(rows), new.take(rows)
             values = values.take(rows, axis=1)
-        if self._plausibility is not None:
-            kept = self._plausibility.keep(time_ns, slot, object_id, new, values)
+        if self.plausibility.watches:
+            kept = self.plausibility.keep(time_ns, slot, object_id, new, values)
             if kept is not None:
                 slot, object_id, new = slot.take(kept), object_id.take(kept), new.take(kept)
                 values = values.take(kept, axis=1)

@@ -81,7 +81,7 @@ class EventWatch:
                 yield from self._fails("bus", bus.name, now_ns)
         assemblers = daemon.pipeline.assemblers
         for name, assembler, least in zip(self._sensors, assemblers, self._least_trust, strict=True):
-            if assembler.trust < least:
+            if assembler.valid_share < least:
                 yield from self._fails("trust", name, now_ns)
 
     def _fails(self, fault: str, about: str, now_ns: int) -> Iterator[Event]:

@@ -193,7 +193,7 @@ def _sensors(pipeline: Pipeline, measured: Measured, rates: Mapping[Hashable, fl
             rate=rates["sensor", sensor.name],
             age=age,
             lost=age is None or age > binding.patience(sensor),
-            trust=assembler.trust,
+            trust=assembler.valid_share,
             frames={name: getattr(assembler.counts, name) for name in ("used", *UNUSABLE)},
             counts={
                 each.name: getattr(assembler.counts, each.name)

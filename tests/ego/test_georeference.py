@@ -171,7 +171,7 @@ def test_fixes_without_own_motion_are_counted_and_bounded() -> None:
     ins = Ins()
     for k in range(3 * MOST_WAITING):
         ins.fix(0.01 * k, np.zeros(2))
-    assert len(ins.placer._waiting) == MOST_WAITING
+    assert len(ins.placer.state.waiting) == MOST_WAITING
     ins.move(100.0, EAST)
     assert ins.placer.at(ns(100.0)) is None
     assert ins.placer.counts.unplaced == ins.placer.counts.fixes

@@ -83,7 +83,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Simulated:
     cycles = list(pipeline.run(late))
     with TrackWriter(folder / "tracks.csv", earth=True) as table:
         for cycle in cycles:
-            table.write_cycle(cycle.obstacles.time_ns, track_columns(cycle.obstacles, ["front"], cycle.placement))
+            table.write_cycle(cycle.obstacles.time_ns, track_columns(cycle.obstacles, ["front"], cycle.georeference))
     with TrackWriter(folder / "truth.csv") as table:
         for row in simulation.truth():
             table.write_cycle(row.time_ns, row.columns)
@@ -171,7 +171,7 @@ def test_places_are_those_of_the_simulated_obstacles(simulated: Simulated) -> No
 
 def test_without_gnss_nothing_is_placed() -> None:
     binding = bind(load_config(ROOT / "config" / "esr_ins.yaml"))
-    assert Pipeline(binding).placer is None
+    assert Pipeline(binding).georeferencer is None
 
 
 def test_gnss_needs_the_fixes(tmp_path: Path) -> None:

@@ -19,9 +19,9 @@ from candaemon.binding.bound import BoundOutput, BoundSensor
 from candaemon.config.sensors import Mount
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.output.encoder import OutputEncoder, OutputStatus
-from candaemon.output.quantities import MountView, OwnAcceleration
+from candaemon.output.quantities import EgoAcceleration, MountView
 from candaemon.protection.checksums import crc8_sae_j1850
-from candaemon.radar.assembly import make_assembler
+from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.scan import Scan
 from candaemon.tracking.obstacles import COASTING, CONFIRMED, TENTATIVE, Obstacles
 from tests.support.bound import binding
@@ -105,7 +105,7 @@ def test_the_status_tells_cycle_slots_and_validity() -> None:
         assert status["Cycle"] == status["Counter"] == cycle % 256
     assert (status["Occupied"], status["Unreported"]) == (32, 8)
     assert (status["Ego"], status["Health"], status["Drops"]) == (2, 1, 70_000 % 65_536)
-    assert encoder.unreported == 8
+    assert encoder.state.unreported == 8
 
 
 def test_counters_count_frames_of_their_slot_and_the_crc_covers_them() -> None:
@@ -134,7 +134,7 @@ def test_tentative_obstacles_are_told_on_demand(tentative: bool, names: int) -> 
     bound = dataclasses.replace(bound, settings=bound.settings.model_copy(update={"tentative": tentative}))
     encoder = OutputEncoder(bound)
     assert len(encoder.encode(obstacles(1, state=[TENTATIVE]), STATUS, POSE)) == names
-    assert encoder.unreported == 0
+    assert encoder.state.unreported == 0
 
 
 @settings(deadline=None, max_examples=50)
@@ -149,7 +149,7 @@ def test_whatever_the_tracker_says_the_bus_gets_numbers_in_range(data: st.DataOb
         assert all(math.isfinite(value) for value in message.values())
         assert message.get("State") != 1
     lost = sum(not np.isfinite([drawn[name][k] for name in names[:4]]).all() for k in range(n))
-    assert encoder.unreported >= lost
+    assert encoder.state.unreported >= lost
 
 
 @pytest.mark.parametrize("config", ["esr_ins", "ars408_to_esr", "esr_to_ars408"])
@@ -278,7 +278,7 @@ def test_deviations_turn_with_the_mount() -> None:
 
 
 def test_own_acceleration_follows_a_braking_turning_vehicle() -> None:
-    own = OwnAcceleration()
+    own = EgoAcceleration()
     for k in range(100):
         time, speed = 0.05 * k, 20.0 - 2.0 * 0.05 * k
         heading = 1.0 + 0.1 * time

@@ -103,7 +103,7 @@ def test_seats_are_as_the_table_has_them_however_often_the_same_obstacles_come(
         assigned = assign(table, cycle)
         held = holders(cycle, assigned)
         fresh = {slot for slot, new in zip(assigned.slot, assigned.new, strict=True) if new}
-        seats = seating.seats(ids, urgency.copy)
+        seats = seating.assign(ids, urgency.copy)
         assert ids[seats.order].tolist() == [held[slot] for slot in sorted(held)]
         assert seats.sent.tolist() == sorted([*held, *assigned.freed])
         assert seats.occupied.tolist() == [slot in held for slot in seats.sent.tolist()]
@@ -119,7 +119,7 @@ def test_where_nobody_comes_or_waits_urgency_is_not_asked() -> None:
         return np.full(obstacles, 50.0)
 
     for cycle, ids in enumerate(([7, 8], [7, 8], [7, 8], [8, 7], [7, 8, 9], [7, 8, 9])):
-        seating.seats(np.array(ids), partial(urgency, cycle, len(ids)))
+        seating.assign(np.array(ids), partial(urgency, cycle, len(ids)))
     assert asked == [0, 1, 3, 4, 5]
 
 

@@ -109,7 +109,7 @@ def test_another_filter_begins_anew_with_identities_never_given(
 
 def test_another_own_motion_begins_anew(before: Binding, frames: list[Frame], tmp_path: Path) -> None:
     drive = Drive(before, configuration(tmp_path, lambda tree: tree["ego"].update(age_limit=0.3)), frames)
-    assert not drive.kept.own_motion
+    assert not drive.kept.ego_motion
     assert drive.kept.obstacles == 0  # the level frame is another
     assert confirmed(drive.later[-1])
 

@@ -21,7 +21,8 @@ from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.protection.checksums import Protector
 from candaemon.protection.monitor import GuardPlan
-from candaemon.radar.assembly import ScanAssembler, make_assembler
+from candaemon.radar.assembler_factory import make_assembler
+from candaemon.radar.assembly import ScanAssembler
 from candaemon.radar.scan import ScanCounts
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
@@ -53,17 +54,17 @@ def test_a_scan_with_too_many_failed_frames_is_discarded_whole() -> None:
     assert (counts.scans, counts.distrusted) == (2, 1)
     assert (counts.used, counts.checksum, counts.discarded) == (16 + 32, 16 + 17, 15)
     assert counts.frames == 3 * 32
-    assert assembler.trust < 1.0
+    assert assembler.valid_share < 1.0
 
 
 def test_trust_is_the_share_of_frames_used_of_late() -> None:
     assembler = make_assembler(sensor("toyota_rav4"))
     for number in range(20):
         sent(assembler, number, lambda _: False)
-    assert assembler.trust == 1.0
+    assert assembler.valid_share == 1.0
     for number in range(20, 140):
         sent(assembler, number, lambda k: k < 8)
-    assert assembler.trust == pytest.approx(0.75, abs=0.01)
+    assert assembler.valid_share == pytest.approx(0.75, abs=0.01)
 
 
 def test_where_no_scan_closes_any_more_the_trust_falls_too() -> None:
@@ -72,7 +73,7 @@ def test_where_no_scan_closes_any_more_the_trust_falls_too() -> None:
     for number in range(1, 60):
         assert sent(assembler, number, lambda _: True) == 0
     assert assembler.counts.scans == 1
-    assert assembler.trust < 0.06
+    assert assembler.valid_share < 0.06
 
 
 def test_a_header_that_fails_opens_nothing() -> None:

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.frames.times import NEVER_NS
-from candaemon.radar.assembly import make_assembler
+from candaemon.radar.assembler_factory import make_assembler
 from tests.support.scan_frames import KINDS, UNMARKED, Sent, cycle, run, same, sensor, timed, whole
 
 

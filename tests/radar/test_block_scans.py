@@ -28,7 +28,7 @@ from candaemon.frames.block import FrameBlock
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.radar.assembly import CounterAssembler
+from candaemon.radar.counter_assembler import CounterAssembler
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate

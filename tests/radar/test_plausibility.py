@@ -191,4 +191,4 @@ def test_a_real_drive_loses_nothing_to_every_check(drive: Path, tmp_path: Path) 
     assert assembler.counts == ScanCounts(used=38_400, scans=1200)
     assert pipeline.counts.own_motion == MotionFaults()
     assert cycles == 1200
-    assert assembler.trust == 1.0
+    assert assembler.valid_share == 1.0

@@ -18,7 +18,7 @@ from candaemon.errors import ConfigError
 from candaemon.evaluation.tables import read_truth
 from candaemon.evaluation.writers import TrackWriter
 from candaemon.frames.frame import Frame
-from candaemon.radar.assembly import make_assembler
+from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.scan import Scan
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scenario_file import load_scenario

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from candaemon.binding.bind_sensor import bind_sensor_writer
 from candaemon.binding.bound import BoundSensor
 from candaemon.config.sensors import TimeoutScan, TriggerScan
-from candaemon.radar.assembly import ScanAssembler, make_assembler
+from candaemon.radar.assembler_factory import make_assembler
+from candaemon.radar.assembly import ScanAssembler
 from candaemon.radar.scan import Scan
 from tests.support.bound import binding
 

@@ -1,0 +1,88 @@
+"""Frames of ego motion: decoded, checked, and given to ego motion and to what places it on earth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from candaemon.binding.bound import BoundEgo, EgoMessage
+from candaemon.ego.georeference import Georeferencer
+from candaemon.ego.motion import EgoMotion
+from candaemon.ego.motion_plausibility import MotionPlausibility, MotionPlausibilityState
+from candaemon.pipeline.cycle import PipelineCounts
+from candaemon.protection.monitor import FrameGuard, GuardState
+
+
+@dataclass(slots=True)
+class EgoFramesState:
+    """What is remembered of one message's frames.
+
+    Attributes:
+        guard: of their counters and rate; None where they need no guard.
+        plausibility: of their values.
+    """
+
+    guard: GuardState | None
+    plausibility: MotionPlausibilityState
+
+
+class EgoFrames:
+    """Receives the frames of one message.
+
+    Args:
+        message: the message.
+        ego: the settings it belongs to.
+        consumers: ego motion and the georeferencer; those that make no use of its quantities are left out.
+        counts: where frames that fail are counted; the owner's.
+    """
+
+    def __init__(
+        self,
+        message: EgoMessage,
+        ego: BoundEgo,
+        consumers: Sequence[EgoMotion | Georeferencer],
+        counts: PipelineCounts,
+    ) -> None:
+        self._decode, self._names = message.decode, message.quantities
+        self._length, self._can_id, self._bus = message.message.length, message.message.can_id, ego.bus
+        self._consumers = [each for each in consumers if not each.wanted.isdisjoint(message.quantities)]
+        self._guard = None if message.guard is None else FrameGuard(message.guard, counts.own_motion)
+        self._plausibility = MotionPlausibility(message, ego.settings.plausibility, counts.own_motion)
+        self._counts = counts
+
+    @property
+    def state(self) -> EgoFramesState:
+        """What it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit the message.
+        """
+        return EgoFramesState(None if self._guard is None else self._guard.state, self._plausibility.state)
+
+    @state.setter
+    def state(self, state: EgoFramesState) -> None:
+        if (self._guard is None) != (state.guard is None):
+            raise ValueError("other frame guards than the configuration's")
+        if self._guard is not None and state.guard is not None:
+            self._guard.state = state.guard
+        self._plausibility.state = state.plausibility
+
+    def count_into(self, counts: PipelineCounts) -> None:
+        """Count frames that fail in other counts from here on."""
+        self._counts, self._plausibility.faults = counts, counts.own_motion
+        if self._guard is not None:
+            self._guard.faults = counts.own_motion
+
+    def receive(self, _part: int, _slot: int, data: bytes, time_ns: int) -> None:
+        """Take a frame."""
+        values = self._decode(data) if self._consumers else ()
+        if values is None or len(data) < self._length:
+            self._counts.own_motion_short += 1
+            self._counts.buses[self._bus].short += 1
+            return
+        if self._guard is not None and not self._guard.admits(self._can_id, data, time_ns):
+            return
+        if self._consumers and not self._plausibility.admits(time_ns, values):
+            return
+        for consumer in self._consumers:
+            consumer.update(time_ns, self._names, values)
