@@ -1,4 +1,7 @@
-"""Names of array types, one table for the whole package. Knows nothing of what the numbers mean."""
+"""Names of array types, one table for the whole package, and arrays that share their rows.
+
+Knows nothing of what the numbers mean.
+"""
 
 from __future__ import annotations
 

@@ -41,6 +41,22 @@ class WhiteAxis:
 AxisModel: TypeAlias = WhiteAxis | Singer | CurrentStatistical
 
 
+@dataclass(slots=True)
+class AxisFilterState:
+    """What an `AxisFilter` remembers of N axes.
+
+    Attributes:
+        columns: one column an axis: mean, upper triangle of the covariance row by row, variance of the driving noise;
+            (D + D (D + 1) / 2 + 1, N).
+        mean_nis: normalised innovation squared, averaged over the latest updates, (N,).
+        dt: s of the latest prediction.
+    """
+
+    columns: Floats
+    mean_nis: Floats
+    dt: float
+
+
 class AxisFilter:
     """Kalman filter of N axes, the rows; two axes a track in the plane, in whatever order the caller keeps.
 
@@ -60,26 +76,41 @@ class AxisFilter:
         self._memory = model.innovation_memory if isinstance(model, CurrentStatistical) else None
         self._size = model.order + 1 if isinstance(model, WhiteAxis) else 3
         self._triangle = PackedSymmetric(self._size)
-        width = self._size + self._triangle.entries + 1
-        self._state: Floats = np.zeros((width, 0))
-        self._other = self._state.copy()
-        self._dt, self._prediction = 0.0, self._prediction_over(0.0)
+        self._width = self._size + self._triangle.entries + 1
+        self._state = AxisFilterState(np.zeros((self._width, 0)), np.zeros(0), 0.0)
+        self._other = self._state.columns.copy()  # what a prediction is written to
+        self._prediction_dt, self._prediction = 0.0, self._prediction_over(0.0)
         self._innovation: Floats = np.zeros(0)
         self._innovation_variance: Floats = np.ones(0)
-        self._mean_nis: Floats = np.zeros(0)
 
     def __len__(self) -> int:
-        return len(self._mean_nis)
+        return len(self._state.mean_nis)
+
+    @property
+    def state(self) -> AxisFilterState:
+        """All that it remembers; `fit` is not a part of it.
+
+        Raises:
+            ValueError: a state that is set does not fit.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: AxisFilterState) -> None:
+        if state.columns.shape != (self._width, len(state.mean_nis)):
+            raise ValueError(f"found {state.columns.shape} columns, expected {self._width} numbers an axis")
+        self._state = state
+        self._hold(state.columns)
 
     @property
     def mean(self) -> Floats:
         """States (N, D)."""
-        return self._state[: self._size].T.copy()
+        return self._state.columns[: self._size].T.copy()
 
     @property
     def covariance(self) -> Floats:
         """Covariances (N, D, D), symmetric to the last bit."""
-        return self._triangle.unpack(self._state[self._size : -1])
+        return self._triangle.unpack(self._state.columns[self._size : -1])
 
     @property
     def fit(self) -> Fit:
@@ -89,25 +120,27 @@ class AxisFilter:
 
     def spawn(self, mean: Floats, covariance: Floats) -> None:
         """Append k axes, mean (k, D) and covariance (k, D, D)."""
-        state = np.ones((len(self._state), len(mean)))
-        state[: self._size] = mean.T
-        state[self._size : -1] = self._triangle.pack(covariance)
-        self._hold(np.concatenate([self._state, state], axis=1))
-        self._mean_nis = np.concatenate([self._mean_nis, np.ones(len(mean))])
+        state, columns = self._state, np.ones((self._width, len(mean)))
+        columns[: self._size] = mean.T
+        columns[self._size : -1] = self._triangle.pack(covariance)
+        self._hold(np.concatenate([state.columns, columns], axis=1))
+        state.mean_nis = np.concatenate([state.mean_nis, np.ones(len(mean))])
 
     def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
-        self._hold(self._state[:, rows])
-        self._mean_nis = self._mean_nis[rows]
+        self._hold(self._state.columns[:, rows])
+        self._state.mean_nis = self._state.mean_nis[rows]
 
     def predict(self, dt: float) -> None:
         """Predict all axes by dt (s): (14) and (29) of paper 000 with Q by (18) to (20)."""
-        if dt != self._dt:
-            self._dt, self._prediction = dt, self._prediction_over(dt)
+        state = self._state
+        state.dt = dt
+        if dt != self._prediction_dt:
+            self._prediction_dt, self._prediction = dt, self._prediction_over(dt)
         if isinstance(self._model, CurrentStatistical):
-            self._state[-1] = self._adapted_variance(self._model)
-        np.matmul(self._prediction, self._state, out=self._other[:-1])
-        self._state, self._other = self._other, self._state
+            state.columns[-1] = self._adapted_variance(self._model)
+        np.matmul(self._prediction, state.columns, out=self._other[:-1])
+        state.columns, self._other = self._other, state.columns
 
     def update(self, positions: Floats, variance: Floats | float, axes: Indices | None = None) -> None:
         """Update with measured positions: (25) to (27) of paper 000.
@@ -118,7 +151,7 @@ class AxisFilter:
             axes: rows (m,) that were measured, each once; None: all N. The others keep their predicted state.
         """
         size = self._size
-        state = self._state if axes is None else self._state[:, axes]
+        state = self._state.columns if axes is None else self._state.columns[:, axes]
         cross = state[size : 2 * size]
         innovation = positions - state[0]
         innovation_variance = np.maximum(cross[0] + variance, LEAST_VARIANCE)
@@ -133,26 +166,27 @@ class AxisFilter:
             first = last
         np.multiply(gain, variance, out=cross)  # P − K H P of the measured component, without a difference
         if axes is not None:
-            self._state[:, axes] = state
+            self._state.columns[:, axes] = state
         self._innovation, self._innovation_variance = innovation, innovation_variance
         self._learn_nis(axes)
 
-    def _hold(self, state: Floats) -> None:
-        """Take over the state of other axes."""
-        self._state = np.ascontiguousarray(state)
-        self._other = self._state.copy()
+    def _hold(self, columns: Floats) -> None:
+        """Replace the columns by those of other axes."""
+        self._state.columns = np.ascontiguousarray(columns)
+        self._other = self._state.columns.copy()
 
     def _adapted_variance(self, model: CurrentStatistical) -> Floats:
         """Return the acceleration's variance of the axes, (20)."""
-        variance = model.variance(self._state[2])
-        return variance if self._memory is None else driven_variance(variance, model.floor, self._mean_nis)
+        variance = model.variance(self._state.columns[2])
+        return variance if self._memory is None else driven_variance(variance, model.floor, self._state.mean_nis)
 
     def _learn_nis(self, axes: Indices | None) -> None:
         """Follow the NIS where the variance is driven by it."""
         if self._memory is None:
             return
         rows = slice(None) if axes is None else axes
-        self._mean_nis[rows] -= expm1(-self._dt / self._memory) * (self.fit.nis - self._mean_nis[rows])
+        state = self._state
+        state.mean_nis[rows] -= expm1(-state.dt / self._memory) * (self.fit.nis - state.mean_nis[rows])
 
     def _prediction_over(self, dt: float) -> Floats:
         """Return the matrix that takes [mean, upper triangle of P, noise variance] to the predicted mean and triangle.
@@ -160,7 +194,7 @@ class AxisFilter:
         The triangle of F P Fᵀ + σ² Q is linear in P's triangle and in σ².
         """
         mean_transition, transition, noise = axis_matrices(self._model, dt)
-        prediction = np.zeros((len(self._state) - 1, len(self._state)))
+        prediction = np.zeros((self._width - 1, self._width))
         prediction[: self._size, : self._size] = mean_transition
         prediction[self._size :, self._size : -1] = self._triangle.propagation(transition)
         prediction[self._size :, -1] = noise[self._triangle.row, self._triangle.column]

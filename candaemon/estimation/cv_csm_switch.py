@@ -7,12 +7,23 @@ estimate is told.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
-from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
-from candaemon.estimation.manoeuvre import ManoeuvreWatch, SwitchRule
+from candaemon.estimation.axis_filter import AxisFilter, AxisFilterState, WhiteAxis
+from candaemon.estimation.manoeuvre import ManoeuvreState, ManoeuvreWatch, SwitchRule
 from candaemon.estimation.motion_models import CurrentStatistical
+
+
+@dataclass(slots=True)
+class CvCsmSwitchState:
+    """What a `CvCsmSwitch` remembers: of both filters, and of the decision between them."""
+
+    steady: AxisFilterState
+    manoeuvre: AxisFilterState
+    watch: ManoeuvreState
 
 
 class CvCsmSwitch:
@@ -39,8 +50,26 @@ class CvCsmSwitch:
         self._manoeuvre = AxisFilter(statistical)
         self._watch = ManoeuvreWatch(axes, rule or SwitchRule())
 
+        self._state = CvCsmSwitchState(self._steady.state, self._manoeuvre.state, self._watch.state)
+
     def __len__(self) -> int:
-        return len(self._watch.manoeuvring)
+        return len(self._watch)
+
+    @property
+    def state(self) -> CvCsmSwitchState:
+        """All that it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: CvCsmSwitchState) -> None:
+        self._state = state
+        self._steady.state, self._manoeuvre.state, self._watch.state = state.steady, state.manoeuvre, state.watch
+        if not len(self._steady) == len(self._manoeuvre) == len(self._watch) * self._axes:
+            raise ValueError("the filters have other axes than the tracks")
 
     @property
     def manoeuvring(self) -> Booleans:

@@ -7,15 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.estimation.estimator_state import FederatedTracksState
 from candaemon.estimation.federated import fused, information_shares
-from candaemon.estimation.filter_bank import FilterBank
+from candaemon.estimation.filter_bank import MomentBank
 from candaemon.estimation.kalman import update
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.motion_models import MotionModel
 from candaemon.estimation.sensor_noise import SensorNoise
 
 
-class FederatedTracks(FilterBank):
+class FederatedTracks(MomentBank):
     """A local filter for each sensor and a global one over them; rows are tracks.
 
     The global filter fuses after every scan and hands the result back, so that between scans the local filters are the
@@ -34,6 +35,8 @@ class FederatedTracks(FilterBank):
         noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
     """
 
+    _state: FederatedTracksState
+
     def __init__(
         self,
         model: MotionModel,
@@ -47,33 +50,40 @@ class FederatedTracks(FilterBank):
     ) -> None:
         super().__init__([model], acceleration=acceleration, turn_rate=turn_rate, jerk=jerk, noise=noise)
         self._outage, self._least = outage, least
-        self._sensors: list[int] = []
-        self._stated: Floats = np.zeros(0)
-        self._trace: Floats = np.zeros((0, 0))
 
     @property
     def share(self) -> Floats:
         """Information factors β of the sensors in the order of their first scans, (n, S)."""
-        return information_shares(self._trace, self._outage, self._least)
+        return information_shares(self._state.trace, self._outage, self._least)
 
     def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
         super().keep(rows)
-        self._trace = self._trace[rows]
+        self._state.trace = self._state.trace[rows]
 
     def renumber(self, sensors: Mapping[int, int]) -> None:
         """Give sensors other numbers; what is known of those left out is forgotten."""
         super().renumber(sensors)
-        known = [k for k, each in enumerate(self._sensors) if each in sensors]
-        self._sensors = [sensors[self._sensors[k]] for k in known]
-        self._stated, self._trace = self._stated[known], self._trace[:, known]
+        state = self._state
+        known = [k for k, each in enumerate(state.sensors) if each in sensors]
+        state.sensors = [sensors[state.sensors[k]] for k in known]
+        state.stated, state.trace = state.stated[known], state.trace[:, known]
+
+    def _empty(self) -> FederatedTracksState:
+        return FederatedTracksState(*self._empty_weights(), *self._empty_moments(), [], np.zeros(0), np.zeros((0, 0)))
+
+    def _hand_down(self) -> None:
+        super()._hand_down()
+        state = self._state
+        if state.trace.shape != (len(self), len(state.sensors)) or state.stated.shape != (len(state.sensors),):
+            raise ValueError("what is known of the sensors' noise does not fit the tracks")
 
     def _adapted(self, rows: Indices, measurement: Measurement) -> Measurement:
         """Return the measurement as noisy as the tracks have found it to be, and note that for the shares."""
         adapted = super()._adapted(rows, measurement)
         if len(rows):
             sensor = self._place(measurement)
-            self._trace[rows, sensor] = _traces(adapted)
+            self._state.trace[rows, sensor] = _traces(adapted)
         return adapted
 
     def _corrected(
@@ -85,8 +95,9 @@ class FederatedTracks(FilterBank):
         innovation, observation, noise = measurement.linearised(mean[:, 0])
         whole, spread = mean[:, 0].copy(), covariance[:, 0].copy()
         fit = update(whole, spread, innovation, observation, noise)
-        if len(self._sensors) > 1:
-            mine = self.share[rows, self._sensors.index(measurement.sensor), None, None]
+        sensors = self._state.sensors
+        if len(sensors) > 1:
+            mine = self.share[rows, sensors.index(measurement.sensor), None, None]
             locals_ = np.repeat(mean, 2, axis=1)
             spreads = np.stack([covariance[:, 0] / mine, covariance[:, 0] / (1.0 - mine)], axis=1)
             update(locals_[:, 0], spreads[:, 0], innovation, observation, noise)
@@ -96,16 +107,18 @@ class FederatedTracks(FilterBank):
 
     def _place(self, measurement: Measurement) -> int:
         """Return the sensor's column; a sensor that has not been seen gets one, as noisy as it says."""
-        if measurement.sensor not in self._sensors:
-            self._sensors.append(measurement.sensor)
+        state = self._state
+        if measurement.sensor not in state.sensors:
+            state.sensors.append(measurement.sensor)
             stated = _traces(measurement).mean()
-            self._stated = np.append(self._stated, stated)
-            self._trace = np.concatenate([self._trace, np.full((len(self), 1), stated)], axis=1)
-        return self._sensors.index(measurement.sensor)
+            state.stated = np.append(state.stated, stated)
+            state.trace = np.concatenate([state.trace, np.full((len(self), 1), stated)], axis=1)
+        return state.sensors.index(measurement.sensor)
 
     def _append(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
         super()._append(mean, covariance, probability)
-        self._trace = np.concatenate([self._trace, np.tile(self._stated, (len(mean), 1))])
+        state = self._state
+        state.trace = np.concatenate([state.trace, np.tile(state.stated, (len(mean), 1))])
 
     def _interact(self, dt: float) -> None:
         """Do nothing: the filters meet after each scan."""

@@ -8,14 +8,19 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.arrays.rows import checked_state
+from candaemon.estimation.estimator_state import EstimatorState, MomentBankState
 from candaemon.estimation.kalman import propagated, symmetrise
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct
 from candaemon.estimation.mixing import moments
 from candaemon.estimation.motion_models import VELOCITY, CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel
 from candaemon.estimation.output_state import TOLD, OutputState
-from candaemon.estimation.sensor_noise import SensorNoise
+from candaemon.estimation.sensor_noise import SensorNoise, SensorNoiseState
 from candaemon.estimation.smoothing import Link, smoothing_gain
+
+_NOT_BY_TRACK = frozenset({"columns", "stated", "trace"})
+"""Arrays of states that do not have one row a track."""
 
 
 class FilterBank(ABC):
@@ -34,10 +39,12 @@ class FilterBank(ABC):
     Attributes:
         mean: (n, M, D).
         covariance: (n, M, D, D).
-        probability: weights of the models, (n, M).
         linking: whether `predict` leaves a `link` for smoothing.
         link: what the latest prediction tells a smoother; None before the first.
     """
+
+    mean: Floats
+    covariance: Floats
 
     def __init__(
         self,
@@ -51,7 +58,7 @@ class FilterBank(ABC):
         self._models = tuple(models)
         self._noise = noise
         self._width = 1 + max(component for model in models for component in model.components)
-        m, d = len(self._models), self._width
+        d = self._width
         self._has = np.array([[c in model.components for c in range(d)] for model in self._models])
         self._has_both = self._has[:, :, None] & self._has[:, None, :]
         self._turning = [j for j, model in enumerate(self._models) if isinstance(model, CoordinatedTurn)]
@@ -60,16 +67,52 @@ class FilterBank(ABC):
         self._first_variance[4:6] = acceleration**2
         self._first_variance[6:7] = turn_rate**2
         self._first_variance[7:] = jerk**2
-        self.mean: Floats = np.zeros((0, m, d))
-        self.covariance: Floats = np.zeros((0, m, d, d))
-        self.probability: Floats = np.zeros((0, m))
-        self._fit: Floats = np.ones((0, m))
-        self._dt = 0.0
+        self._state = self._empty()
         self.linking = False
         self.link: Link | None = None
 
     def __len__(self) -> int:
-        return len(self.mean)
+        return len(self._state.probability)
+
+    @property
+    def state(self) -> EstimatorState:
+        """All that it remembers; the link is not a part of it.
+
+        Raises:
+            ValueError: a state that is set does not fit the filter.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: EstimatorState) -> None:
+        self._state = checked_state(state, self._empty(), except_for=_NOT_BY_TRACK)
+        self._hand_down()
+
+    @property
+    def probability(self) -> Floats:
+        """Weights of the models, (n, M)."""
+        return self._state.probability
+
+    @probability.setter
+    def probability(self, probability: Floats) -> None:
+        self._state.probability = probability
+
+    @abstractmethod
+    def _empty(self) -> EstimatorState:
+        """Return the state of a bank without tracks."""
+
+    def _empty_weights(self) -> tuple[Floats, Floats, float, SensorNoiseState | None]:
+        """Return what all banks remember beside their estimates, without tracks."""
+        m = len(self._models)
+        return np.zeros((0, m)), np.ones((0, m)), 0.0, None if self._noise is None else self._noise.state
+
+    def _hand_down(self) -> None:
+        """Give the parts of the filter their parts of the state that was set, and check how many tracks they have."""
+        if self._noise is None and self._state.noise is None:
+            return
+        if self._noise is None or self._state.noise is None or self._state.noise.count != len(self):
+            raise ValueError("what is known of the sensors' noise does not fit the filter")
+        self._noise.state = self._state.noise
 
     def spawn(
         self, position: Floats, position_covariance: Floats, velocity: Floats, velocity_covariance: Floats
@@ -111,7 +154,8 @@ class FilterBank(ABC):
     def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
         self._keep_estimates(rows)
-        self.probability, self._fit = self.probability[rows], self._fit[rows]
+        state = self._state
+        state.probability, state.mean_nis = state.probability[rows], state.mean_nis[rows]
         if self._noise is not None:
             self._noise.keep(rows)
 
@@ -136,7 +180,7 @@ class FilterBank(ABC):
         if not len(self):
             self.link = None
             return
-        self._dt = dt
+        self._state.dt = dt
         self._interact(dt)
         before = OutputState(self.mean.copy(), self.covariance.copy(), self._turning) if self.linking else None
         transitions = [self._predict_model(j, dt, direction) for j in range(len(self._models))]
@@ -152,7 +196,7 @@ class FilterBank(ABC):
         """Predict with one model; return its transition F (n or 1, D, D)."""
         model = self._models[j]
         if isinstance(model, CurrentStatistical) and model.innovation_memory is not None:
-            self.mean[:, j], f, q = model.transition(self.mean[:, j], dt, direction, self._fit[:, j])
+            self.mean[:, j], f, q = model.transition(self.mean[:, j], dt, direction, self._state.mean_nis[:, j])
         else:
             self.mean[:, j], f, q = model.transition(self.mean[:, j], dt, direction)
         np.add(propagated(self.covariance[:, j], f), q, out=self.covariance[:, j])
@@ -253,10 +297,10 @@ class FilterBank(ABC):
         """Remember how the innovations of late fitted, for models whose noise follows them; NIS is (m, M)."""
         if not self._memories:
             return
-        freedom = measurement.measured
+        freedom, state = measurement.measured, self._state
         for j, memory in self._memories:
-            share = -np.expm1(-self._dt / memory)
-            self._fit[rows, j] += share * (nis[:, j] / freedom - self._fit[rows, j])
+            share = -np.expm1(-state.dt / memory)
+            state.mean_nis[rows, j] += share * (nis[:, j] / freedom - state.mean_nis[rows, j])
 
     def _link(self, before: OutputState, transitions: Sequence[Floats]) -> Link:
         """Return what a smoother needs of a prediction.
@@ -272,19 +316,60 @@ class FilterBank(ABC):
     def _reading(self) -> OutputState:
         return OutputState(self.mean, self.covariance, self._turning)
 
+    @abstractmethod
+    def _keep_estimates(self, rows: Indices | Booleans) -> None:
+        """Keep the estimates of the given rows."""
+
+    @abstractmethod
+    def _append_estimates(self, mean: Floats, covariance: Floats) -> None:
+        """Append the estimates of k tracks, mean (k, M, D) and covariance (k, M, D, D)."""
+
+    def _append(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
+        self._append_estimates(mean, covariance)
+        state = self._state
+        state.probability = np.concatenate([state.probability, probability])
+        if self._noise is not None:
+            self._noise.spawn(len(mean))
+        state.mean_nis = np.concatenate([state.mean_nis, np.ones(probability.shape)])
+
+
+class MomentBank(FilterBank):
+    """A filter bank that keeps mean and covariance of each model as they are."""
+
+    _state: MomentBankState
+
+    @property
+    def mean(self) -> Floats:
+        """(n, M, D)."""
+        return self._state.mean
+
+    @mean.setter
+    def mean(self, mean: Floats) -> None:
+        self._state.mean = mean
+
+    @property
+    def covariance(self) -> Floats:
+        """(n, M, D, D)."""
+        return self._state.covariance
+
+    @covariance.setter
+    def covariance(self, covariance: Floats) -> None:
+        self._state.covariance = covariance
+
+    def _empty(self) -> MomentBankState:
+        return MomentBankState(*self._empty_weights(), *self._empty_moments())
+
+    def _empty_moments(self) -> tuple[Floats, Floats]:
+        """Return means and covariances of no tracks."""
+        m, d = len(self._models), self._width
+        return np.zeros((0, m, d)), np.zeros((0, m, d, d))
+
     def _keep_estimates(self, rows: Indices | Booleans) -> None:
         self.mean, self.covariance = self.mean[rows], self.covariance[rows]
 
     def _append_estimates(self, mean: Floats, covariance: Floats) -> None:
         self.mean = np.concatenate([self.mean, mean])
         self.covariance = np.concatenate([self.covariance, covariance])
-
-    def _append(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
-        self._append_estimates(mean, covariance)
-        self.probability = np.concatenate([self.probability, probability])
-        if self._noise is not None:
-            self._noise.spawn(len(mean))
-        self._fit = np.concatenate([self._fit, np.ones(probability.shape)])
 
 
 def _memories(models: Sequence[MotionModel]) -> list[tuple[int, float]]:

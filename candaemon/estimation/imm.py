@@ -19,7 +19,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from candaemon.arrays import Floats, Indices
-from candaemon.estimation.filter_bank import FilterBank
+from candaemon.estimation.filter_bank import MomentBank
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct, inform
 from candaemon.estimation.mixing import lendings, mix, posterior, switching
@@ -32,7 +32,7 @@ Form: TypeAlias = Literal["covariance", "information"]
 _BORROWED = (ACCELERATION, slice(TURN, TURN + 1), JERK)
 
 
-class Imm(FilterBank):
+class Imm(MomentBank):
     """Batched IMM over any motion models; rows are tracks.
 
     State order [x, y, vx, vy, ax, ay, ω, jx, jy], cut after what the models use; level frame, SI units.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.arrays.rows import checked_state
 
 _LONGEST = 2.0
 """Intervals, as which one comparison counts at most."""
@@ -36,42 +37,80 @@ class SwitchRule:
     interval: float = 1.0
 
 
+@dataclass(slots=True)
+class ManoeuvreState:
+    """What a `ManoeuvreWatch` remembers of n tracks.
+
+    Attributes:
+        step: s of the latest prediction.
+        compared: velocities that the next ones are compared with, (n, A), m/s.
+        since: s since those, (n,).
+        against: s for which the decision in force has been contradicted, (n,).
+        manoeuvring: the decision (n,).
+    """
+
+    step: float
+    compared: Floats
+    since: Floats
+    against: Floats
+    manoeuvring: Booleans
+
+
 class ManoeuvreWatch:
     """Watches the speeds of n tracks; rows are tracks.
 
     Args:
         axes: of a track: 1, or 2 in the plane.
         rule: when to decide otherwise.
-
-    Attributes:
-        manoeuvring: (n,); a track begins with a manoeuvre, as the paper's step (1) does.
     """
 
     def __init__(self, axes: int, rule: SwitchRule) -> None:
         self._rule = rule
-        self._step = 0.0
-        self._compared: Floats = np.zeros((0, axes))
-        self._since: Floats = np.zeros(0)
-        self._against: Floats = np.zeros(0)
-        self.manoeuvring: Booleans = np.zeros(0, dtype=np.bool_)
+        self._axes = axes
+        self._state = self._empty()
+
+    def __len__(self) -> int:
+        return len(self._state.manoeuvring)
+
+    @property
+    def state(self) -> ManoeuvreState:
+        """All that it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: ManoeuvreState) -> None:
+        self._state = checked_state(state, self._empty())
+
+    @property
+    def manoeuvring(self) -> Booleans:
+        """The decision (n,); a track begins with a manoeuvre, as the paper's step (1) does."""
+        return self._state.manoeuvring
+
+    def _empty(self) -> ManoeuvreState:
+        return ManoeuvreState(0.0, np.zeros((0, self._axes)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.bool_))
 
     def spawn(self, velocity: Floats) -> None:
         """Append tracks with their velocities (k, A), m/s."""
-        k = len(velocity)
-        self._compared = np.concatenate([self._compared, velocity])
-        self._since = np.concatenate([self._since, np.zeros(k)])
-        self._against = np.concatenate([self._against, np.zeros(k)])
-        self.manoeuvring = np.concatenate([self.manoeuvring, np.ones(k, dtype=np.bool_)])
+        k, state = len(velocity), self._state
+        state.compared = np.concatenate([state.compared, velocity])
+        state.since = np.concatenate([state.since, np.zeros(k)])
+        state.against = np.concatenate([state.against, np.zeros(k)])
+        state.manoeuvring = np.concatenate([state.manoeuvring, np.ones(k, dtype=np.bool_)])
 
     def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
-        self._compared, self._since = self._compared[rows], self._since[rows]
-        self._against, self.manoeuvring = self._against[rows], self.manoeuvring[rows]
+        state = self._state
+        state.compared, state.since = state.compared[rows], state.since[rows]
+        state.against, state.manoeuvring = state.against[rows], state.manoeuvring[rows]
 
     def advance(self, dt: float) -> None:
         """Let dt pass, s."""
-        self._step = dt
-        self._since += dt
+        self._state.step = dt
+        self._state.since += dt
 
     def watch(self, rows: Indices, velocity: Floats) -> None:
         """Take the filtered velocities of the rows just measured; where an interval is over, compare and decide.
@@ -83,23 +122,24 @@ class ManoeuvreWatch:
             rows: (m,), each once.
             velocity: (m, A), m/s.
         """
-        since = self._since[rows]
-        due = since + np.minimum(since, self._step) / 2 >= self._rule.interval  # the next sample is farther from it
+        since = self._state.since[rows]
+        # the next sample is farther from the end of the interval
+        due = since + np.minimum(since, self._state.step) / 2 >= self._rule.interval
         if due.any():
             self._compare(rows[due], velocity[due])
 
     def _compare(self, rows: Indices, velocity: Floats) -> None:
         """Compare velocities with those an interval ago, (7) and (8); decide otherwise where the time has come."""
-        rule = self._rule
-        elapsed = self._since[rows]
-        change = np.linalg.norm(velocity - self._compared[rows], axis=1) * rule.interval
+        rule, state = self._rule, self._state
+        elapsed = state.since[rows]
+        change = np.linalg.norm(velocity - state.compared[rows], axis=1) * rule.interval
         threshold = np.maximum(rule.threshold * np.linalg.norm(velocity, axis=1), rule.least_change) * elapsed
-        manoeuvring = self.manoeuvring[rows]
+        manoeuvring = state.manoeuvring[rows]
         contrary = (change > threshold) != manoeuvring
         counted = np.minimum(elapsed, _LONGEST * rule.interval)
-        against = np.where(contrary, self._against[rows] + counted, 0.0)
+        against = np.where(contrary, state.against[rows] + counted, 0.0)
         patience = np.where(manoeuvring, rule.steady_time, rule.manoeuvre_time)
         over = contrary & (against + counted / 2 >= patience)
-        self.manoeuvring[rows] = manoeuvring ^ over
-        self._against[rows] = np.where(over, 0.0, against)
-        self._compared[rows], self._since[rows] = velocity, 0.0
+        state.manoeuvring[rows] = manoeuvring ^ over
+        state.against[rows] = np.where(over, 0.0, against)
+        state.compared[rows], state.since[rows] = velocity, 0.0

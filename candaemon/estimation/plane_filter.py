@@ -11,6 +11,7 @@ import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.axis_filter import axis_matrices
+from candaemon.estimation.estimator_state import PlaneFilterState
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.kalman import LEAST_VARIANCE, LOST, bounded, line_of_sight, triangular_root
 from candaemon.estimation.measurement import Measurement
@@ -22,6 +23,7 @@ from candaemon.estimation.sensor_noise import SensorNoise
 _SIZE = 6
 _TRIANGLE = PackedSymmetric(_SIZE)
 _MEAN, _COVARIANCE, _DRIVE = slice(0, _SIZE), slice(_SIZE, -2), slice(-2, None)
+_ROWS = _SIZE + _TRIANGLE.entries + 2
 _XX, _XY, _YY = 0, 1, _SIZE
 """Entries of the position's covariance."""
 
@@ -60,34 +62,36 @@ class PlaneFilter(FilterBank):
         noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
     """
 
+    _state: PlaneFilterState
+
     def __init__(
         self, model: Singer | CurrentStatistical, *, acceleration: float, noise: SensorNoise | None = None
     ) -> None:
         self._model = model
-        self._state: Floats = np.ones((_SIZE + _TRIANGLE.entries + 2, 0))
         super().__init__([model], acceleration=acceleration, turn_rate=0.0, jerk=0.0, noise=noise)
 
     @property
     def mean(self) -> Floats:
         """(n, 1, 6), the filter's own."""
-        return self._state[_MEAN].T[:, None]
+        return self._state.columns[_MEAN].T[:, None]
 
     @mean.setter
     def mean(self, mean: Floats) -> None:
-        self._state[_MEAN] = mean[:, 0].T
+        self._state.columns[_MEAN] = mean[:, 0].T
 
     @property
     def covariance(self) -> Floats:
         """(n, 1, 6, 6)."""
-        return _TRIANGLE.unpack(self._state[_COVARIANCE])[:, None]
+        return _TRIANGLE.unpack(self._state.columns[_COVARIANCE])[:, None]
 
     @covariance.setter
     def covariance(self, covariance: Floats) -> None:
-        self._state[_COVARIANCE] = _TRIANGLE.pack(covariance[:, 0])
+        self._state.columns[_COVARIANCE] = _TRIANGLE.pack(covariance[:, 0])
 
     def combined(self) -> tuple[Floats, Floats]:
         """Return the mean (n, 6) and the covariance (n, 6, 6)."""
-        return self._state[_MEAN].T, _TRIANGLE.unpack(self._state[_COVARIANCE])
+        columns = self._state.columns
+        return columns[_MEAN].T, _TRIANGLE.unpack(columns[_COVARIANCE])
 
     def predict(self, dt: float, direction: Floats) -> None:
         """Predict all tracks: (14) and (29) of paper 000 with Q by (18) to (20)."""
@@ -95,15 +99,16 @@ class PlaneFilter(FilterBank):
         if not len(self):
             self.link = None
             return
-        self._dt = dt
+        self._state.dt = dt
         mean_transition, transition, noise = axis_matrices(self._model, dt)
         before = self._reading() if self.linking else None
+        state = self._state
         if isinstance(self._model, CurrentStatistical):
-            self._state[_DRIVE] = self._adapted_variance(self._model)
-        state = np.empty_like(self._state)
-        np.matmul(_prediction(mean_transition, transition, noise), self._state, out=state[:-2])
-        state[_DRIVE] = self._state[_DRIVE]
-        self._state = state
+            state.columns[_DRIVE] = self._adapted_variance(self._model)
+        predicted = np.empty_like(state.columns)
+        np.matmul(_prediction(mean_transition, transition, noise), state.columns, out=predicted[:-2])
+        predicted[_DRIVE] = state.columns[_DRIVE]
+        state.columns = predicted
         self._forget_negative()
         if before is not None:
             self.link = self._link(before, [isotropic(transition, _SIZE)[None]])
@@ -112,7 +117,7 @@ class PlaneFilter(FilterBank):
         """Update the given rows (m,) with a measurement each; return their NIS (m,)."""
         measurement = self._adapted(rows, measurement)
         every = len(rows) == len(self) and bool((rows == np.arange(len(rows))).all())
-        state = self._state if every else self._state.take(rows, axis=1)
+        state = self._state.columns if every else self._state.columns.take(rows, axis=1)
         nis = _take_position(state, measurement.position, measurement.noise)
         if measurement.range_rate is not None and measurement.range_rate_variance is not None:
             rate, row = line_of_sight(state[_MEAN].T, measurement.origin, measurement.velocity)
@@ -123,29 +128,39 @@ class PlaneFilter(FilterBank):
             speed = (row[2:] * state[2:4]).sum(axis=0)
             nis += _take_speed(state, row, part.value - speed, part.variance)
         if not every:
-            self._state[:, rows] = state
+            self._state.columns[:, rows] = state
         self._note_fit(rows, nis[:, None], measurement)
         return nis
 
     def _adapted_variance(self, model: CurrentStatistical) -> Floats:
         """Return the variances of the acceleration along x and y, (2, n), (20)."""
-        variance = model.variance(self._state[ACCELERATION])
-        return variance if model.innovation_memory is None else driven_variance(variance, model.floor, self._fit.T)
+        state = self._state
+        variance = model.variance(state.columns[ACCELERATION])
+        return variance if model.innovation_memory is None else driven_variance(variance, model.floor, state.mean_nis.T)
 
     def _forget_negative(self) -> None:
         """Count a component as known whose variance has fallen below zero, as `kalman.symmetrise` does."""
-        variance = self._state[_COVARIANCE].take(_TRIANGLE.diagonal, axis=0)
+        covariance = self._state.columns[_COVARIANCE]
+        variance = covariance.take(_TRIANGLE.diagonal, axis=0)
         if np.minimum.reduce(variance, axis=None) < 0.0:
             known = variance < 0.0
-            self._state[_COVARIANCE][known[_TRIANGLE.row] | known[_TRIANGLE.column]] = 0.0
+            covariance[known[_TRIANGLE.row] | known[_TRIANGLE.column]] = 0.0
+
+    def _empty(self) -> PlaneFilterState:
+        return PlaneFilterState(*self._empty_weights(), np.ones((_ROWS, 0)))
+
+    def _hand_down(self) -> None:
+        super()._hand_down()
+        if self._state.columns.shape != (_ROWS, len(self)):
+            raise ValueError(f"found {self._state.columns.shape} columns, expected {(_ROWS, len(self))}")
 
     def _keep_estimates(self, rows: Indices | Booleans) -> None:
-        self._state = np.ascontiguousarray(self._state[:, rows])
+        self._state.columns = np.ascontiguousarray(self._state.columns[:, rows])
 
     def _append_estimates(self, mean: Floats, covariance: Floats) -> None:
-        state = np.ones((len(self._state), len(mean)))
-        state[_MEAN], state[_COVARIANCE] = mean[:, 0].T, _TRIANGLE.pack(covariance[:, 0])
-        self._state = np.concatenate([self._state, state], axis=1)
+        columns = np.ones((_ROWS, len(mean)))
+        columns[_MEAN], columns[_COVARIANCE] = mean[:, 0].T, _TRIANGLE.pack(covariance[:, 0])
+        self._state.columns = np.concatenate([self._state.columns, columns], axis=1)
 
     def _interact(self, dt: float) -> None:
         """Do nothing: there is one model."""

@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.variational import NoiseFactorState
 
 
 class NoiseFactor(Protocol):
-    """Learns a factor on the stated measurement noise of each of n rows; `candaemon.estimation.variational` has two.
+    """Learns a factor on the stated measurement noise of each of n rows; `candaemon.estimation.variational` has two."""
 
-    Attributes:
-        scale: the factors (n,).
-    """
+    def __len__(self) -> int: ...
 
-    scale: Floats
+    @property
+    def state(self) -> NoiseFactorState:
+        """All that it remembers."""
+        ...
+
+    @state.setter
+    def state(self, state: NoiseFactorState) -> None: ...
+
+    @property
+    def scale(self) -> Floats:
+        """The factors (n,)."""
+        ...
 
     def spawn(self, count: int) -> None:
         """Append rows whose factor is one."""
@@ -40,6 +51,19 @@ class NoiseFactor(Protocol):
         ...
 
 
+@dataclass(slots=True)
+class SensorNoiseState:
+    """What was found out of the noise of the sensors.
+
+    Attributes:
+        count: of tracks, n.
+        factors: what is known of each sensor that has reported, by its number.
+    """
+
+    count: int = 0
+    factors: dict[int, NoiseFactorState] = field(default_factory=dict)
+
+
 class SensorNoise:
     """A factor on the position noise for each track and sensor.
 
@@ -56,23 +80,43 @@ class SensorNoise:
         self._make = make
         self._headroom, self._most = headroom, most
         self._factors: dict[int, NoiseFactor] = {}
-        self._count = 0
+        self._state = SensorNoiseState()
+
+    @property
+    def state(self) -> SensorNoiseState:
+        """All that it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: SensorNoiseState) -> None:
+        factors = {}
+        for sensor, remembered in state.factors.items():
+            factor = factors[sensor] = self._make()
+            factor.state = remembered
+            if len(factor) != state.count:
+                raise ValueError(f"sensor {sensor} has {len(factor)} noise factors, expected {state.count}")
+        self._state, self._factors = state, factors
 
     def spawn(self, count: int) -> None:
         """Append tracks for which all sensors are as noisy as they say."""
-        self._count += count
+        self._state.count += count
         for factor in self._factors.values():
             factor.spawn(count)
 
     def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
-        self._count = int(np.count_nonzero(rows)) if rows.dtype == np.bool_ else len(rows)
+        self._state.count = int(np.count_nonzero(rows)) if rows.dtype == np.bool_ else len(rows)
         for factor in self._factors.values():
             factor.keep(rows)
 
     def renumber(self, sensors: Mapping[int, int]) -> None:
         """Give sensors other numbers; what was found out of those left out is forgotten."""
         self._factors = {sensors[each]: factor for each, factor in self._factors.items() if each in sensors}
+        self._state.factors = {each: factor.state for each, factor in self._factors.items()}
 
     def believed(self, rows: Indices, measurement: Measurement) -> Measurement:
         """Return the measurement with the most noise that is believed; nothing is learnt.
@@ -97,5 +141,6 @@ class SensorNoise:
         factor = self._factors.get(measurement.sensor)
         if factor is None:
             factor = self._factors[measurement.sensor] = self._make()
-            factor.spawn(self._count)
+            factor.spawn(self._state.count)
+            self._state.factors[measurement.sensor] = factor.state
         return measurement.scaled(factor.observe(rows, measurement.position - position, covariance, measurement.noise))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
-from candaemon.estimation.filter_bank import FilterBank
+from candaemon.estimation.estimator_state import SwitchingTracksState
+from candaemon.estimation.filter_bank import MomentBank
 from candaemon.estimation.manoeuvre import ManoeuvreWatch, SwitchRule
 from candaemon.estimation.motion_models import VELOCITY, CurrentStatistical, MotionModel
 from candaemon.estimation.sensor_noise import SensorNoise
@@ -13,7 +14,7 @@ from candaemon.estimation.sensor_noise import SensorNoise
 _STEADY, _MANOEUVRE = 0, 1
 
 
-class SwitchingTracks(FilterBank):
+class SwitchingTracks(MomentBank):
     """Both models run, and the one that the change of speed of late asks for is told, whole; rows are tracks.
 
     Args:
@@ -24,6 +25,8 @@ class SwitchingTracks(FilterBank):
         noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
     """
 
+    _state: SwitchingTracksState
+
     def __init__(
         self,
         steady: MotionModel,
@@ -33,8 +36,8 @@ class SwitchingTracks(FilterBank):
         acceleration: float,
         noise: SensorNoise | None = None,
     ) -> None:
-        super().__init__([steady, statistical], acceleration=acceleration, turn_rate=1.0, jerk=1.0, noise=noise)
         self._watch = ManoeuvreWatch(2, rule)
+        super().__init__([steady, statistical], acceleration=acceleration, turn_rate=1.0, jerk=1.0, noise=noise)
 
     @property
     def manoeuvring(self) -> Booleans:
@@ -45,6 +48,15 @@ class SwitchingTracks(FilterBank):
         """Keep the given rows and forget the others; a row given twice becomes two."""
         super().keep(rows)
         self._watch.keep(rows)
+
+    def _empty(self) -> SwitchingTracksState:
+        return SwitchingTracksState(*self._empty_weights(), *self._empty_moments(), self._watch.state)
+
+    def _hand_down(self) -> None:
+        super()._hand_down()
+        self._watch.state = self._state.watch
+        if len(self._watch) != len(self):
+            raise ValueError(f"the speeds of {len(self._watch)} tracks are watched, expected {len(self)}")
 
     def _append(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
         told = np.zeros_like(probability)

@@ -13,9 +13,13 @@ filter's own update. While the state is uncertain, S ≫ R, the expectation is R
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import TypeAlias
+
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.arrays.rows import checked_state
 from candaemon.estimation.adaptive import Adapted, diagonal
 from candaemon.estimation.kalman import LEAST_VARIANCE, bounded, inverse_root, times
 
@@ -91,6 +95,35 @@ def _expected_square(variance: Floats, innovation: Floats, predicted: Floats) ->
     return np.asarray(np.square(residual) + np.maximum(doubt, 0.0))
 
 
+@dataclass(slots=True)
+class NoiseScaleState:
+    """What a `NoiseScale` remembers.
+
+    Attributes:
+        scale: factors λ (n,).
+    """
+
+    scale: Floats
+
+
+@dataclass(slots=True)
+class WindowedScaleState:
+    """What a `WindowedScale` remembers.
+
+    Attributes:
+        ring: what the latest N innovations said of the factor, (n, N).
+        count: innovations that have entered it, (n,); the next one goes to place `count` modulo N.
+        scale: factors (n,).
+    """
+
+    ring: Floats
+    count: Indices
+    scale: Floats
+
+
+NoiseFactorState: TypeAlias = NoiseScaleState | WindowedScaleState
+
+
 class NoiseScale:
     """A factor λ on the stated measurement noise R₀ of each of n tracks by variational Bayes: R = λ R₀.
 
@@ -99,9 +132,6 @@ class NoiseScale:
         floor: smallest factor on the variance.
         ceiling: largest factor.
         iterations: of the fixed point.
-
-    Attributes:
-        scale: λ (n,); one until something is learnt.
     """
 
     def __init__(
@@ -110,18 +140,36 @@ class NoiseScale:
         self._forgetting = forgetting
         self._floor, self._ceiling = floor, ceiling
         self._iterations = iterations
-        self.scale: Floats = np.zeros(0)
+        self._state = NoiseScaleState(np.zeros(0))
 
     def __len__(self) -> int:
-        return len(self.scale)
+        return len(self._state.scale)
+
+    @property
+    def state(self) -> NoiseScaleState:
+        """All that it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: NoiseFactorState) -> None:
+        self._state = checked_state(state, NoiseScaleState(np.zeros(0)))
+
+    @property
+    def scale(self) -> Floats:
+        """Factors λ (n,); one until something is learnt."""
+        return self._state.scale
 
     def spawn(self, count: int) -> None:
         """Append tracks whose factor is one."""
-        self.scale = np.concatenate([self.scale, np.ones(count)])
+        self._state.scale = np.concatenate([self._state.scale, np.ones(count)])
 
     def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
-        self.scale = self.scale[rows]
+        self._state.scale = self._state.scale[rows]
 
     def observe(self, rows: Indices, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
         """Learn from an innovation of each of the given rows, before the filter's own update.
@@ -155,41 +203,60 @@ class WindowedScale:
         window: N, innovations of a track that are averaged; until there are as many its factor is one.
         floor: smallest factor on the variance.
         ceiling: largest factor.
-
-    Attributes:
-        scale: (n,).
     """
 
     def __init__(self, window: int = 30, *, floor: float = 0.25, ceiling: float = 400.0) -> None:
         self._floor, self._ceiling = floor, ceiling
-        self._ring: Floats = np.zeros((0, window))
-        self._count: Indices = np.zeros(0, dtype=np.intp)
-        self.scale: Floats = np.zeros(0)
+        self._window = window
+        self._state = self._empty()
 
     def __len__(self) -> int:
-        return len(self.scale)
+        return len(self._state.scale)
+
+    @property
+    def state(self) -> WindowedScaleState:
+        """All that it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: NoiseFactorState) -> None:
+        self._state = checked_state(state, self._empty())
+
+    @property
+    def scale(self) -> Floats:
+        """Factors (n,); one until the window has filled."""
+        return self._state.scale
+
+    def _empty(self) -> WindowedScaleState:
+        return WindowedScaleState(np.zeros((0, self._window)), np.zeros(0, dtype=np.intp), np.zeros(0))
 
     def spawn(self, count: int) -> None:
         """Append tracks whose factor is one."""
-        self._ring = np.concatenate([self._ring, np.zeros((count, self._ring.shape[1]))])
-        self._count = np.concatenate([self._count, np.zeros(count, dtype=np.intp)])
-        self.scale = np.concatenate([self.scale, np.ones(count)])
+        state = self._state
+        state.ring = np.concatenate([state.ring, np.zeros((count, self._window))])
+        state.count = np.concatenate([state.count, np.zeros(count, dtype=np.intp)])
+        state.scale = np.concatenate([state.scale, np.ones(count)])
 
     def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others."""
-        self._ring, self._count, self.scale = self._ring[rows], self._count[rows], self.scale[rows]
+        state = self._state
+        state.ring, state.count, state.scale = state.ring[rows], state.count[rows], state.scale[rows]
 
     def observe(self, rows: Indices, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
         """Learn from an innovation of each of the given rows; see `NoiseScale.observe`."""
+        state, window = self._state, self._window
         doubt, surprise = _spectrum(innovation, predicted, noise)
-        window = self._ring.shape[1]
-        telling = doubt.max(axis=1) <= _MOST_DOUBT * np.maximum(self.scale[rows], 1.0)
+        telling = doubt.max(axis=1) <= _MOST_DOUBT * np.maximum(state.scale[rows], 1.0)
         entered = rows[telling]
-        self._ring[entered, self._count[entered] % window] = (surprise - doubt).mean(axis=1)[telling]
-        self._count[entered] += 1
-        learnt = np.clip(self._ring[rows].mean(axis=1), self._floor, self._ceiling)
-        self.scale[rows] = np.where(self._count[rows] >= window, learnt, 1.0)
-        return self.scale[rows]
+        state.ring[entered, state.count[entered] % window] = (surprise - doubt).mean(axis=1)[telling]
+        state.count[entered] += 1
+        learnt = np.clip(state.ring[rows].mean(axis=1), self._floor, self._ceiling)
+        state.scale[rows] = np.where(state.count[rows] >= window, learnt, 1.0)
+        return state.scale[rows]
 
 
 def _spectrum(innovation: Floats, predicted: Floats, noise: Floats) -> tuple[Floats, Floats]:
