@@ -1,12 +1,16 @@
-"""What a configuration does, told before it does it."""
+"""`candaemon check`: what a configuration does, shown before it does it."""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 
+from candaemon.binding.bind import bind
 from candaemon.binding.bind_signal import DIMENSIONS, SI_NAMES
 from candaemon.binding.bound import Binding, BoundEgo, BoundOutput, BoundSensor
-from candaemon.cli.console import Sheet
+from candaemon.cli.arguments import CONFIG
+from candaemon.cli.console import Sheet, print_sheets
 from candaemon.config.base import Condition
 from candaemon.config.ego import InsSettings
 from candaemon.config.estimators import (
@@ -19,13 +23,25 @@ from candaemon.config.estimators import (
     SwitchingEstimatorSettings,
 )
 from candaemon.config.gnss import DriftFilterSettings, GnssSettings, ImmFilterSettings, SwitchingFilterSettings
+from candaemon.config.load import load_config
 from candaemon.config.protection import InputProtectionSettings, ProtectionSettings
 from candaemon.config.sensors import CounterScan, HeaderScan, ObjectFormat, ScanSettings, TimeoutScan, TriggerScan
+from candaemon.config.shipped import find_config
 from candaemon.config.tracker import TrackerSettings
 from candaemon.dbc.types import MessageSpec
 from candaemon.frames.frame import EXTENDED
 from candaemon.objects.message_layout import MessageLayout
 from candaemon.objects.signals import SignalBinding
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
+
+
+def execute(arguments: argparse.Namespace) -> None:
+    """Load a configuration, open nothing, and print what it does."""
+    print_sheets(check_report(bind(load_config(find_config(arguments.config)))))
 
 
 def check_report(binding: Binding) -> Iterator[Sheet]:

@@ -1,7 +1,8 @@
-"""The service as a command: what systemd starts."""
+"""`candaemon run`: the service in the foreground, as systemd starts it."""
 
 from __future__ import annotations
 
+import argparse
 import faulthandler
 import logging
 import os
@@ -11,6 +12,8 @@ from pathlib import Path
 from typing import Literal
 
 from candaemon.binding.bound import Binding
+from candaemon.cli.arguments import CONFIG, not_negative
+from candaemon.config.shipped import find_config
 from candaemon.daemon.daemon import Daemon, Observer
 from candaemon.daemon.journal import LogForm, log_faults, log_service
 from candaemon.daemon.reload import Reloader, load
@@ -23,6 +26,23 @@ from candaemon.status.notify import Notifier, Supervision
 from candaemon.status.socket import StatusSocket
 
 logger = logging.getLogger(__name__)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument(
+        "--record", type=Path, metavar="DIR", help="folder for the ring of what came last, see the README"
+    )
+    parser.add_argument(
+        "--status", type=not_negative, metavar="S", help="s between status lines; 0: none; default: the configuration's"
+    )
+    parser.add_argument("--log", choices=("text", "json"), help="form of the log's lines; default: the configuration's")
+
+
+def execute(arguments: argparse.Namespace) -> None:
+    """Serve the configured buses."""
+    serve(ServeRequest(find_config(arguments.config), arguments.record, arguments.status, arguments.log))
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import socket
@@ -24,6 +25,21 @@ Tree: TypeAlias = Mapping[str, Any]
 """What `candaemon.status.model.Figures.tree` gives."""
 
 _DAY_S, _HOUR_S, _MINUTE_S = 86_400, 3600, 60
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument(
+        "instance", nargs="?", metavar="NAME", help="of candaemon@NAME; default: the only one that runs"
+    )
+    parser.add_argument("--socket", type=Path, metavar="PATH", help="the instance's socket, if it is elsewhere")
+    parser.add_argument("--once", action="store_true", help="show it once and end; default where no terminal is")
+    parser.add_argument("--json", action="store_true", help="the figures once, for programs")
+
+
+def execute(arguments: argparse.Namespace) -> None:
+    """Show the figures, live on a terminal."""
+    watch(arguments.instance, arguments.socket, once=arguments.once, as_json=arguments.json)
 
 
 def sheets(figures: Tree) -> list[Sheet]:

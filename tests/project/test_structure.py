@@ -206,7 +206,7 @@ def test_import_candaemon_costs_nothing() -> None:
 
 
 def test_the_command_line_starts_without_libraries() -> None:
-    assert not loaded_after("import candaemon.cli") & (HEAVY | {"numpy", "can", "cantools", "pydantic", "yaml"})
+    assert not loaded_after("import candaemon.cli.main") & (HEAVY | {"numpy", "can", "cantools", "pydantic", "yaml"})
 
 
 def test_the_tables_of_the_papers_need_no_matplotlib() -> None:

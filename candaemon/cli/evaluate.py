@@ -1,0 +1,26 @@
+"""`candaemon evaluate`: tracks compared with the truth."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from candaemon.cli import console
+from candaemon.evaluation.metrics import evaluate
+from candaemon.evaluation.text import print_evaluation
+from candaemon.files.atomic import write_whole
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("tracks", type=Path, metavar="TRACKS", help="table that replay --tracks wrote")
+    parser.add_argument("truth", type=Path, metavar="TRUTH", help="table that simulate --truth wrote")
+    parser.add_argument("--json", type=Path, metavar="JSON", help="the figures, for programs")
+
+
+def execute(arguments: argparse.Namespace) -> None:
+    """Compare and print."""
+    evaluation = evaluate(arguments.tracks, arguments.truth)
+    if arguments.json is not None:
+        write_whole(arguments.json, evaluation.to_json())
+    print_evaluation(console.console(), evaluation)

@@ -1,0 +1,21 @@
+"""`candaemon install-service`: the systemd unit that runs a configuration."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from candaemon.cli.arguments import CONFIG
+from candaemon.config.shipped import find_config
+from candaemon.daemon.install import install
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument("--print", action="store_true", help="write the unit to standard output, and nothing else")
+
+
+def execute(arguments: argparse.Namespace) -> None:
+    """Write the unit."""
+    install(find_config(arguments.config), show=arguments.print)

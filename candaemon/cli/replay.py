@@ -1,0 +1,132 @@
+"""`candaemon replay`: a recorded drive through the pipeline."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Final
+
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.cli import console
+from candaemon.cli.arguments import CONFIG, LOG_FORMATS, positive
+from candaemon.config.load import load_config
+from candaemon.config.shipped import find_config
+from candaemon.errors import ConfigError, InputError
+from candaemon.files.atomic import write_whole
+from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
+from candaemon.playback.summary import summarise
+
+LONGEST_LAG: Final = 10.0
+"""Longest lag of smoothing, s: what comes later tells nothing of a manoeuvre, and the work grows with it."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument("log", type=Path, metavar="LOG", help=f"{LOG_FORMATS}; or the folder of a recording")
+    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="log of the obstacles' frames")
+    parser.add_argument("--tracks", type=Path, metavar="CSV", help="table of the obstacles, a row a cycle")
+    parser.add_argument("--predictions", type=Path, metavar="CSV", help="table of where each detection is expected")
+    parser.add_argument(
+        "--horizons", type=horizons, default=HORIZONS, metavar="S,S", help="of the predictions; default: 0.5,1.0"
+    )
+    parser.add_argument("--summary", type=Path, metavar="JSON", help="figures of the drive, for programs")
+    parser.add_argument("--speed", type=positive, metavar="X", help="times real time; default: as fast as it goes")
+    parser.add_argument(
+        "--smooth",
+        type=lag,
+        metavar="S",
+        help="smooth the table of --tracks with so many s of what comes, such as 1; what is sent stays as it is",
+    )
+    parser.add_argument(
+        "--fresh", action="store_true", help="begin with nothing, even where a recording says what the service knew"
+    )
+    parser.add_argument(
+        "--map",
+        type=channel_of_bus,
+        action="append",
+        default=[],
+        metavar="CHANNEL=BUS",
+        help="the log's CHANNEL is the configuration's BUS; repeatable",
+    )
+
+
+def execute(arguments: argparse.Namespace) -> None:
+    """Replay, print the figures, and say which sensors nothing was heard of."""
+    binding = bind(load_config(find_config(arguments.config)))
+    console.warn(binding.warnings)
+    channels = [channel for channel, _ in arguments.map]
+    twice = sorted({channel for channel in channels if channels.count(channel) > 1})
+    if twice:
+        raise ConfigError(f"--map gives {', '.join(twice)} to several buses; a channel has one")
+    request = ReplayRequest(
+        arguments.log,
+        arguments.output,
+        arguments.tracks,
+        arguments.predictions,
+        arguments.horizons,
+        arguments.speed,
+        dict(arguments.map),
+        arguments.smooth,
+        arguments.fresh,
+    )
+    _check_request(request, arguments.summary, binding)
+    with console.log_progress(arguments.log.name) as progress:
+        replayed = replay(binding, request, progress)
+    figures = summarise(replayed)
+    console.print_figures(arguments.log.name, figures)
+    if arguments.summary is not None:
+        write_whole(arguments.summary, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+    console.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
+    silent = [name for name, counts in figures["sensors"].items() if not counts["used"]]
+    if len(silent) == len(figures["sensors"]):
+        others = ", ".join(figures["log"]["other_channels"]) or "none"
+        raise InputError(
+            f"not one usable frame of any sensor ({', '.join(silent)}); log channels no bus takes: {others}; "
+            "check each bus's channel, or use --map CHANNEL=BUS",
+            file=arguments.log,
+        )
+    if silent:
+        console.warn([f"sensor '{name}': not one usable frame in this log" for name in silent])
+
+
+def _check_request(request: ReplayRequest, summary: Path | None, binding: Binding) -> None:
+    """Refuse what can be told before the log is read: buses there are not, and files that would be written twice."""
+    buses = {bus.name for bus in binding.buses}
+    for channel, bus in request.channels.items():
+        if bus not in buses:
+            raise ConfigError(f"--map {channel}={bus}: no bus '{bus}'; expected one of {', '.join(sorted(buses))}")
+    if request.output is not None and binding.output is None:
+        raise ConfigError(
+            f"-o {request.output}: the configuration has no 'output', so there are no frames to write; add one",
+            file=binding.loaded.path,
+        )
+    if request.smooth is not None and request.tracks is None:
+        raise ConfigError("--smooth is for the table of obstacles; name it with --tracks")
+    written = [path for path in (request.output, request.tracks, request.predictions, summary) if path is not None]
+    paths = [path.resolve() for path in (request.log, *written)]
+    if len(set(paths)) < len(paths):
+        raise ConfigError("the same file is named twice; give the log and everything written a name of its own")
+
+
+def lag(text: str) -> float:
+    """Read s over 0 and at most `LONGEST_LAG`."""
+    value = positive(text)
+    if value > LONGEST_LAG:
+        raise argparse.ArgumentTypeError(f"found {text}, expected {LONGEST_LAG:g} s at most")
+    return value
+
+
+def horizons(text: str) -> tuple[float, ...]:
+    """Read times in s with commas between; returns them in order, each once."""
+    return tuple(sorted({positive(part) for part in text.split(",")}))
+
+
+def channel_of_bus(text: str) -> tuple[str, str]:
+    """Read CHANNEL=BUS."""
+    channel, sign, bus = text.partition("=")
+    if not (channel and sign and bus):
+        raise argparse.ArgumentTypeError(f"found '{text}', expected CHANNEL=BUS, such as can1=radar")
+    return channel, bus

@@ -1,0 +1,17 @@
+"""`candaemon schema`: the JSON Schema of the configuration."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from candaemon.config.load import json_schema
+
+
+def add_arguments(_parser: argparse.ArgumentParser) -> None:
+    """Add nothing: it takes no arguments."""
+
+
+def execute(_arguments: argparse.Namespace) -> None:
+    """Print the schema."""
+    print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
