@@ -6,7 +6,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from . import live
-from .comparisons import CHAINS, PARTS
+from .comparisons import CHAINS, GROWTH, PARTS
+from .parts import BATCH, growth
 from .timing import timed
 
 
@@ -15,6 +16,10 @@ def main() -> None:
     for make in (*CHAINS.values(), *PARTS.values()):
         with TemporaryDirectory() as folder:
             print(timed(make(Path(folder))), flush=True)
+    for name, (settings, tracks) in GROWTH.items():
+        print(
+            f"{name}: {tracks // BATCH} times the tracks cost {growth(settings, tracks):.1f} times as much", flush=True
+        )
     live.print_comparisons(blocks=3)
 
 

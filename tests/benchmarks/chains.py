@@ -7,13 +7,9 @@ from pathlib import Path
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
-from candaemon.can_io.logs.read import read_log_blocks
-from candaemon.can_io.logs.stream import LogCounts
 from candaemon.can_io.logs.write import open_log_writer
-from candaemon.can_io.reorder import Reorder
 from candaemon.config.load import load_config
-from candaemon.pipeline.cycle import Cycle
-from candaemon.pipeline.pipeline import Pipeline
+from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
 
@@ -42,15 +38,9 @@ def reduced_binding() -> Binding:
     return bind(load_config(HERE / "esr_bench.yaml"))
 
 
-def cycles(binding: Binding, log: Path, output: Path) -> Iterator[Cycle]:
-    """Run candaemon over a log as `replay` does, without tables and figures."""
-    channels = {bus.settings.channel: bus.index for bus in binding.buses}
-    pipeline = Pipeline(binding)
-    sequence = Reorder(round(binding.settings.ordering_window * 1e9))
-    with open_log_writer(output, list(channels)) as writer:
-        for cycle in pipeline.run_blocks(sequence.sequenced_blocks(read_log_blocks(log, channels, LogCounts()))):
-            writer.write(cycle.frames)
-            yield cycle
+def replayed(binding: Binding, log: Path, output: Path) -> int:
+    """Replay a log as `candaemon replay LOG -o OUTPUT` does; return the number of cycles."""
+    return replay(binding, ReplayRequest(log, output)).pipeline.counts.cycles
 
 
 def naive_cycles(kind: Callable[..., naive.Filter], log: Path, output: Path) -> Iterator[naive.Cycle]:

@@ -9,19 +9,18 @@ from __future__ import annotations
 import argparse
 import math
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from .live_driver import Datagram, make_drive, undisturbed
 from .live_sides import Measured, Side, ahead_of_others
 from .live_wire import HERE, ROOT, cycle_time, free_wire, on_wire
 
 CPU, LATENCY, EVENNESS = 0.5, 0.35, 2.0
-"""What is held: candaemon's CPU time and p99 latency by the naive daemon's, and p99 by p50 of candaemon's cycles."""
-ANSWERED = 0.97
-"""Share of scans that a daemon has to answer with obstacles: one that falls behind is no measure."""
+"""Goals on an idle machine: CPU time and p99 latency by the naive daemon's, and p99 by p50 of candaemon's cycles."""
 CAUSES = ("kernel_lost", "queue_full", "malformed")
 """Counts of a bus that say why a frame was lost on its way in."""
 FULL = ROOT / "config/esr_ins.yaml"
@@ -64,6 +63,8 @@ class Compared:
         answered: share of the scans that each answered.
         evenness: p99 by p50 of candaemon's cycles.
         stalled: share of the time in which the machine did not even run the driver.
+        sent, received: frames that candaemon was sent, and took.
+        lost: frames by cause, of causes that there were.
     """
 
     case: Case
@@ -73,18 +74,15 @@ class Compared:
     answered: tuple[float, float]
     evenness: float
     stalled: float
-
-    @property
-    def holds(self) -> bool:
-        """Whether all bounds are kept."""
-        cpu, p99 = _ratio(self.cpu), _ratio(self.p99)
-        return cpu <= CPU and p99 <= LATENCY and self.evenness <= EVENNESS and min(self.answered) >= ANSWERED
+    sent: int
+    received: int
+    lost: dict[str, int]
 
     def __str__(self) -> str:
         return (
-            f"{self.case.name}, {self.case.rate:,.0f} frames/s: CPU {_pair(self.cpu, 100, '%')}, held {CPU:g};"
-            f" latency p50 {_pair(self.p50, 1e3, 'ms')}, p99 {_pair(self.p99, 1e3, 'ms')}, held {LATENCY:g};"
-            f" cycle p99/p50 {self.evenness:.2f}, held {EVENNESS:g};"
+            f"{self.case.name}, {self.case.rate:,.0f} frames/s: CPU {_pair(self.cpu, 100, '%')}, goal {CPU:g};"
+            f" latency p50 {_pair(self.p50, 1e3, 'ms')}, p99 {_pair(self.p99, 1e3, 'ms')}, goal {LATENCY:g};"
+            f" cycle p99/p50 {self.evenness:.2f}, goal {EVENNESS:g};"
             f" answered {self.answered[0]:.1%} and {self.answered[1]:.1%}, stalled {self.stalled:.1%}"
         )
 
@@ -113,7 +111,7 @@ def compare(case: Case, folder: Path, *, blocks: int, seconds: float) -> Compare
             parts = _part(drive, k * span, warming), _part(drive, k * span + warming, seconds)
             for side in sides:
                 side.feed(*parts)
-        cycles = ours.stop()["cycles"]
+        report = ours.stop()
     both = ours.blocks, naive.blocks
     cpu, p50, p99 = (
         (_typical(figure, both[0]), _typical(figure, both[1]))
@@ -125,18 +123,11 @@ def compare(case: Case, folder: Path, *, blocks: int, seconds: float) -> Compare
         p50,
         p99,
         (_answered(both[0]), _answered(both[1])),
-        _typical(lambda block: _evenness(_cycles(cycles, block)), both[0]),
+        _typical(lambda block: _evenness(_cycles(report["cycles"], block)), both[0]),
         _stalled([*both[0], *both[1]]),
+        ours.fed,
+        *_received(report),
     )
-
-
-def held(case: Case, folder: Path, *, blocks: int, seconds: float, attempts: int = 3) -> Compared:
-    """Compare until the bounds are kept, a few times at most: what else runs may hit one side alone."""
-    for k in range(attempts):
-        result = compare(case, folder / str(k), blocks=blocks, seconds=seconds)
-        if result.holds:
-            break
-    return result
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,17 +166,23 @@ def endure(rate: float, seconds: float, folder: Path) -> Endured:
     with ahead_of_others(), Side(FULL, rate, folder / "candaemon") as side:
         side.wait_until_it_listens()
         side.feed(_part(drive, 0.0, warming), _part(drive, warming, seconds))
-        buses = side.stop()["buses"].values()
+        report = side.stop()
     (it,) = side.blocks
     return Endured(
         side.fed,
-        sum(bus["received"] for bus in buses),
-        {cause: count for bus in buses for cause, count in bus.items() if count and cause in CAUSES},
+        *_received(report),
         it.cpu_seconds / it.seconds,
         _quantile(it.latencies, 50),
         _quantile(it.latencies, 99),
         it.longest_delay,
     )
+
+
+def _received(report: Mapping[str, Any]) -> tuple[int, dict[str, int]]:
+    """Return the frames that candaemon took, and those it lost by cause."""
+    buses = report["buses"].values()
+    lost = {cause: count for bus in buses for cause, count in bus.items() if count and cause in CAUSES}
+    return sum(bus["received"] for bus in buses), lost
 
 
 def _drive(config: Path, rate: float, seconds: float, folder: Path) -> list[Datagram]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import can
@@ -23,6 +24,7 @@ from candaemon.tracking.estimator_factory import make_estimator
 
 from . import naive
 from .chains import ROOT, count
+from .timing import microseconds
 
 BATCH = 64
 _DT = 0.05
@@ -115,6 +117,15 @@ def estimate_with_filterpy(kind: Callable[..., naive.Filter], tracks: int, steps
             each.predict(matrices)
             each.update(z, r)
     return steps
+
+
+def growth(settings: CsEstimatorSettings | ImmEstimatorSettings, tracks: int) -> float:
+    """Return how many times as much as a step of 64 tracks one of so many costs; the median of five."""
+    ratios = []
+    for _ in range(5):
+        few = microseconds(lambda: estimate(settings, BATCH, 40))
+        ratios.append(microseconds(lambda: estimate(settings, tracks, 20)) / few)
+    return median(ratios)
 
 
 class Axes:

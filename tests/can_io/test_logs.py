@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import gzip
 import logging
-import time
-from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 
@@ -16,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.can_io.logs.candump import candump_text, read_candump_blocks
-from candaemon.can_io.logs.read import frames_of, read_log
+from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.errors import InputError
@@ -272,28 +270,3 @@ def test_the_real_drive_as_python_can_reads_it(drive: Path) -> None:
             assert message.channel == f"can{frame.bus}"
             assert (message.arbitration_id, bytes(message.data)) == (frame.can_id, frame.data)
             assert abs(message.timestamp - frame.time_ns / 1e9) < 1e-6
-
-
-def best_cpu_seconds(run: Callable[[], object]) -> float:
-    seconds = []
-    for _ in range(3):
-        start = time.process_time()
-        run()
-        seconds.append(time.process_time() - start)
-    return min(seconds)
-
-
-def test_faster_than_python_can(drive: Path, log: Path) -> None:
-    log.write_bytes(gzip.decompress((drive / "drive.log.gz").read_bytes()))
-    channels = ChannelMap(CHANNELS)
-
-    def python_can() -> int:
-        with can.LogReader(log) as reader:
-            return sum(1 for _ in reader)
-
-    theirs = best_cpu_seconds(python_can)
-    frames = best_cpu_seconds(lambda: sum(1 for _ in frames_of(read_candump_blocks(log, channels, LogCounts()))))
-    bulk = best_cpu_seconds(lambda: sum(len(block) for block in read_candump_blocks(log, channels, LogCounts())))
-    # half of what is reached on an idle machine: 8 and 23 times
-    assert theirs / frames > 4
-    assert theirs / bulk > 11
