@@ -15,7 +15,7 @@ from candaemon.objects.object_batch import ObjectBatch
 from candaemon.objects.writer import ObjectWriter
 from tests.support.bound import binding
 
-SENSORS = ("toyota_rav4", "esr_ins", "gm_lrr", "tesla_continental", "ars408")
+SENSORS = ("toyota_rav4", "esr_ins", "gm_lrr", "tesla_continental", "acura_ilx", "mando", "ars408")
 
 
 def written(

@@ -18,6 +18,8 @@ CONFIGS = (
     "esr_ins_fd",
     "gm_lrr",
     "tesla_continental",
+    "acura_ilx",
+    "mando",
     "ars408",
     "esr_to_ars408",
     "ars408_to_esr",
