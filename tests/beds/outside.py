@@ -58,6 +58,11 @@ class Outside:
         self._bed = bed
         self._told: Told | None = None
 
+    def pytest_itemcollected(self, item: pytest.Item) -> None:
+        """Mark the folder's tests, so that a default run leaves them out."""
+        if self._is_ours(item):
+            item.add_marker(pytest.mark.bed)
+
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Put the folder's tests first."""

@@ -86,7 +86,7 @@ class Task:
             CROWDING: str(self.crowding),
         }
         words = ["env", "-i", *(f"{name}={value}" for name, value in environment.items())]
-        words += [sys.executable, "-m", "pytest", f"--basetemp={self.scratch / 'pytest'}", f"@{arguments}"]
+        words += [sys.executable, "-m", "pytest", "-m", "", f"--basetemp={self.scratch / 'pytest'}", f"@{arguments}"]
         self.command.write_text(
             f"cd {shlex.quote(str(self.project))}\n{shlex.join(words)} >{shlex.quote(str(self.output))} 2>&1\n",
             encoding="utf-8",

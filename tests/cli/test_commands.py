@@ -17,6 +17,7 @@ import pytest
 
 from candaemon.cli.main import main
 from candaemon.config.load import json_schema
+from tests.beds.waiting import wait_until
 from tests.support.paths import ROOT
 
 CONFIGS = sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
@@ -203,11 +204,10 @@ def test_speed_holds_a_replay_back(short: Path) -> None:
 
 def test_an_interrupted_replay_keeps_what_it_has(short: Path, tmp_path: Path) -> None:
     tracks = tmp_path / "t.csv"
-    arguments = ["replay", "esr_ins", str(short / "drive.log"), "--tracks", str(tracks), "--speed", "0.5"]
+    arguments = ["replay", "esr_ins", str(short / "drive.log"), "--tracks", str(tracks), "--speed", "0.25"]
     with subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE) as process:
-        while process.poll() is None and not tracks.exists():
-            time.sleep(0.05)
-        time.sleep(1.0)
+        # Not before it has rows: an interrupt while libraries are still being imported is none of a replay.
+        wait_until(lambda: tracks.exists() and tracks.read_bytes().count(b"\n") > 5, 60, "rows")
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == 130
         assert process.stderr is not None

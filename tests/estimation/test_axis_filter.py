@@ -14,6 +14,7 @@ from candaemon.estimation.axis_filter import AxisFilter, AxisModel, WhiteAxis
 from candaemon.estimation.motion_models import CurrentStatistical, Singer
 from candaemon.papers.profiles import Pieces, motion
 from tests.support.builders import random_covariance
+from tests.support.long_runs import few_and_many_cycles
 
 SEEDS = st.integers(0, 2**32 - 1)
 MODELS = st.one_of(
@@ -92,11 +93,12 @@ def test_it_is_filterpys_filter_on_each_axis(seed: int, model: AxisModel, axes: 
 
 
 @pytest.mark.parametrize("model", EACH_MODEL, ids=repr)
-def test_it_lasts_60_000_cycles(model: AxisModel) -> None:
+@few_and_many_cycles
+def test_it_lasts_many_cycles(model: AxisModel, cycles: int) -> None:
     rng = np.random.default_rng(1)
     axes = vague(model, 4)
     noise = np.array([0.01, 0.1, 1.0, 30.0])
-    measured = 20.0 * np.sin(0.01 * np.arange(60_000))[:, None] + noise * rng.normal(size=(60_000, 4))
+    measured = 20.0 * np.sin(0.01 * np.arange(cycles))[:, None] + noise * rng.normal(size=(cycles, 4))
     scale = 0.05 ** -np.arange(states_of(model))
     for k, z in enumerate(measured):
         axes.predict(0.05)

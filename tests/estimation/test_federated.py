@@ -13,6 +13,7 @@ from candaemon.estimation.axis import white_axis
 from candaemon.estimation.federated import Federated, fused, information_shares
 from candaemon.estimation.variational import VariationalNoise
 from tests.support.builders import random_covariance
+from tests.support.long_runs import few_and_many_cycles
 
 ALONE = np.arange(1)
 
@@ -137,7 +138,8 @@ def test_rows_do_not_touch_each_other() -> None:
     assert len(federated) == 2
 
 
-def test_sixty_thousand_cycles_of_two_sensors_by_turns() -> None:
+@few_and_many_cycles
+def test_many_cycles_of_two_sensors_by_turns(cycles: int) -> None:
     """With a window for one sensor's noise and variational Bayes for the other's: finite, symmetric, positive."""
     axis, h = white_axis(0.05, 1.0, order=1), np.eye(1, 2)
     f, q = axis.transition[:2, :2], axis.noise[:2, :2]
@@ -146,7 +148,7 @@ def test_sixty_thousand_cycles_of_two_sensors_by_turns() -> None:
     federated.spawn(np.zeros((1, 2)), np.eye(2)[None])
     for estimator in estimators:
         estimator.spawn(1)
-    measured = np.random.default_rng(5).normal(size=60_000) * np.tile([0.2, 0.5], 30_000)
+    measured = np.random.default_rng(5).normal(size=cycles) * np.tile([0.2, 0.5], cycles // 2)
     trace = np.array([[0.04, 0.25]])
     for k, seen in enumerate(measured.tolist()):
         sensor = k % 2

@@ -12,6 +12,7 @@ from scipy.stats import multivariate_normal
 from candaemon.arrays import Floats
 from candaemon.estimation.radial import ModifiedLinearKalman, radial, radial_jacobian
 from tests.support.builders import random_covariance
+from tests.support.long_runs import few_and_many_cycles
 
 SEEDS = st.integers(0, 2**32 - 1)
 SENSORS = np.array([(3.6, 0.8), (3.6, -0.8), (0.0, 0.9)])
@@ -135,10 +136,11 @@ def test_the_floor_keeps_it_awake() -> None:
     assert error(0.0) > 1.0
 
 
-def test_sixty_thousand_cycles_leave_it_sound() -> None:
+@few_and_many_cycles
+def test_many_cycles_leave_it_sound(cycles: int) -> None:
     mlkf = ModifiedLinearKalman()
     mlkf.spawn(np.array([[40.0, -1.0, 0.0]]))
-    noise = np.sqrt(VARIANCES) * np.random.default_rng(5).normal(size=(60_000, 1, 3))
+    noise = np.sqrt(VARIANCES) * np.random.default_rng(5).normal(size=(cycles, 1, 3))
     row, exact = np.array([0]), np.array([40.0, 0.0, 0.0])
     for each in noise:
         mlkf.predict(0.05)

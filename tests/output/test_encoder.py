@@ -12,7 +12,7 @@ import cantools.database
 import numpy as np
 import pytest
 from cantools.database.can import Database as CanDatabase
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from candaemon.binding.bound import BoundOutput, BoundSensor
@@ -245,8 +245,7 @@ def test_relative_quantities_are_the_rates_of_what_the_mount_sees(
     x, y, vx, vy, own_vx, own_vy = motion
     heading, _, turn = ego
     mount = Mount(x=place[0], y=place[1], yaw_deg=place[2])
-    if math.hypot(x - mount.x, y - mount.y) < 2.0:
-        return
+    assume(math.hypot(x - mount.x, y - mount.y) >= 2.0)
     own = complex(own_vx, own_vy) * np.exp(1j * heading)
     over_ground = complex(vx, vy) * np.exp(1j * heading)
     step = 1e-4

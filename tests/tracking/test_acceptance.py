@@ -1,4 +1,4 @@
-"""What the tracker must reach on simulated drives, 20 seeds each, through the ESR's DBC."""
+"""What the tracker must reach on simulated drives through the ESR's DBC: a seed each by default, 20 with `-m slow`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from candaemon.evaluation.results import Evaluation
 from tests.support.simulated import drive, scenario
 
-SEEDS = 20
+some_and_all_seeds = pytest.mark.parametrize("seeds", [1, pytest.param(20, marks=pytest.mark.slow)])
 CONFIRMED_WITHIN = 0.5  # s, 10 scans
 AUTOMOTIVE = {
     "automotive_cruise": (0.085, 0.087),
@@ -23,32 +23,39 @@ DRAMAS = ("highway", "stop_and_go", "intersection", "guard_rail", "turning_ego")
 
 
 @cache
-def runs(name: str) -> tuple[Evaluation, ...]:
-    drama = scenario(name)
-    return tuple(drive("esr_ins", drama, seed)[0] for seed in range(SEEDS))
+def run(name: str, seed: int) -> Evaluation:
+    return drive("esr_ins", scenario(name), seed)[0]
 
 
+def runs(name: str, seeds: int) -> list[Evaluation]:
+    return [run(name, seed) for seed in range(seeds)]
+
+
+@some_and_all_seeds
 @pytest.mark.parametrize("name", AUTOMOTIVE)
-def test_a_point_target_is_tracked_as_well_as_can_be(name: str) -> None:
+def test_a_point_target_is_tracked_as_well_as_can_be(name: str, seeds: int) -> None:
     position, velocity = AUTOMOTIVE[name]
-    errors = [run.errors for run in runs(name)]
+    errors = [run.errors for run in runs(name, seeds)]
     assert np.sqrt(np.mean([each.position**2 for each in errors])) <= position
     assert np.sqrt(np.mean([each.velocity**2 for each in errors])) <= velocity
-    assert sum(run.id_switches for run in runs(name)) == 0
+    assert sum(run.id_switches for run in runs(name, seeds)) == 0
 
 
+@some_and_all_seeds
 @pytest.mark.parametrize("name", [*AUTOMOTIVE, *DRAMAS])
-def test_every_actor_in_view_is_confirmed_in_time(name: str) -> None:
-    for run in runs(name):
+def test_every_actor_in_view_is_confirmed_in_time(name: str, seeds: int) -> None:
+    for run in runs(name, seeds):
         assert run.time_to_confirm.unconfirmed == 0
         assert run.time_to_confirm.max <= CONFIRMED_WITHIN
 
 
+@some_and_all_seeds
 @pytest.mark.parametrize("name", [*AUTOMOTIVE, *DRAMAS])
-def test_hardly_any_run_has_a_false_track(name: str) -> None:
-    assert sum(run.false_tracks.ids > 0 for run in runs(name)) <= 0.05 * SEEDS
+def test_hardly_any_run_has_a_false_track(name: str, seeds: int) -> None:
+    assert sum(run.false_tracks.ids > 0 for run in runs(name, seeds)) <= 0.05 * seeds
 
 
+@some_and_all_seeds
 @pytest.mark.parametrize("name", DRAMAS)
-def test_a_vehicle_is_one_obstacle(name: str) -> None:
-    assert np.mean([run.duplicates.share for run in runs(name)]) < 0.05
+def test_a_vehicle_is_one_obstacle(name: str, seeds: int) -> None:
+    assert np.mean([run.duplicates.share for run in runs(name, seeds)]) < 0.05
