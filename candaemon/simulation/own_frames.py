@@ -14,8 +14,8 @@ from candaemon.config.ego import InsSettings, OdometrySettings
 from candaemon.config.protection import InputProtectionSettings
 from candaemon.frames.frame import Frame
 from candaemon.objects.signals import SignalBinding
+from candaemon.simulation.actor_motion import TrueMotion
 from candaemon.simulation.message_writer import MessageWriter
-from candaemon.simulation.motion import TrueMotion
 from candaemon.simulation.own_motion import Drift, ins_values, odometry_values
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scene import Scene

@@ -8,7 +8,7 @@ import numpy as np
 
 from candaemon.arrays import Floats
 from candaemon.config.ego import InsSettings, OdometrySettings
-from candaemon.simulation.motion import TrueMotion
+from candaemon.simulation.actor_motion import TrueMotion
 from candaemon.simulation.scenario import EgoStart, OwnMotion
 
 _SEMI_MAJOR = 6_378_137.0

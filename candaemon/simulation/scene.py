@@ -11,7 +11,7 @@ import numpy as np
 
 from candaemon.arrays import ComplexPlane, Floats
 from candaemon.config.sensors import Mount
-from candaemon.simulation.motion import Trajectory, TrueMotion, trajectory
+from candaemon.simulation.actor_motion import Trajectory, TrueMotion, trajectory
 from candaemon.simulation.scenario import Actor, Rail, Scenario
 
 

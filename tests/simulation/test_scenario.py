@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from candaemon.errors import ConfigError
-from candaemon.simulation.motion import Trajectory, trajectory
+from candaemon.simulation.actor_motion import Trajectory, trajectory
 from candaemon.simulation.scenario import Scenario, Segment
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.scene import Scene
