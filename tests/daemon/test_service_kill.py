@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import median
 from threading import Event, Thread
 from typing import Any
 
@@ -30,8 +31,8 @@ from tests.support.recorded import highway
 pytest.importorskip("msgpack", reason="udp_multicast needs msgpack")
 
 BACK_S = 2.0
-"""From the kill to the first obstacle on the bus, on a machine that does nothing else."""
-KILLS = 4
+"""From the kill to the first obstacle on the bus, the median of all kills, on a machine that does nothing else."""
+KILLS = 3
 PATIENCE_S = 40.0
 UNIT = ROOT / "config" / "systemd" / "candaemon@.service"
 
@@ -154,6 +155,7 @@ def forget(buses: LiveBuses) -> None:
         pass
 
 
+@pytest.mark.benchmark
 @pytest.mark.skipif(not Path("/proc/self/schedstat").exists(), reason="the kernel does not tell how long one waits")
 def test_a_killed_service_is_back_to_tracking_soon(config: Path, service: Supervised) -> None:
     of, took_s = bind(load_config(config)), []
@@ -165,6 +167,4 @@ def test_a_killed_service_is_back_to_tracking_soon(config: Path, service: Superv
             forget(buses)
             wait_for_an_obstacle(of, buses)
             took_s.append(time.monotonic() - killed_s - service.waited_s())
-            if took_s[-1] <= BACK_S:
-                return
-    raise AssertionError(f"back after {', '.join(f'{each:.2f} s' for each in took_s)}, expected {BACK_S:g} s")
+    assert median(took_s) <= BACK_S, f"back after {', '.join(f'{each:.2f} s' for each in took_s)}"
