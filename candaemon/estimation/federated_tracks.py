@@ -61,9 +61,9 @@ class FederatedTracks(MomentBank):
         super().keep(rows)
         self._state.trace = self._state.trace[rows]
 
-    def renumber(self, sensors: Mapping[int, int]) -> None:
+    def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
         """Give sensors other numbers; what is known of those left out is forgotten."""
-        super().renumber(sensors)
+        super().renumber_sensors(sensors)
         state = self._state
         known = [k for k, each in enumerate(state.sensors) if each in sensors]
         state.sensors = [sensors[state.sensors[k]] for k in known]

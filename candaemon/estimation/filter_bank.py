@@ -159,14 +159,14 @@ class FilterBank(ABC):
         if self._noise is not None:
             self._noise.keep(rows)
 
-    def renumber(self, sensors: Mapping[int, int]) -> None:
+    def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
         """Give sensors other numbers; what is known of those left out is forgotten.
 
         Args:
             sensors: number of a sensor from here on, by the number it had.
         """
         if self._noise is not None:
-            self._noise.renumber(sensors)
+            self._noise.renumber_sensors(sensors)
 
     def predict(self, dt: float, direction: Floats) -> None:
         """Predict all tracks under every model, as extended Kalman filters do: f(x) and F P Fᵀ + Q.

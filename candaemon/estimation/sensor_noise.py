@@ -113,7 +113,7 @@ class SensorNoise:
         for factor in self._factors.values():
             factor.keep(rows)
 
-    def renumber(self, sensors: Mapping[int, int]) -> None:
+    def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
         """Give sensors other numbers; what was found out of those left out is forgotten."""
         self._factors = {sensors[each]: factor for each, factor in self._factors.items() if each in sensors}
         self._state.factors = {each: factor.state for each, factor in self._factors.items()}

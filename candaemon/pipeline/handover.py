@@ -17,7 +17,7 @@ from candaemon.binding.bound import Binding, BoundEgo, BoundOutput, BoundSensor
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.pipeline.cycle import BusCounts
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.tracking.tracker import Tracker
+from candaemon.tracking.tracker import Tracker, same_filter
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ def hand_over(former: Pipeline, successor: Pipeline) -> Kept:
     _take_trackers(former, successor, sensors if ego_motion else {})
     same_numbers = len(sensors) == len(former.assemblers) and all(old == new for old, new in sensors.items())
     if ego_motion and same_numbers and former.stationary is not None and successor.stationary is not None:
-        successor.stationary = former.stationary
+        successor.stationary.state = former.stationary.state
     _take_counts(former, successor)
     _take_times(former, successor, sensors)
     kept = sum(map(len, successor.trackers))
@@ -123,18 +123,13 @@ def _take_ego(former: Pipeline, successor: Pipeline) -> None:
 def _take_trackers(former: Pipeline, successor: Pipeline, sensors: Mapping[int, int]) -> None:
     """Let the obstacles of each group live on that is tracked alike and has kept sensors."""
     groups, others = _groups(successor), _groups(former)
-    for tracker in successor.trackers:
-        tracker._tracks._ids = former.trackers[0]._tracks._ids
+    successor.tracker_groups.identities.given = former.tracker_groups.identities.given
     for name, (tracker, members) in groups.items():
         predecessor, were = others.get(name, (tracker, frozenset()))
         kept = {old: new for old, new in sensors.items() if old in were and new in members}
-        if kept and _tracks_alike(predecessor, tracker):
-            tracker._tracks, tracker._time_ns, tracker.counts = (
-                predecessor._tracks,
-                predecessor._time_ns,
-                predecessor.counts,
-            )
-            tracker._tracks.renumber(kept)
+        if kept and same_filter(predecessor, tracker):
+            tracker.state = predecessor.state
+            tracker.renumber_sensors(kept)
 
 
 def _groups(pipeline: Pipeline) -> dict[str, tuple[Tracker, frozenset[int]]]:
@@ -147,14 +142,6 @@ def _groups(pipeline: Pipeline) -> dict[str, tuple[Tracker, frozenset[int]]]:
     rest = frozenset(number.values()) - frozenset[int]().union(*named.values())
     members = named | ({"": rest} if rest else {})
     return {name: (pipeline.tracker_of(min(numbers)), numbers) for name, numbers in members.items()}
-
-
-def _tracks_alike(former: Tracker, successor: Tracker) -> bool:
-    """Return whether the states of one tracker's filter mean the same in another's."""
-    return (
-        former._settings.estimator == successor._settings.estimator
-        and former._settings.reflections == successor._settings.reflections
-    )
 
 
 def _take_counts(former: Pipeline, successor: Pipeline) -> None:

@@ -29,7 +29,7 @@ from candaemon.radar.block_routing import BlockRouter
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import Mounting
 from candaemon.radar.scan import Scan
-from candaemon.tracking.groups import make_trackers
+from candaemon.tracking.groups import TrackerGroups
 from candaemon.tracking.obstacles import Obstacles, joined, none
 from candaemon.tracking.stationary import StationaryWatch
 from candaemon.tracking.tracker import Tracker
@@ -66,9 +66,10 @@ class Pipeline:
         self.ego_frames = self._make_ego_frames()
         # scans → detections → tracks
         self._mountings = [Mounting(sensor.settings, sensor.reader.quantities) for sensor in binding.sensors]
-        self.trackers, self._tracker_of = make_trackers(
+        self.tracker_groups = TrackerGroups(
             binding.settings, {sensor.name: sensor.settings for sensor in binding.sensors}
         )
+        self.trackers, self._tracker_of = self.tracker_groups.trackers, self.tracker_groups.by_sensor
         self.stationary = StationaryWatch(self.ego.teaching) if self.ego.teaching is not None else None
         # obstacles → frames
         self.encoder = OutputEncoder(binding.output) if binding.output is not None else None

@@ -3,55 +3,73 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Self
+from dataclasses import dataclass
 
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.settings import Config
 from candaemon.radar.mounting import SensorView
-from candaemon.tracking.tracker import Tracker
+from candaemon.tracking.identities import Identities
+from candaemon.tracking.tracker import Tracker, TrackerState
 
 
-class Identities:
-    """Gives each obstacle a number that no other one has: 1, 2, 3 and so on.
+@dataclass(slots=True)
+class TrackersState:
+    """What the trackers of a pipeline remember.
 
     Attributes:
-        given: the last one; 0 before the first.
+        identities: the numbers given to obstacles.
+        trackers: of each group.
     """
 
-    __slots__ = ("given",)
-
-    def __init__(self) -> None:
-        self.given = 0
-
-    def __iter__(self) -> Self:
-        return self
-
-    def __next__(self) -> int:
-        self.given += 1
-        return self.given
+    identities: Identities
+    trackers: list[TrackerState]
 
 
-def make_trackers(config: Config, sensors: Mapping[str, SensorSettings]) -> tuple[list[Tracker], list[Tracker]]:
-    """Return the trackers, and for each sensor the one of its group; identities are unique across them.
+class TrackerGroups:
+    """The trackers of a pipeline: one for each group of sensors, and one for those of no group.
 
     Args:
         config: with the groups.
         sensors: settings by name, in the configuration's order.
+
+    Attributes:
+        identities: shared by the trackers, so that no two obstacles have the same number.
+        trackers: of each group.
+        by_sensor: the tracker of each sensor's group, in the order of the sensors.
     """
-    ids = Identities()
-    groups = [(group.tracker, frozenset(group.sensors)) for group in config.groups.values()]
-    grouped = frozenset[str]().union(*(names for _, names in groups))
-    rest = frozenset(sensors) - grouped
-    if rest:
-        groups.insert(0, (config.tracker, rest))
-    trackers = []
-    tracker_of: dict[str, Tracker] = {}
-    for settings, names in groups:
-        mine = [each for name, each in sensors.items() if name in names]
-        cycle_time = max(each.cycle_time for each in mine)
-        slack_ns = round(1.5 * cycle_time * 1e9) if len(sensors) > 1 else 0
-        views = [SensorView(each.mount, each.field_of_view) for each in mine]
-        tracker = Tracker(settings, ids, cycle_time=cycle_time, slack_ns=slack_ns, views=views)
-        trackers.append(tracker)
-        tracker_of.update(dict.fromkeys(names, tracker))
-    return trackers, [tracker_of[name] for name in sensors]
+
+    def __init__(self, config: Config, sensors: Mapping[str, SensorSettings]) -> None:
+        self.identities = Identities()
+        self.trackers: list[Tracker] = []
+        groups = [(group.tracker, frozenset(group.sensors)) for group in config.groups.values()]
+        rest = frozenset(sensors).difference(*(names for _, names in groups))
+        if rest:
+            groups.insert(0, (config.tracker, rest))
+        tracker_of: dict[str, Tracker] = {}
+        for settings, names in groups:
+            members = [each for name, each in sensors.items() if name in names]
+            cycle_time = max(each.cycle_time for each in members)
+            slack_ns = round(1.5 * cycle_time * 1e9) if len(sensors) > 1 else 0
+            views = [SensorView(each.mount, each.field_of_view) for each in members]
+            tracker = Tracker(settings, self.identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views)
+            self.trackers.append(tracker)
+            tracker_of.update(dict.fromkeys(names, tracker))
+        self.by_sensor = [tracker_of[name] for name in sensors]
+
+    @property
+    def state(self) -> TrackersState:
+        """All that the trackers remember.
+
+        Raises:
+            ValueError: a state that is set does not fit the configuration.
+        """
+        return TrackersState(self.identities, [tracker.state for tracker in self.trackers])
+
+    @state.setter
+    def state(self, state: TrackersState) -> None:
+        for tracker, remembered in zip(self.trackers, state.trackers, strict=True):
+            tracker.state = remembered
+        given = state.identities.given
+        if given < max((int(each.tracks.obstacles.id.max(initial=0)) for each in state.trackers), default=0):
+            raise ValueError(f"an obstacle has a greater number than the latest one given, {given}")
+        self.identities.given = given

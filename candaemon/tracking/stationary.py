@@ -7,7 +7,7 @@ themselves over a span of time, for a filter that expects little lateral motion 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import hypot
 
 import numpy as np
@@ -22,8 +22,16 @@ from candaemon.tracking.tracker import Tracker
 
 
 @dataclass(slots=True)
-class _Anchor:
-    """Where a standing point was first measured: obstacle, time, place across own travel, and distance × time since."""
+class DriftAnchor:
+    """Where a stationary point was first measured, which its apparent drift is measured from.
+
+    Attributes:
+        obstacle: identity of its obstacle.
+        first_ns: time of that measurement.
+        last_ns: time of the latest one.
+        position: first measured (2,), local frame, m.
+        swept: distance ahead times time since, m·s.
+    """
 
     obstacle: int
     first_ns: int
@@ -32,24 +40,39 @@ class _Anchor:
     swept: float = 0.0
 
 
+@dataclass(slots=True)
+class StationaryWatchState:
+    """What a stationary watch remembers.
+
+    Attributes:
+        anchors: of each point, by its sensor's number and that sensor's object id.
+        pruned_ns: when points that are no longer measured were last removed.
+    """
+
+    anchors: dict[tuple[int, int], DriftAnchor] = field(default_factory=dict)
+    pruned_ns: int = 0
+
+
 class StationaryWatch:
     """Watches the detections of standing obstacles.
 
     Args:
-        settings: what counts as standing, and how long a drift is watched.
+        settings: what counts as stationary, and how long a drift is watched.
+
+    Attributes:
+        state: all that it remembers.
     """
 
     def __init__(self, settings: BiasSettings) -> None:
         self._settings = settings
         self._span_ns = round(settings.drift_time * 1e9)
-        self._anchors: dict[tuple[int, int], _Anchor] = {}
-        self._pruned_ns = 0
+        self.state = StationaryWatchState()
 
     def returns(
         self, detections: Detections, tracker: Tracker, obstacles: Obstacles, pose: EgoPose
     ) -> StationaryReturns | None:
         """Return what this cycle's detections of standing obstacles say of own motion; None where none does."""
-        if detections.time_ns - self._pruned_ns > self._span_ns:
+        if detections.time_ns - self.state.pruned_ns > self._span_ns:
             self._prune(detections.time_ns)
         measurement, update, settings = detections.measurement, tracker.update, self._settings
         own_speed = hypot(pose.ve, pose.vn)
@@ -82,23 +105,25 @@ class StationaryWatch:
         return StationaryReturns(detections.time_ns, speeds, drifts)
 
     def _prune(self, time_ns: int) -> None:
-        """Forget points that were not seen for a span."""
-        self._anchors = {k: each for k, each in self._anchors.items() if time_ns - each.last_ns <= self._span_ns}
-        self._pruned_ns = time_ns
+        """Remove the points that were not measured for a span."""
+        state, span_ns = self.state, self._span_ns
+        state.anchors = {key: each for key, each in state.anchors.items() if time_ns - each.last_ns <= span_ns}
+        state.pruned_ns = time_ns
 
     def _drift(self, obstacle: int, i: int, detections: Detections, pose: EgoPose) -> tuple[float, float] | None:
         """Follow one point; return its sideways motion, m, and distance × time, m·s, once it was watched for long."""
         key = (detections.sensor, int(detections.object_id[i]))
         position, now_ns = detections.measurement.position[i], detections.time_ns
-        anchor = self._anchors.get(key)
+        anchors = self.state.anchors
+        anchor = anchors.get(key)
         gap_ns = 0 if anchor is None else now_ns - anchor.last_ns
         if anchor is None or anchor.obstacle != obstacle or detections.new[i] or gap_ns > self._span_ns:
-            self._anchors[key] = _Anchor(obstacle, now_ns, now_ns, position)
+            anchors[key] = DriftAnchor(obstacle, now_ns, now_ns, position)
             return None
         anchor.swept += float(detections.x[i]) * gap_ns * 1e-9
         anchor.last_ns = now_ns
         if now_ns - anchor.first_ns < self._span_ns:
             return None
-        self._anchors[key] = _Anchor(obstacle, now_ns, now_ns, position)
+        anchors[key] = DriftAnchor(obstacle, now_ns, now_ns, position)
         moved = position - anchor.position
         return float(moved[1] * np.cos(pose.heading) - moved[0] * np.sin(pose.heading)), anchor.swept

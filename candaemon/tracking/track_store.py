@@ -5,19 +5,42 @@ The tables and the filter keep the same rows in the same order; whoever drops or
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from itertools import repeat
 
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.arrays.rows import checked_state
 from candaemon.config.tracker import TrackerSettings
+from candaemon.estimation.estimator_state import EstimatorState
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.smoothing import Link
 from candaemon.radar.detections import Detections
 from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 from candaemon.tracking.estimator_factory import make_estimator
+from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import RigidMotion, change_leader, draw_back, from_travel_axes, rigid_motion
+
+
+@dataclass(slots=True)
+class TrackStoreState:
+    """All that is remembered of the tracks.
+
+    Attributes:
+        reflections: one row a detected point.
+        obstacles: one row a vehicle.
+        estimator: of the filter, one row a reflection.
+        row_of: row of the reflection that a sensor's object id stands for, by the sensor's number and the id. Where
+            the sensors' noise is estimated, a reflection keeps an id of each sensor, since only the id shows what a
+            sensor gone bad still detects; else that of the sensor that reported it last.
+    """
+
+    reflections: ReflectionTable
+    obstacles: ObstacleTable
+    estimator: EstimatorState
+    row_of: dict[tuple[int, int], int] = field(default_factory=dict)
 
 
 class TrackStore:
@@ -25,26 +48,48 @@ class TrackStore:
 
     Args:
         settings: of the tracker.
-        ids: where the identities of new obstacles come from.
+        identities: the numbers of new obstacles.
 
     Attributes:
         reflections: one row a detected point.
         obstacles: one row a vehicle.
         estimator: one row a reflection.
-        row_of: row of the reflection that a sensor's object id stands for. Where the noise is found out, a reflection
-            keeps an id of each sensor, for it is all that tells what a sensor gone bad still sees; else that of the
-            sensor that reported it last.
     """
 
-    def __init__(self, settings: TrackerSettings, ids: Iterator[int]) -> None:
-        self._ids = ids
+    def __init__(self, settings: TrackerSettings, identities: Identities) -> None:
+        self._identities = identities
         self._settings = settings.reflections
         self.reflections = ReflectionTable()
         self.obstacles = ObstacleTable()
         self.estimator = make_estimator(settings.estimator)
-        self.row_of: dict[tuple[int, int], int] = {}
-        self._found: dict[int, tuple[bytes, Indices, bool]] = {}
-        self._states: tuple[Floats, Floats] | None = None
+        self._state = TrackStoreState(self.reflections, self.obstacles, self.estimator.state)
+        # computed from the state when first asked for
+        self._rows_of_scan: dict[int, tuple[bytes, Indices, bool]] = {}
+        self._moments: tuple[Floats, Floats] | None = None
+
+    @property
+    def state(self) -> TrackStoreState:
+        """All that it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit the settings, or contradicts itself.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: TrackStoreState) -> None:
+        obstacles = checked_state(state.obstacles, ObstacleTable())
+        reflections = checked_state(state.reflections, ReflectionTable())
+        self.estimator.state = state.estimator
+        _check_rows(state, len(self.estimator))
+        self._state, self.reflections, self.obstacles = state, reflections, obstacles
+        self._rows_of_scan.clear()
+        self._moments = None
+
+    @property
+    def row_of(self) -> Mapping[tuple[int, int], int]:
+        """Row of the reflection that a sensor's object id stands for, by the sensor's number and the id."""
+        return self._state.row_of
 
     @property
     def direction(self) -> Floats:
@@ -53,9 +98,9 @@ class TrackStore:
 
     def states(self) -> tuple[Floats, Floats]:
         """Return combined means (n, 6) and covariances (n, 6, 6) of the reflections."""
-        if self._states is None:
-            self._states = self.estimator.combined()
-        return self._states
+        if self._moments is None:
+            self._moments = self.estimator.combined()
+        return self._moments
 
     def motion(self) -> RigidMotion:
         """Return the motion of the obstacles."""
@@ -73,12 +118,12 @@ class TrackStore:
         """
         self.estimator.predict(dt, self.direction)
         draw_back(self.obstacles, dt, self._settings)
-        self._states = None
+        self._moments = None
 
     def retreat(self, dt: float) -> None:
         """Take all tracks back by a short dt, s."""
         self.estimator.retreat(dt)
-        self._states = None
+        self._moments = None
 
     def linked(self, moved: bool) -> tuple[Integers, Link]:
         """Return the obstacles' identities and what a smoother needs of their prediction; to be asked right after it.
@@ -98,7 +143,7 @@ class TrackStore:
     def update(self, tracks: Indices, measurement: Measurement) -> Floats:
         """Update reflections with a measurement each; return the normalised innovations squared."""
         nis = self.estimator.update(tracks, measurement)
-        self._states = None
+        self._moments = None
         return nis
 
     def note(self, tracks: Indices, rows: Indices, detections: Detections) -> None:
@@ -120,25 +165,26 @@ class TrackStore:
 
         A scan whose ids are those of the sensor's scan before costs a comparison. The rows are not to be written to.
         """
-        ids, known = object_id.tobytes(), self._found.get(sensor)
+        ids, known = object_id.tobytes(), self._rows_of_scan.get(sensor)
         if known is not None and known[0] == ids:
             return known[1:]
         keys = object_id.tolist()
-        rows = np.fromiter(map(self.row_of.get, zip(repeat(sensor), keys), repeat(-1)), np.intp, len(keys))
-        self._found[sensor] = ids, rows, len(set(keys)) == len(keys)
-        return self._found[sensor][1:]
+        rows = np.fromiter(map(self._state.row_of.get, zip(repeat(sensor), keys), repeat(-1)), np.intp, len(keys))
+        self._rows_of_scan[sensor] = ids, rows, len(set(keys)) == len(keys)
+        return self._rows_of_scan[sensor][1:]
 
     def name(self, track: int, sensor: int, key: int) -> None:
         """Let a sensor's id stand for this reflection and no longer for another."""
-        self._found.clear()
+        self._rows_of_scan.clear()
         reflections = self.reflections
-        former = self.row_of.get((sensor, key))
+        row_of = self._state.row_of
+        former = row_of.get((sensor, key))
         if former != track:
             for name in self._outdated(track, sensor):
-                del self.row_of[name]
+                del row_of[name]
         if former is not None and reflections.sensor[former] == sensor:
             reflections.object_id[former] = -1
-        self.row_of[sensor, key] = track
+        row_of[sensor, key] = track
         reflections.sensor[track], reflections.object_id[track] = sensor, key
 
     def _outdated(self, track: int, sensor: int) -> list[tuple[int, int]]:
@@ -157,7 +203,7 @@ class TrackStore:
         """
         zero = np.zeros(1, dtype=np.int64)
         self.obstacles.append(
-            id=np.array([next(self._ids)]),
+            id=np.array([self._identities.new()]),
             first_ns=np.array([time_ns]),
             last_ns=np.array([time_ns]),
             history=zero,
@@ -184,17 +230,18 @@ class TrackStore:
         self.obstacles.last_ns[owner] = time_ns
         self.obstacles.history[owner] |= 1
         self.obstacles.sensors[owner] |= 1 << sensor
-        self._states = None
+        self._moments = None
 
-    def renumber(self, sensors: Mapping[int, int]) -> None:
+    def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
         """Give sensors other numbers, and forget those left out: their ids, and the obstacles that only they have seen.
 
         Args:
             sensors: number of a sensor from here on, by the number it had.
         """
         obstacles, reflections = self.obstacles, self.reflections
-        self._found.clear()
-        self.row_of = {(sensors[of], key): row for (of, key), row in self.row_of.items() if of in sensors}
+        self._rows_of_scan.clear()
+        row_of = self._state.row_of
+        self._state.row_of = {(sensors[of], key): row for (of, key), row in row_of.items() if of in sensors}
         before = reflections.sensor
         reflections.sensor = np.array([sensors.get(of, -1) for of in before.tolist()], dtype=np.int64)
         reflections.object_id[reflections.sensor < 0] = -1
@@ -202,7 +249,7 @@ class TrackStore:
         for old, new in sensors.items():
             seen_by |= (obstacles.sensors >> old & 1) << new
         obstacles.sensors = seen_by
-        self.estimator.renumber(sensors)
+        self.estimator.renumber_sensors(sensors)
         over = seen_by == 0
         if over.any():
             self.drop(over[reflections.obstacle], over)
@@ -213,7 +260,7 @@ class TrackStore:
         owner = reflections.obstacle[leaving]
         first = len(obstacles)
         obstacles.append(
-            id=np.array([next(self._ids) for _ in leaving], dtype=np.int64),
+            id=np.array([self._identities.new() for _ in leaving], dtype=np.int64),
             first_ns=obstacles.first_ns[owner],
             last_ns=reflections.last_ns[leaving],
             history=np.ones(len(leaving), dtype=np.int64),
@@ -255,7 +302,27 @@ class TrackStore:
         self.obstacles.keep(~over)
         self.obstacles.leader = new_row[self.obstacles.leader]
         gone = lost.tolist()
-        self._found.clear()
-        self.row_of = {key: int(new_row[row]) for key, row in self.row_of.items() if not gone[row]}
-        self._states = None
+        self._rows_of_scan.clear()
+        row_of = self._state.row_of
+        self._state.row_of = {key: int(new_row[row]) for key, row in row_of.items() if not gone[row]}
+        self._moments = None
         return new_row
+
+
+def _check_rows(state: TrackStoreState, filters: int) -> None:
+    """Check that the tables of a state refer to rows that are there.
+
+    Raises:
+        ValueError: they do not.
+    """
+    reflections, obstacles = state.reflections, state.obstacles
+    n, k = len(reflections), len(obstacles)
+    if n != filters:
+        raise ValueError(f"found {filters} filters for {n} reflections")
+    owner, leader = reflections.obstacle, obstacles.leader
+    if ((owner < 0) | (owner >= k)).any() or ((leader < 0) | (leader >= n)).any():
+        raise ValueError("a reflection has no obstacle, or an obstacle no leading reflection")
+    if (owner[leader] != np.arange(k)).any():
+        raise ValueError("an obstacle is led by another one's reflection")
+    if any(not 0 <= row < n for row in state.row_of.values()):
+        raise ValueError("a sensor's object id stands for no reflection")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,12 +14,13 @@ from candaemon.estimation.measurement import Measurement
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView
 from candaemon.tracking.association import nearest_neighbours, pair_nis
+from candaemon.tracking.identities import Identities
 from candaemon.tracking.initiation import TrackInitiation
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.reflections import beside_an_older, parted, pass_the_lead, turn_to_course
 from candaemon.tracking.reporting import tell
 from candaemon.tracking.smoother_history import SmootherHistory
-from candaemon.tracking.track_store import TrackStore
+from candaemon.tracking.track_store import TrackStore, TrackStoreState
 from candaemon.tracking.update import TrackerCounts, Update, Used
 
 _MISSED_SCAN = 2.4  # cycles: two, and the jitter of a scan
@@ -27,12 +29,27 @@ _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 
 
+@dataclass(slots=True)
+class TrackerState:
+    """All that a tracker remembers.
+
+    Attributes:
+        time_ns: the instant that its tracks hold for.
+        counts: what it did.
+        tracks: the tracks.
+    """
+
+    time_ns: int
+    counts: TrackerCounts
+    tracks: TrackStoreState
+
+
 class Tracker:
     """Tracks the objects of a group of sensors.
 
     Args:
         settings: how.
-        ids: where the identities of new obstacles come from; shared by the trackers of a run.
+        identities: the numbers of new obstacles; shared by the trackers of a run. None: its own.
         cycle_time: the longest of its sensors, s; a tentative obstacle survives one missed scan of it.
         slack_ns: how long an obstacle may be without a detection and not count as coasting: 0 where every cycle is a
             scan of the one sensor, the longest cycle where others come between.
@@ -40,7 +57,7 @@ class Tracker:
             any, obstacles end by time alone.
 
     Attributes:
-        counts: what it did.
+        settings: as given.
         update: what the latest step's detections updated; None where it had none.
         trail: what a smoother needs of the latest step; None unless `leave_trail` was called before.
     """
@@ -48,27 +65,55 @@ class Tracker:
     def __init__(
         self,
         settings: TrackerSettings,
-        ids: Iterator[int],
+        identities: Identities | None = None,
         *,
         cycle_time: float = 0.05,
         slack_ns: int = 0,
         views: Sequence[SensorView] = (),
     ) -> None:
         self._tentative_coast = max(settings.lifecycle.tentative_coast, _MISSED_SCAN * cycle_time)
-        self._settings = settings
+        self.settings = settings
         self._views = views
         self._slack_ns = slack_ns
         self._births = TrackInitiation(settings)
-        self._tracks = TrackStore(settings, ids)
+        self._tracks = TrackStore(settings, identities or Identities())
         self._uses_direction = settings.reflections.merge or self._tracks.estimator.directional
-        self._time_ns = 0
+        self._state = TrackerState(0, TrackerCounts(), self._tracks.state)
         self._dt = 0.0
-        self.counts = TrackerCounts()
         self.update: Update | None = None
         self.trail: SmootherHistory | None = None
 
     def __len__(self) -> int:
         return len(self._tracks.obstacles)
+
+    @property
+    def state(self) -> TrackerState:
+        """All that it remembers, beside the identities that it shares with others.
+
+        Raises:
+            ValueError: a state that is set does not fit the settings, or contradicts itself.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: TrackerState) -> None:
+        self._tracks.state = state.tracks
+        self._state = state
+        self.update = None
+        self.trail = None
+
+    @property
+    def counts(self) -> TrackerCounts:
+        """What it did."""
+        return self._state.counts
+
+    def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
+        """Give sensors other numbers, and forget those left out: their ids, and the obstacles that only they have seen.
+
+        Args:
+            sensors: number of a sensor from here on, by the number it had.
+        """
+        self._tracks.renumber_sensors(sensors)
 
     def leave_trail(self) -> None:
         """Leave a `trail` after each step from here on; nothing that is told changes by it."""
@@ -90,11 +135,11 @@ class Tracker:
             born, free = self._bear(rows, detections, pose)
             self._note_update(tracks, rows, nis, born, free, detections)
         self._end_lives(pose)
-        if detections is not None and self._settings.reflections.merge and len(self):
+        if detections is not None and self.settings.reflections.merge and len(self):
             self._settle()
         motion = self._tracks.motion()
         if self._uses_direction:
-            turn_to_course(self._tracks.obstacles, motion.velocity, self._dt, self._settings.travel)
+            turn_to_course(self._tracks.obstacles, motion.velocity, self._dt, self.settings.travel)
         if linked is not None:
             self.trail = SmootherHistory(self._tracks.obstacles.id, motion.state, motion.covariance, *linked)
         return tell(self._tracks, motion, pose, self._used(detections), self._slack_ns)
@@ -114,9 +159,9 @@ class Tracker:
 
     def _predict(self, time_ns: int) -> None:
         """Predict all tracks to an instant, or take them back to one just passed: sensors' scans may cross."""
-        dt = (time_ns - self._time_ns) * 1e-9 if len(self._tracks.reflections) else 0.0
+        dt = (time_ns - self._state.time_ns) * 1e-9 if len(self._tracks.reflections) else 0.0
         self._dt = max(dt, 0.0)
-        self._time_ns = time_ns
+        self._state.time_ns = time_ns
         if dt > 0.0:
             self._tracks.predict(dt)
         elif -_CROSSING < dt < 0.0:
@@ -128,10 +173,10 @@ class Tracker:
         The sensor's id is the first guess, behind a gate; what is left over on both sides goes to the nearest.
         """
         tracks, rows = self._guess(detections)
-        if self._settings.association.method == "id":
+        if self.settings.association.method == "id":
             return tracks, rows
         mean, covariance = self._tracks.states()
-        measurement, gate = detections.measurement, self._settings.association.gate
+        measurement, gate = detections.measurement, self.settings.association.gate
         fits = self._fits(tracks, measurement.take(rows))
         if not fits.all():
             self.counts.slot_jumps += int(len(fits) - fits.sum())
@@ -152,7 +197,7 @@ class Tracker:
         What does not fit the stated noise is how a sensor gone bad is found out: where it is, the id of a confirmed
         obstacle is believed as far as the sensor may have become worse.
         """
-        association, estimator = self._settings.association, self._tracks.estimator
+        association, estimator = self.settings.association, self._tracks.estimator
         mean, covariance = self._tracks.states()
         sure = self._tracks.obstacles.confirmed[self._tracks.reflections.obstacle[tracks]]
         nis = pair_nis(mean[tracks], covariance[tracks], measurement)
@@ -198,7 +243,7 @@ class Tracker:
         taken[rows] = True
         free = np.flatnonzero(~taken)
         first, obstacles = len(self._tracks.reflections), len(self)
-        room = max(self._settings.max_tracks - first, 0)
+        room = max(self.settings.max_tracks - first, 0)
         self.counts.crowded += max(len(free) - room, 0)
         free = free[:room]
         self._births.bear(free, detections, pose, self._tracks)
@@ -216,8 +261,8 @@ class Tracker:
 
     def _end_lives(self, pose: EgoPose) -> None:
         """Confirm what was seen often enough; let go of what is unseen for too long, lost from view, or anywhere."""
-        obstacles, reflections, lifecycle = self._tracks.obstacles, self._tracks.reflections, self._settings.lifecycle
-        silent = (self._time_ns - obstacles.last_ns) * 1e-9
+        obstacles, reflections, lifecycle = self._tracks.obstacles, self._tracks.reflections, self.settings.lifecycle
+        silent = (self._state.time_ns - obstacles.last_ns) * 1e-9
         unseen = silent > self._tentative_coast
         if len(reflections) == len(obstacles) and not (unseen | ~obstacles.confirmed).any():
             return
@@ -234,7 +279,7 @@ class Tracker:
                 over |= unseen & ~self._in_view(pose)
         lost = over[reflections.obstacle]
         if len(reflections) != len(obstacles):
-            quiet = (self._time_ns - reflections.last_ns) * 1e-9 > lifecycle.reflection_coast
+            quiet = (self._state.time_ns - reflections.last_ns) * 1e-9 > lifecycle.reflection_coast
             quiet[obstacles.leader] = False
             lost |= quiet
         if lost.any():
@@ -253,13 +298,13 @@ class Tracker:
 
     def _settle(self) -> None:
         """Pass the lead, part what moves apart, join what moves together."""
-        tracks, settings = self._tracks, self._settings.reflections
+        tracks, settings = self._tracks, self.settings.reflections
         obstacles, reflections = tracks.obstacles, tracks.reflections
         mean, _ = tracks.states()
-        pass_the_lead(obstacles, reflections, mean, self._time_ns, settings)
+        pass_the_lead(obstacles, reflections, mean, self._state.time_ns, settings)
         leaving = parted(obstacles, reflections, mean, tracks.motion(), settings)
         if leaving.any():
-            detected = reflections.last_ns == self._time_ns
+            detected = reflections.last_ns == self._state.time_ns
             before = len(obstacles)
             tracks.part(np.flatnonzero(leaving & detected))
             self.counts.obstacles += len(obstacles) - before
@@ -269,7 +314,7 @@ class Tracker:
 
     def _join(self) -> None:
         """Let the younger of two obstacles that stay side by side become part of the older."""
-        tracks, settings = self._tracks, self._settings.reflections
+        tracks, settings = self._tracks, self.settings.reflections
         obstacles = tracks.obstacles
         older = beside_an_older(obstacles, tracks.motion(), settings)
         obstacles.beside_ns = np.where(older >= 0, obstacles.beside_ns + int(self._dt * 1e9), 0)
@@ -294,3 +339,9 @@ class Tracker:
                 self.update.nis[kept],
                 self.update.freedom[kept],
             )
+
+
+def same_filter(former: Tracker, successor: Tracker) -> bool:
+    """Return whether the state of one tracker means the same in another: both have the same filter and extent model."""
+    before, after = former.settings, successor.settings
+    return before.estimator == after.estimator and before.reflections == after.reflections

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from itertools import count
 from math import cos, sin
 from typing import Any
 
@@ -16,6 +15,7 @@ from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.measurement import Measurement
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView
+from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.tracker import Tracker
 
@@ -120,7 +120,7 @@ class HandFed:
 
     Args:
         slack: s, as the tracker's.
-        ids: source of identities.
+        identities: the numbers of obstacles.
         views: as the tracker's.
         noise: standard deviations of x, y and range rate that the scans tell.
         settings: of the tracker, as in the YAML.
@@ -130,14 +130,14 @@ class HandFed:
         self,
         *,
         slack: float = 0.0,
-        ids: count[int] | None = None,
+        identities: Identities | None = None,
         views: Sequence[SensorView] = (),
         noise: tuple[float, float, float] = (0.1, 0.1, 0.06),
         **settings: Any,
     ) -> None:
         self._noise = noise
         told = TrackerSettings.model_validate(settings)
-        self.tracker = Tracker(told, ids or count(1), slack_ns=ns(slack), views=views)
+        self.tracker = Tracker(told, identities, slack_ns=ns(slack), views=views)
 
     def scan(self, time: float, seen: Sequence[Seen], *, sensor: int = 0, ego: EgoPose | None = None) -> Obstacles:
         """Track one scan; positions and rates are exact, the noise is only told."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import count
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from candaemon.arrays import Floats
 from candaemon.estimation.smoothing import Smoothed
 from candaemon.pipeline.cycle import Cycle
 from candaemon.playback.smooth import CycleSmoother
+from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import MOTION, Obstacles, joined, none
 from candaemon.tracking.smoother_history import with_motion
 from candaemon.tracking.tracker import Tracker
@@ -25,6 +25,8 @@ Pairs = list[tuple[Obstacles, Obstacles]]
 SECOND = 1_000_000_000
 SPEED, FIRST = 20.0, 30.0
 """m/s and m: a car drives away from us."""
+SECOND_GROUP = 1000
+"""Identities of the second group are greater."""
 
 
 def car(rng: np.random.Generator, time: float, y: float = 0.0) -> Seen:
@@ -33,8 +35,8 @@ def car(rng: np.random.Generator, time: float, y: float = 0.0) -> Seen:
     return Seen(0, FIRST + SPEED * time + noise[0], y + noise[1], SPEED, rated=False)
 
 
-def hand_fed(ids: count[int] | None = None) -> HandFed:
-    return HandFed(noise=(0.3, 0.3, 0.1), ids=ids)
+def hand_fed(identities: Identities | None = None) -> HandFed:
+    return HandFed(noise=(0.3, 0.3, 0.1), identities=identities)
 
 
 def cycle_of(told: Obstacles) -> Cycle:
@@ -143,8 +145,8 @@ def test_a_cycle_without_own_motion_does_not_break_a_chain() -> None:
 
 def test_groups_are_smoothed_as_each_alone() -> None:
     def drive(*wanted: int) -> Pairs:
-        ids = (count(1, 2), count(2, 2))
-        groups, rngs = [hand_fed(ids[k]) for k in wanted], [np.random.default_rng(k) for k in wanted]
+        identities = Identities(), Identities(SECOND_GROUP)
+        groups, rngs = [hand_fed(identities[k]) for k in wanted], [np.random.default_rng(k) for k in wanted]
 
         def told() -> Iterator[Obstacles]:
             for n, t in enumerate(times(1, 80)):
@@ -165,7 +167,7 @@ def test_groups_are_smoothed_as_each_alone() -> None:
         alone = drive(which)
         assert alone
         for _, after in alone:
-            rows = np.flatnonzero(both[after.time_ns].id % 2 != which)
+            rows = np.flatnonzero((both[after.time_ns].id > SECOND_GROUP) == which)
             np.testing.assert_array_equal(both[after.time_ns].id[rows], after.id)
             for name in MOTION:
                 np.testing.assert_allclose(getattr(both[after.time_ns], name)[rows], getattr(after, name), atol=1e-9)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import count
-
 import numpy as np
 import pytest
 
 from candaemon.config.sensors import FieldOfView, Mount
 from candaemon.radar.mounting import SensorView
+from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import COASTING, CONFIRMED, TENTATIVE, joined
 from tests.support.builders import CYCLE, HandFed, Seen, assert_sane, car, place, pose, states, times
 
@@ -45,7 +44,7 @@ def test_the_new_flag_decides_where_the_gate_for_a_known_id_would_let_it_pass(fl
     first = followed(fed)
     told = fed.scan(1.0, [car(5, 1.0, 40.0, 0.62, new=flagged)])
     nis = fed.tracker.update.nis[0] if fed.tracker.update is not None else np.nan
-    association = fed.tracker._settings.association
+    association = fed.tracker.settings.association
     assert states(told) == ({first: COASTING, first + 1: TENTATIVE} if flagged else {first: CONFIRMED})
     assert np.isnan(nis) if flagged else association.gate < nis < association.id_gate
 
@@ -146,8 +145,8 @@ def test_what_has_left_the_view_ends_early(y: float, lives: bool) -> None:
 
 
 def test_trackers_that_share_a_source_of_identities_never_meet() -> None:
-    ids = count(1)
-    pair = HandFed(ids=ids), HandFed(ids=ids)
+    identities = Identities()
+    pair = HandFed(identities=identities), HandFed(identities=identities)
     for t in times(0, 5):
         told = [fed.scan(t, [car(5, t, 40.0), car(6, t, 80.0, 3.5)]) for fed in pair]
     both = joined(told)
