@@ -6,6 +6,8 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 from tests.support.paths import ROOT
 
 FRAMES = 1_370_000
@@ -14,6 +16,7 @@ WARM = 350_000
 LIMIT = 1_000_000
 
 
+@pytest.mark.slow
 def test_a_million_frames_leave_memory_as_it_was() -> None:
     """In a process of its own: what other tests have left behind would hide it."""
     run = [sys.executable, "-m", "tests.soak", "--frames", str(FRAMES)]

@@ -74,6 +74,7 @@ def test_the_radars_measure_with_the_papers_noise() -> None:
     assert (measured - without)[..., 2].min() > 0.0
 
 
+@pytest.mark.slow
 def test_the_turning_ekf_is_below_the_best_of_the_paper_in_all_cells(
     ran: tuple[Result, list[float]], errors: Mapping[tuple[str, str], Mapping[str, float]]
 ) -> None:
@@ -86,6 +87,7 @@ def test_the_turning_ekf_is_below_the_best_of_the_paper_in_all_cells(
     assert [key for key in best if errors[key]["turning EKF"] >= best[key]] == []
 
 
+@pytest.mark.slow
 def test_all_but_the_papers_own_are_near_the_bound_in_position_and_velocity(
     errors: Mapping[tuple[str, str], Mapping[str, float]],
 ) -> None:
@@ -97,6 +99,7 @@ def test_all_but_the_papers_own_are_near_the_bound_in_position_and_velocity(
         assert cell["bound"] < min(cell["turning EKF"], cell["default"])
 
 
+@pytest.mark.slow
 def test_what_the_paper_drops_is_what_its_mlkf_errs_by(
     errors: Mapping[tuple[str, str], Mapping[str, float]],
 ) -> None:
@@ -108,6 +111,7 @@ def test_what_the_paper_drops_is_what_its_mlkf_errs_by(
     assert errors["s2", "velocity x"]["MLKF without centripetal term"] == pytest.approx(0.4801, rel=0.2)
 
 
+@pytest.mark.slow
 def test_ranges_alone_and_no_process_noise_lose_a_hard_turn(
     errors: Mapping[tuple[str, str], Mapping[str, float]],
 ) -> None:
@@ -129,6 +133,7 @@ def test_the_baseline_ekf_finds_what_its_model_allows() -> None:
     assert told == [1.0]
 
 
+@pytest.mark.slow
 def test_the_table_is_whole_and_its_drawings_small(ran: tuple[Result, list[float]]) -> None:
     result, told = ran
     assert sum(told) == pytest.approx(1.0)

@@ -14,6 +14,8 @@ from candaemon.papers import registry
 from candaemon.papers.experiment import Advance, Experiment, Figure, Result, Row
 
 NAMES = [experiment.name for experiment in registry.EXPERIMENTS]
+LONG = {"001-table-1", "004-noise-sweep", "004-acceleration-sweep", "004-table-3", "004-table-4"}
+"""Experiments of which even two runs take long."""
 LONGEST_LINE = 2000
 
 pytestmark = pytest.mark.usefixtures("logging_as_it_was")
@@ -24,7 +26,9 @@ def test_every_paper_has_its_experiments_and_no_name_is_used_twice() -> None:
     assert len(set(NAMES)) == len(NAMES)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in NAMES]
+)
 def test_experiments_keep_their_contract(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

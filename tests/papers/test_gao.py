@@ -74,6 +74,7 @@ def test_figures_of_the_first_drive() -> None:
     assert adaptation.share[calm, 0].mean() == pytest.approx(10 / 13, abs=0.05)
 
 
+@pytest.mark.slow
 def test_nothing_beats_the_bound_of_a_constant_acceleration() -> None:
     start_and_burst = replace(FIRST, truth=FIRST.truth[:1500])
     for result in (run(start_and_burst.run, 4), noise(), accelerations()):
@@ -83,6 +84,7 @@ def test_nothing_beats_the_bound_of_a_constant_acceleration() -> None:
 
 
 @pytest.mark.parametrize("method", ["JAKF", "JAKF, variational R"])
+@pytest.mark.slow
 def test_average_of_the_noise_sweep(method: str) -> None:
     average = "average of the sweep"
     assert (here(noise(), method, average) <= (0.033, 0.023, 0.015)).all()
@@ -91,6 +93,7 @@ def test_average_of_the_noise_sweep(method: str) -> None:
     assert (order[1] < 0.8 * order[2]).all()
 
 
+@pytest.mark.slow
 def test_fusion_beats_either_sensor_at_any_acceleration() -> None:
     result = accelerations()
     for case, printed in (("largest of the sweep", 0.0403), ("average of the sweep", 0.0261)):
@@ -102,6 +105,7 @@ def test_fusion_beats_either_sensor_at_any_acceleration() -> None:
         assert row.here < printed
 
 
+@pytest.mark.slow
 def test_third_drive_needs_a_wider_q() -> None:
     """An adaptive R takes for noise what a Q of next to nothing cannot follow."""
     result = third()
@@ -125,6 +129,7 @@ def test_stand_ins_move_as_the_paper_says(drive: LidarRadarDrive) -> None:
     np.testing.assert_allclose(np.diff(v), 0.005 * (a[1:] + a[:-1]), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_tables_are_whole() -> None:
     rows = third().rows
     assert len(rows) == 6 * len(METHODS)

@@ -120,6 +120,7 @@ def test_the_drawings_are_those_of_the_paper(table_1: Result, table_2: Result) -
             assert len(line.x) <= 2000
 
 
+@pytest.mark.slow
 def test_nobody_is_better_than_the_bound_who_starts_with_no_more() -> None:
     """Nor is the default, in any cell of both tables."""
     for experiment in EXPERIMENTS:
@@ -142,6 +143,7 @@ def own_set() -> Result:
 
 
 @pytest.mark.parametrize("name", LIMITS)
+@pytest.mark.slow
 def test_the_three_model_imm_holds_its_numbers(own_set: Result, name: str) -> None:
     for quantity, most in zip(("position x", "velocity x"), LIMITS[name], strict=True):
         it = row(own_set, name, "IMM", quantity)
@@ -149,6 +151,7 @@ def test_the_three_model_imm_holds_its_numbers(own_set: Result, name: str) -> No
         assert it.bound < it.here <= most
 
 
+@pytest.mark.slow
 def test_smoothed_it_holds_its_numbers_too(own_set: Result) -> None:
     for quantity, most in (("position x", 0.28), ("velocity x", 0.34)):
         it = row(own_set, "S3", "IMM", f"{quantity}, 1 s later")

@@ -126,6 +126,7 @@ def test_no_frame_is_lost_and_none_uncounted(result: Result) -> None:
     assert summary["output"]["saturated"] == 0
 
 
+@pytest.mark.slow
 def test_two_runs_give_the_same_bytes(result: Result, drive: Path, tmp_path: Path) -> None:
     replayed(result.config, drive, tmp_path)
     for name in ("out.log", "t.csv", "p.csv", "s.json"):

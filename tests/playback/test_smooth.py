@@ -99,6 +99,7 @@ def test_smoothing_without_a_table_is_2(capsys: pytest.CaptureFixture[str]) -> N
     assert "--tracks" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_recorded_drives_standing_objects_stand_stiller(drive: Path, tmp_path: Path) -> None:
     """With the default estimator; the car's own configuration takes lateral drift of the radar for motion."""
     text = (ROOT / "config" / "toyota_rav4_ins.yaml").read_text(encoding="utf-8")

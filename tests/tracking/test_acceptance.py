@@ -10,7 +10,6 @@ import pytest
 from candaemon.evaluation.results import Evaluation
 from tests.support.simulated import drive, scenario
 
-some_and_all_seeds = pytest.mark.parametrize("seeds", [1, pytest.param(20, marks=pytest.mark.slow)])
 CONFIRMED_WITHIN = 0.5  # s, 10 scans
 AUTOMOTIVE = {
     "automotive_cruise": (0.085, 0.087),
@@ -20,6 +19,16 @@ AUTOMOTIVE = {
 }
 """Largest RMSE of position (m) and velocity (m/s) of a point target."""
 DRAMAS = ("highway", "stop_and_go", "intersection", "guard_rail", "turning_ego")
+LONG = {"stop_and_go", "guard_rail"}
+"""Drives of which even one takes long."""
+
+
+def seeds_of(*names: str) -> pytest.MarkDecorator:
+    """Give a test each drive's name and the number of seeds: one by default, 20 with `-m slow`."""
+    some = [pytest.param(name, 1) for name in names if name not in LONG]
+    return pytest.mark.parametrize(
+        ("name", "seeds"), some + [pytest.param(name, 20, marks=pytest.mark.slow) for name in names]
+    )
 
 
 @cache
@@ -31,8 +40,7 @@ def runs(name: str, seeds: int) -> list[Evaluation]:
     return [run(name, seed) for seed in range(seeds)]
 
 
-@some_and_all_seeds
-@pytest.mark.parametrize("name", AUTOMOTIVE)
+@seeds_of(*AUTOMOTIVE)
 def test_a_point_target_is_tracked_as_well_as_can_be(name: str, seeds: int) -> None:
     position, velocity = AUTOMOTIVE[name]
     errors = [run.errors for run in runs(name, seeds)]
@@ -41,21 +49,18 @@ def test_a_point_target_is_tracked_as_well_as_can_be(name: str, seeds: int) -> N
     assert sum(run.id_switches for run in runs(name, seeds)) == 0
 
 
-@some_and_all_seeds
-@pytest.mark.parametrize("name", [*AUTOMOTIVE, *DRAMAS])
+@seeds_of(*AUTOMOTIVE, *DRAMAS)
 def test_every_actor_in_view_is_confirmed_in_time(name: str, seeds: int) -> None:
     for run in runs(name, seeds):
         assert run.time_to_confirm.unconfirmed == 0
         assert run.time_to_confirm.max <= CONFIRMED_WITHIN
 
 
-@some_and_all_seeds
-@pytest.mark.parametrize("name", [*AUTOMOTIVE, *DRAMAS])
+@seeds_of(*AUTOMOTIVE, *DRAMAS)
 def test_hardly_any_run_has_a_false_track(name: str, seeds: int) -> None:
     assert sum(run.false_tracks.ids > 0 for run in runs(name, seeds)) <= 0.05 * seeds
 
 
-@some_and_all_seeds
-@pytest.mark.parametrize("name", DRAMAS)
+@seeds_of(*DRAMAS)
 def test_a_vehicle_is_one_obstacle(name: str, seeds: int) -> None:
     assert np.mean([run.duplicates.share for run in runs(name, seeds)]) < 0.05

@@ -72,6 +72,7 @@ def test_the_only_radar_goes_bad_and_recovers() -> None:
         assert drive.mean_error(WELL) < 1.2 * fixed.mean_error(WELL)
 
 
+@pytest.mark.slow
 def test_one_of_two_radars_goes_bad_and_recovers() -> None:
     """Then the other is all that counts."""
     assert len(Drive(radars=2).identities) > 20

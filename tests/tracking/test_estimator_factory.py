@@ -223,7 +223,7 @@ def test_a_federated_filters_variance_follows_its_innovations_too() -> None:
 
 
 @pytest.mark.parametrize("kind", ["window", "variational"])
-@pytest.mark.parametrize("estimator", ["imm", "federated"])
+@pytest.mark.parametrize("estimator", ["imm", pytest.param("federated", marks=pytest.mark.slow)])
 def test_a_sensor_that_goes_bad_loses_its_weight_and_gets_it_back(estimator: str, kind: str) -> None:
     """Two sensors; the noise of the first bursts to 200 times its variance for 10 s."""
     rng = np.random.default_rng(5)

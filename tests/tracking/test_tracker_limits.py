@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -81,6 +82,7 @@ def test_any_detections_leave_it_sane(
     assert fed.tracker.counts.used + fed.tracker.counts.crowded <= used
 
 
+@pytest.mark.slow
 def test_minutes_of_traffic_stay_bounded() -> None:
     """Vehicles come and go at random, slots are handed on: neither tracks nor tables grow."""
     fed, rng = HandFed(), np.random.default_rng(9)
