@@ -21,15 +21,15 @@ from pathlib import Path
 from typing import Any
 
 from candaemon.binding.bind import bind
-from candaemon.can_io.open import PORTS
+from candaemon.can_io.open_port import PORTS
 from candaemon.can_io.port import Controller, PortRequest
 from candaemon.config.load import load_config
 from candaemon.daemon.daemon import Daemon, Observer
 from candaemon.frames.frame import Frame
-from candaemon.recording.recorder import Recording
-from candaemon.status.health_summary import StatusLine
-from candaemon.status.meter import Meter
-from candaemon.status.socket import StatusSocket
+from candaemon.recording.recorder import Recorder
+from candaemon.status.health_summary import StatusLogger
+from candaemon.status.service_monitor import ServiceMonitor
+from candaemon.status.status_socket import StatusSocket
 from tests.beds.service import config_on
 from tests.vcan.drives import LAP_S, lap
 
@@ -139,9 +139,9 @@ def soak(count: int) -> dict[str, Any]:
         )
         PORTS["virtual"] = road.open
         os.environ["RUNTIME_DIRECTORY"] = folder
-        recording = Recording(binding.settings.service.recording, Path(folder, "recording"), binding)
-        meter = Meter(binding.settings.service.metrics, recording=recording.figures)
-        observers = [recording, meter, StatusSocket(meter), StatusLine(None), road]
+        recording = Recorder(binding.settings.service.recording, Path(folder, "recording"), binding)
+        meter = ServiceMonitor(binding.settings.service.metrics, recording=recording.figures)
+        observers = [recording, meter, StatusSocket(meter), StatusLogger(None), road]
         began_s = time.monotonic()
         with Daemon(binding, clock=lambda: road.now_ns, observers=observers) as daemon:
             daemon.run()

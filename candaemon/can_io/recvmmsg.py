@@ -45,7 +45,7 @@ _LENGTHS = struct.Struct("@PIPNPNi0NI0N")
 """An mmsghdr; native alignment, as in C."""
 
 
-class Datagrams:
+class DatagramBatch:
     """Room for datagrams and what the kernel says beside each of them.
 
     A record is a datagram followed by its control messages, both in the room given, whatever of it is filled.

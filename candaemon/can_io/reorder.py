@@ -26,12 +26,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from candaemon.frames.block import FrameBlock, block_of, joined_blocks
 from candaemon.frames.frame import Frame, Tick
+from candaemon.frames.frame_block import FrameBlock, block_of, joined_blocks
 from candaemon.frames.times import NEVER_NS
 
-Item: TypeAlias = Frame | Tick
-ItemBlock: TypeAlias = FrameBlock | Sequence[Item]
+TimedItem: TypeAlias = Frame | Tick
+ItemBlock: TypeAlias = FrameBlock | Sequence[TimedItem]
 
 STEP_NS = 200_000_000
 """Default lateness in ns from which on the clock must have been set back: time servers slew it by less than 128 ms."""
@@ -41,7 +41,7 @@ _time_of = itemgetter(0)
 
 
 @dataclass(slots=True)
-class ClockSteps:
+class ReorderCounts:
     """What several sequencers counted together.
 
     Attributes:
@@ -53,7 +53,7 @@ class ClockSteps:
     reordered: int = 0
     late: int = 0
 
-    def add(self, sequence: Reorder) -> None:
+    def add(self, sequence: ReorderBuffer) -> None:
         """Add the counts of one."""
         self.backward_steps += sequence.backward_steps
         self.forward_steps += sequence.forward_steps
@@ -61,7 +61,7 @@ class ClockSteps:
         self.late += sequence.late
 
 
-class Reorder:
+class ReorderBuffer:
     """Passes frames and ticks on in order of time.
 
     Args:
@@ -98,7 +98,7 @@ class Reorder:
         self._max_gap_ns = max_gap_ns
         self._newest_ns: int | None = None
         self._passed_ns: int | None = None
-        self._held: deque[Item] = deque()
+        self._held: deque[TimedItem] = deque()
         self._before_ns: int | None = None
         self.offset_ns = 0
         self.backward_steps = 0
@@ -106,7 +106,7 @@ class Reorder:
         self.reordered = 0
         self.late = 0
 
-    def sequenced(self, items: Iterable[Item]) -> Iterator[Item]:
+    def sequenced(self, items: Iterable[TimedItem]) -> Iterator[TimedItem]:
         """Return all items in order, the held ones at the end; the way for a log that is replayed at a pace.
 
         Takes them in batches: what is in order passes in C, an item that is late costs its batch alone the longer way.
@@ -127,7 +127,7 @@ class Reorder:
                 yield from self._runs(block.frames() if isinstance(block, FrameBlock) else iter(block))
         yield self.flush()
 
-    def push(self, item: Item) -> list[Item]:
+    def push(self, item: TimedItem) -> list[TimedItem]:
         """Take an item; return those that can be passed on, in order.
 
         Args:
@@ -156,7 +156,7 @@ class Reorder:
         self._window_ns, self._max_gap_ns = window_ns, max_gap_ns
         self._step_ns = max(self._step_ns, window_ns)
 
-    def flush(self) -> list[Item]:
+    def flush(self) -> list[TimedItem]:
         """Return what is held back, in order."""
         due = list(self._held)
         self._held.clear()
@@ -164,11 +164,11 @@ class Reorder:
             self._passed_ns = due[-1][0]
         return due
 
-    def _rest(self) -> Iterator[Item]:
+    def _rest(self) -> Iterator[TimedItem]:
         """Yield what is held back when it is asked for, not before."""
         yield from self.flush()
 
-    def _runs(self, items: Iterator[Item]) -> Iterator[list[Item]]:
+    def _runs(self, items: Iterator[TimedItem]) -> Iterator[list[TimedItem]]:
         """Yield what can be passed on, batch by batch."""
         while batch := list(islice(items, _BATCH)):
             if self._passes_untouched(batch):
@@ -178,7 +178,7 @@ class Reorder:
                 for item in batch:
                     yield self.push(item)
 
-    def _passes_untouched(self, batch: list[Item]) -> bool:
+    def _passes_untouched(self, batch: list[TimedItem]) -> bool:
         """Return whether pushing the items one by one would give them back as they are."""
         if self._window_ns or self.offset_ns or batch != sorted(batch, key=_time_of):
             return False
@@ -221,7 +221,7 @@ class Reorder:
         watched = self._max_gap_ns is not None or self._before_ns is not None
         return self._step_ns if watched else NEVER_NS
 
-    def _in_time(self, item: Item) -> Item:
+    def _in_time(self, item: TimedItem) -> TimedItem:
         """Return the item with its time free of steps and not before what was passed on."""
         source_ns = item[0]
         time_ns = source_ns + self.offset_ns

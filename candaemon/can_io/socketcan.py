@@ -19,9 +19,9 @@ from typing import Final
 
 from candaemon.can_io import timestamps
 from candaemon.can_io.port import Controller, PortCounts, PortRequest
-from candaemon.can_io.recvmmsg import Datagrams
-from candaemon.frames.block import FD_LENGTHS
+from candaemon.can_io.recvmmsg import DatagramBatch
 from candaemon.frames.frame import EXTENDED, Frame
+from candaemon.frames.frame_block import FD_LENGTHS
 
 ERROR_FLAG = 0x2000_0000
 """CAN_ERR_FLAG in the identifier of an error frame."""
@@ -40,7 +40,7 @@ _PASSIVE = 0x30
 _ACTIVE = 0x40
 
 
-def take_error(can_id: int, data: bytes, counts: PortCounts, before: Controller) -> Controller:
+def count_error_frame(can_id: int, data: bytes, counts: PortCounts, before: Controller) -> Controller:
     """Count what an error frame tells.
 
     Args:
@@ -88,7 +88,7 @@ _MOST: Final = (1 << 30) - 1
 """No kernel gives more than twice this."""
 
 
-def make_room(receiving: socket.socket, request: PortRequest, frame_bytes: int) -> None:
+def size_receive_buffer(receiving: socket.socket, request: PortRequest, frame_bytes: int) -> None:
     """Give a socket a receive buffer for the configured traffic; warn where the kernel allows less.
 
     Args:
@@ -178,8 +178,8 @@ class SocketCanPort:
         self._name = request.settings.channel
         self._lost = 0
         self._contradicted_s: float | None = None
-        self._clock = timestamps.HardwareClock()
-        self._datagrams = Datagrams(_BATCH, _FD.size, _STAMPS_SPACE + _COUNT_SPACE)
+        self._clock = timestamps.HardwareClockOffset()
+        self._datagrams = DatagramBatch(_BATCH, _FD.size, _STAMPS_SPACE + _COUNT_SPACE)
         self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW | socket.SOCK_NONBLOCK, socket.CAN_RAW)
         try:
             self._set_up(request)
@@ -294,10 +294,10 @@ class SocketCanPort:
         option(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)  # what other programs of this machine send is heard
         option(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, EVERY_ERROR)
         if request.ids is not None and len(request.ids) <= _MOST_FILTERS:
-            option(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters(request.ids))
+            option(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, receive_filters(request.ids))
         option(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
-        option(socket.SOL_SOCKET, timestamps.SO_TIMESTAMPING, timestamps.wanted(settings.time_stamps))
-        make_room(self._socket, request, FRAME_BYTES)
+        option(socket.SOL_SOCKET, timestamps.SO_TIMESTAMPING, timestamps.timestamping_flags(settings.time_stamps))
+        size_receive_buffer(self._socket, request, FRAME_BYTES)
 
     def _demand_fd(self) -> None:
         """Refuse an interface that would refuse every CAN FD frame."""
@@ -332,7 +332,7 @@ class SocketCanPort:
                 self._count_lost(lost)
             fd = length == _FD.size
             if can_id & ERROR_FLAG:
-                self.controller = take_error(can_id, data, self._counts, self.controller)
+                self.controller = count_error_frame(can_id, data, self._counts, self.controller)
             elif can_id & _REMOTE_FLAG:
                 self._counts.remote += 1
             elif size not in FD_LENGTHS:
@@ -341,7 +341,7 @@ class SocketCanPort:
                 frames.append(Frame(time_ns, self._index, can_id, data[:size], fd))
 
 
-def filters(ids: Collection[int]) -> bytes:
+def receive_filters(ids: Collection[int]) -> bytes:
     """Return the kernel's filters that pass the data frames of some identifiers; none at all pass nothing.
 
     Each names one identifier wholly, its length too: such filters the kernel finds at once, others it tries in turn.

@@ -19,7 +19,7 @@ _JOIN_S = 0.2
 _BATCH = 256
 
 
-class WaitingPort(Protocol):
+class BlockingPort(Protocol):
     """A port whose `receive` waits. `receive` and `send` run in two threads at the same time."""
 
     def receive(self, limit: int, timeout_s: float) -> list[Frame]:
@@ -32,7 +32,7 @@ class WaitingPort(Protocol):
         """Close the bus. Raises `PORT_ERRORS`."""
 
 
-class ReaderPort:
+class ThreadedPort:
     """Makes a port of one whose `receive` waits.
 
     Args:
@@ -47,7 +47,7 @@ class ReaderPort:
 
     controller: Controller = "active"
 
-    def __init__(self, port: WaitingPort, name: str, counts: PortCounts, capacity: int = CAPACITY) -> None:
+    def __init__(self, port: BlockingPort, name: str, counts: PortCounts, capacity: int = CAPACITY) -> None:
         self._port = port
         self._counts = counts
         self._capacity = capacity

@@ -14,7 +14,7 @@ _WINDOW_NS: Final = 1_000_000_000
 _STEP_NS: Final = 100_000_000
 
 
-class HardwareClock:
+class HardwareClockOffset:
     """Brings a controller's time stamps to the system's clock, whatever it counts from.
 
     A frame reaches the kernel some time after the controller has stamped it, but never before. So the least difference
@@ -52,7 +52,7 @@ class HardwareClock:
         return self._last_ns
 
 
-def wanted(kind: Literal["hardware", "kernel"]) -> int:
+def timestamping_flags(kind: Literal["hardware", "kernel"]) -> int:
     """Return SO_TIMESTAMPING's flags: the kernel's time stamps always, and the controller's where they are wanted."""
     kernel = RX_SOFTWARE | SOFTWARE
     return kernel if kind == "kernel" else kernel | RX_HARDWARE | RAW_HARDWARE

@@ -22,12 +22,12 @@ import can
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding, BoundOutput
-from candaemon.can_io.messages import to_frame, to_message
+from candaemon.can_io.python_can import to_frame, to_message
 from candaemon.cli.arguments import SCENARIO, positive
 from candaemon.cli.console import console, say
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config, find_scenario
-from candaemon.daemon.daemon import Daemon, Observer, Told
+from candaemon.daemon.daemon import CompletedCycle, Daemon, Observer
 from candaemon.errors import BusError, ConfigError
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.text import print_sections, sections
@@ -184,7 +184,7 @@ class _Notes(Observer):
     def __init__(self, measured_ns: list[int]) -> None:
         self._measured_ns = measured_ns
 
-    def told(self, told: Told) -> None:
+    def told(self, told: CompletedCycle) -> None:
         """Keep a cycle's."""
         self._measured_ns.append(told.cycle.obstacles.time_ns)
 

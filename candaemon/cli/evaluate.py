@@ -8,7 +8,7 @@ from pathlib import Path
 from candaemon.cli import console
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.text import print_evaluation
-from candaemon.files.atomic import write_whole
+from candaemon.files.atomic import atomic_write
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,5 +22,5 @@ def execute(arguments: argparse.Namespace) -> None:
     """Compare and print."""
     evaluation = evaluate(arguments.tracks, arguments.truth)
     if arguments.json is not None:
-        write_whole(arguments.json, evaluation.to_json())
+        atomic_write(arguments.json, evaluation.to_json())
     print_evaluation(console.console(), evaluation)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from candaemon.cli.arguments import CONFIG
 from candaemon.config.shipped import find_config
-from candaemon.daemon.install import install
+from candaemon.daemon.systemd_unit import install
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

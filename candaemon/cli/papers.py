@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from candaemon.cli import console
-from candaemon.files.atomic import check_writable, make_folder, write_whole
+from candaemon.files.atomic import atomic_write, check_writable, make_folder
 from candaemon.papers.experiment import Experiment, Result
 from candaemon.papers.json import to_json
 from candaemon.papers.registry import choose
@@ -47,7 +47,7 @@ def execute(arguments: argparse.Namespace) -> None:
         print_result(console.console(), experiment, result, arguments.runs, arguments.seed)
         done.append((experiment, result))
         if arguments.json is not None:
-            write_whole(arguments.json, to_json(done, arguments.runs, arguments.seed))
+            atomic_write(arguments.json, to_json(done, arguments.runs, arguments.seed))
         if arguments.plots is not None:
             _plot(result, arguments.plots)
 
@@ -58,7 +58,7 @@ def _plot(result: Result, folder: Path) -> None:
 
     for figure in result.figures:
         for name, content in draw(figure).items():
-            write_whole(folder / name, content)
+            atomic_write(folder / name, content)
 
 
 def count(text: str) -> int:

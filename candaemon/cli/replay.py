@@ -14,7 +14,7 @@ from candaemon.cli.arguments import CONFIG, LOG_FORMATS, positive
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError, InputError
-from candaemon.files.atomic import write_whole
+from candaemon.files.atomic import atomic_write
 from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
 from candaemon.playback.summary import summarise
 
@@ -78,7 +78,7 @@ def execute(arguments: argparse.Namespace) -> None:
     figures = summarise(replayed)
     console.print_figures(arguments.log.name, figures)
     if arguments.summary is not None:
-        write_whole(arguments.summary, json.dumps(figures, indent=2, allow_nan=False) + "\n")
+        atomic_write(arguments.summary, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     console.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
     silent = [name for name, counts in figures["sensors"].items() if not counts["used"]]
     if len(silent) == len(figures["sensors"]):

@@ -15,15 +15,15 @@ from candaemon.binding.bound import Binding
 from candaemon.cli.arguments import CONFIG, not_negative
 from candaemon.config.shipped import find_config
 from candaemon.daemon.daemon import Daemon, Observer
-from candaemon.daemon.journal import LogForm, log_faults, log_service
-from candaemon.daemon.reload import Reloader, load
-from candaemon.daemon.signals import service_signals
-from candaemon.recording.recorder import Recording
-from candaemon.status.endpoint import MetricsEndpoint
-from candaemon.status.health_summary import StatusLine
-from candaemon.status.meter import Meter
-from candaemon.status.notify import Notifier, Supervision
-from candaemon.status.socket import StatusSocket
+from candaemon.daemon.process_signals import handle_signals
+from candaemon.daemon.reload import Reloader, load_service_config
+from candaemon.daemon.service_log import LogFormatObserver, configure_logging, log_uncaught_exceptions
+from candaemon.recording.recorder import Recorder
+from candaemon.status.health_summary import StatusLogger
+from candaemon.status.metrics_endpoint import MetricsEndpoint
+from candaemon.status.sd_notify import SystemdNotifier, SystemdObserver
+from candaemon.status.service_monitor import ServiceMonitor
+from candaemon.status.status_socket import StatusSocket
 
 logger = logging.getLogger(__name__)
 
@@ -72,40 +72,42 @@ def serve(request: ServeRequest) -> None:
         ConfigError: the configuration cannot be used; no bus is opened then.
         InputError: the recording's folder cannot be used.
     """
-    notifier = Notifier.from_environment()
-    log_service(request.log or "text")
-    log_faults()
-    binding = load(request.config_path)
-    log_service(request.log or binding.settings.service.log)
+    notifier = SystemdNotifier.from_environment()
+    configure_logging(request.log or "text")
+    log_uncaught_exceptions()
+    binding = load_service_config(request.config_path)
+    configure_logging(request.log or binding.settings.service.log)
     if binding.warnings:
         logger.warning("%s; `candaemon check` shows all %d warnings", binding.warnings[0], len(binding.warnings))
-    reloader = Reloader(lambda: load(request.config_path))
+    reloader = Reloader(lambda: load_service_config(request.config_path))
     daemon = Daemon(binding, observers=list(_observers(binding, request, notifier)), reloader=reloader)
     faulthandler.enable()  # the watchdog ends a loop that hangs with SIGABRT: then the log shows where it hung
-    with service_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark), daemon:
+    with handle_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark), daemon:
         daemon.run()
 
 
-def _observers(binding: Binding, request: ServeRequest, notifier: Notifier) -> Iterator[Observer]:
+def _observers(binding: Binding, request: ServeRequest, notifier: SystemdNotifier) -> Iterator[Observer]:
     """Yield what the command line, the configuration and systemd ask for; each after those that it reads."""
     recording = _recording(binding, request)
-    meter = Meter(binding.settings.service.metrics, recording=recording.figures if recording is not None else None)
+    meter = ServiceMonitor(
+        binding.settings.service.metrics, recording=recording.figures if recording is not None else None
+    )
     if recording is not None:
         yield recording
     yield meter
     yield StatusSocket(meter)
     yield MetricsEndpoint(meter)
-    yield LogForm(request.log)
-    yield StatusLine(request.status)
-    yield Supervision(notifier)
+    yield LogFormatObserver(request.log)
+    yield StatusLogger(request.status)
+    yield SystemdObserver(notifier)
 
 
-def _recording(binding: Binding, request: ServeRequest) -> Recording | None:
+def _recording(binding: Binding, request: ServeRequest) -> Recorder | None:
     """Return the recording that is asked for."""
     settings = binding.settings.service.recording
     if request.record is None and not settings.enabled:
         return None
-    return Recording(settings, request.record or _state_folder(binding) / "recording", binding)
+    return Recorder(settings, request.record or _state_folder(binding) / "recording", binding)
 
 
 def _state_folder(binding: Binding) -> Path:

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 from candaemon.cli import console
 from candaemon.cli.console import Sheet
 from candaemon.errors import InputError
-from candaemon.status.paths import running
+from candaemon.status.socket_paths import running_instances
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
 Tree: TypeAlias = Mapping[str, Any]
-"""What `candaemon.status.model.Figures.tree` gives."""
+"""What `candaemon.status.snapshot.Figures.tree` gives."""
 
 _DAY_S, _HOUR_S, _MINUTE_S = 86_400, 3600, 60
 
@@ -244,7 +244,7 @@ def watch(instance: str | None, path: Path | None, *, once: bool, as_json: bool)
 
 def _found(instance: str | None) -> Path:
     """Return the socket of an instance that runs."""
-    there = running()
+    there = running_instances()
     listed = ", ".join(sorted(there)) or "none"
     start = "start one with `systemctl start candaemon@NAME` or `candaemon run CONFIG`"
     if instance is not None:

@@ -13,9 +13,9 @@ from types import TracebackType
 from typing import Self, TypedDict
 
 from candaemon.binding.bound import Binding
-from candaemon.can_io.buses import LiveBuses
-from candaemon.can_io.reorder import STEP_NS, Reorder
-from candaemon.daemon.clockwatch import ClockWatch, since_boot_ns
+from candaemon.can_io.live_buses import LiveBuses
+from candaemon.can_io.reorder import STEP_NS, ReorderBuffer
+from candaemon.daemon.clock_step import ClockStepDetector, since_boot_ns
 from candaemon.daemon.reload import Reloader
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.cycle import Cycle
@@ -30,7 +30,7 @@ _DRAIN_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class CompletedCycle:
     """A cycle that was told.
 
     Attributes:
@@ -54,7 +54,7 @@ class Observer:
     def took(self, items: Sequence[Frame | Tick]) -> None:
         """Look at what the pipeline is about to take, in order, with the times that it will see."""
 
-    def told(self, told: Told) -> None:
+    def told(self, told: CompletedCycle) -> None:
         """Look at a cycle whose frames were handed to the bus."""
 
     def turned(self, daemon: Daemon) -> None:
@@ -112,8 +112,8 @@ class Daemon:
     ) -> None:
         self.pipeline = Pipeline(binding)
         self.buses = LiveBuses(binding.settings.buses, clock=clock, **_expected(binding))
-        self.sequence = Reorder(_window_ns(binding), max_gap_ns=_clock_step_ns(binding))
-        self._clock_watch = ClockWatch(steady)
+        self.sequence = ReorderBuffer(_window_ns(binding), max_gap_ns=_clock_step_ns(binding))
+        self._clock_watch = ClockStepDetector(steady)
         self.received = 0
         self.last: Cycle | None = None
         self._clock = clock
@@ -218,7 +218,7 @@ class Daemon:
             if by_frame:
                 latency = (self._clock() + self.sequence.offset_ns - cycle.time_ns) * 1e-9
             self.buses.send(cycle.frames[0].bus, cycle.frames)
-        told = Told(cycle, time.perf_counter() - began_s, latency)
+        told = CompletedCycle(cycle, time.perf_counter() - began_s, latency)
         for observer in self._observers:
             observer.told(told)
         return time.perf_counter()

@@ -15,7 +15,7 @@ from candaemon.config.load import load_config
 from candaemon.errors import CandaemonError
 from candaemon.pipeline.pipeline import Pipeline
 
-Outcome: TypeAlias = Pipeline | CandaemonError | OSError
+ReloadOutcome: TypeAlias = Pipeline | CandaemonError | OSError
 
 _UNKNOWN: Final = CandaemonError("the load has ended without a result; the log tells where")
 
@@ -33,7 +33,7 @@ class Reloader:
         self._load = load
         self._wanted = Event()
         self._thread: Thread | None = None
-        self._outcome: Outcome = _UNKNOWN
+        self._outcome: ReloadOutcome = _UNKNOWN
 
     def ask(self) -> None:
         """Let the configuration be loaded; for signal handlers and other threads."""
@@ -48,7 +48,7 @@ class Reloader:
         self._thread.start()
         return True
 
-    def outcome(self) -> Outcome | None:
+    def outcome(self) -> ReloadOutcome | None:
         """Return, once, what became of a load that has ended: a pipeline that has taken nothing, or why there is none.
 
         None while there is nothing to tell.
@@ -65,7 +65,7 @@ class Reloader:
             self._outcome = error
 
 
-def load(path: Path) -> Binding:
+def load_service_config(path: Path) -> Binding:
     """Load a configuration that can be served.
 
     Raises:

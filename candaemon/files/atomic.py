@@ -10,7 +10,7 @@ from candaemon.errors import InputError
 _OTHERS = frozenset({Path("/dev"), Path("/proc")})
 
 
-def write_whole(path: Path, content: str | bytes) -> None:
+def atomic_write(path: Path, content: str | bytes) -> None:
     """Write a file so that whoever reads it finds the former content or this one, never a part of either.
 
     A link goes on pointing to the file that it names. What is no regular file, such as a pipe, is written in place,

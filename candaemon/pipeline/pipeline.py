@@ -14,9 +14,9 @@ from candaemon.ego.factory import make_ego, make_georeferencer
 from candaemon.ego.georeference import Georeferencer
 from candaemon.ego.motion import EgoMotion
 from candaemon.ego.pose import EgoPose, EgoStatus
-from candaemon.frames.batch import FrameBatch
-from candaemon.frames.block import FrameBlock
 from candaemon.frames.frame import Frame, Tick
+from candaemon.frames.frame_batch import FrameBatch
+from candaemon.frames.frame_block import FrameBlock
 from candaemon.frames.times import NEVER_NS
 from candaemon.output.encoder import OutputEncoder, OutputStatus
 from candaemon.pipeline.cycle import BusCounts, Cycle, PipelineCounts

@@ -16,14 +16,14 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.read import LogBlock, frames_of, read_log_blocks
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.can_io.logs.write import open_log_writer
-from candaemon.can_io.reorder import ClockSteps, ItemBlock, Reorder
+from candaemon.can_io.reorder import ItemBlock, ReorderBuffer, ReorderCounts
 from candaemon.config.ego import InsSettings
 from candaemon.ego.georeference import Georeference
 from candaemon.evaluation.drive_score import DriveScore
 from candaemon.evaluation.tables import EARTH_COLUMNS
 from candaemon.evaluation.writers import PredictionWriter, TrackWriter
-from candaemon.frames.block import FrameBlock
 from candaemon.frames.frame import Frame, Tick
+from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import begun, fingerprint
@@ -78,7 +78,7 @@ class Replayed:
 
     pipeline: Pipeline
     log: LogCounts
-    sequence: ClockSteps
+    sequence: ReorderCounts
     score: DriveScore
     first_ns: int
     last_ns: int
@@ -97,13 +97,13 @@ def replay(binding: Binding, request: ReplayRequest, progress: Callable[[LogCoun
         InputError: there is no such log, it holds not one frame of the configured buses, or a file cannot be written.
     """
     started = time.perf_counter()
-    channels, counts, steps = _channels(binding, request.channels), LogCounts(), ClockSteps()
+    channels, counts, steps = _channels(binding, request.channels), LogCounts(), ReorderCounts()
     clock = _LogClock()
     score = DriveScore([sensor.settings.cycle_time for sensor in binding.sensors], request.horizons)
     with ExitStack() as files:
         writers = _Writers(binding, request, files)
         for run in runs(request.log, fingerprint(binding), fresh=request.fresh):
-            pipeline, sequence = begun(binding, run.state), Reorder(round(binding.settings.ordering_window * 1e9))
+            pipeline, sequence = begun(binding, run.state), ReorderBuffer(round(binding.settings.ordering_window * 1e9))
             outputs = _Outputs(binding, pipeline, request, writers, score)
             blocks = chain.from_iterable(read_log_blocks(log, channels, counts) for log in run.logs)
             for cycle in _cycles(pipeline, sequence, blocks, clock, request.speed):
@@ -119,7 +119,7 @@ def replay(binding: Binding, request: ReplayRequest, progress: Callable[[LogCoun
 
 
 def _cycles(
-    pipeline: Pipeline, sequence: Reorder, blocks: Iterable[LogBlock], clock: _LogClock, speed: float | None
+    pipeline: Pipeline, sequence: ReorderBuffer, blocks: Iterable[LogBlock], clock: _LogClock, speed: float | None
 ) -> Iterator[Cycle]:
     """Take a log through the pipeline: frame by frame at a pace, otherwise in blocks, which gives the same cycles."""
     if speed is None:

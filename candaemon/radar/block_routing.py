@@ -10,7 +10,7 @@ import numpy as np
 
 from candaemon.arrays import Booleans, Indices, Integers
 from candaemon.binding.bound import BoundSensor
-from candaemon.frames.block import FrameBlock
+from candaemon.frames.frame_block import FrameBlock
 from candaemon.radar.assembly import Route, ScanAssembler
 from candaemon.radar.block_scans import WholeScans, whole_scans
 from candaemon.radar.scan import Scan

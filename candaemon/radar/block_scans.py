@@ -13,7 +13,7 @@ from candaemon.arrays import Booleans, Bytes, Floats, Indices, Integers
 from candaemon.binding.bound import BoundSensor
 from candaemon.config.sensors import CounterScan
 from candaemon.dbc.batch_codec import BatchDecoder
-from candaemon.frames.block import FrameBlock
+from candaemon.frames.frame_block import FrameBlock
 from candaemon.objects.object_batch import ObjectBatch
 from candaemon.radar.assembly import ScanAssembler
 from candaemon.radar.counter_assembler import CounterAssembler

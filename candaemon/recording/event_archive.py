@@ -20,7 +20,7 @@ from typing import Any
 from candaemon.binding.bound import Binding
 from candaemon.config.recording import EventSettings
 from candaemon.errors import InputError
-from candaemon.files.atomic import write_whole
+from candaemon.files.atomic import atomic_write
 from candaemon.playback.recorded import CONFIGURATIONS, EVENTS, STATE, logs_in, number_of, utc
 from candaemon.recording.ring import MEGABYTE, RingFile
 
@@ -137,7 +137,7 @@ class EventArchive:
         event = kept.event
         about = {"kind": event.kind, "about": event.about, "time": utc(event.time_ns), "time_ns": event.time_ns}
         note = {**about, "before": self._settings.before, "after": self._settings.after, "files": kept.files}
-        write_whole(kept.folder / _NOTE, json.dumps({**note, **event.note}, indent=2) + "\n")
+        atomic_write(kept.folder / _NOTE, json.dumps({**note, **event.note}, indent=2) + "\n")
 
     @staticmethod
     def _finish_copy(kept: _Open) -> None:
@@ -158,7 +158,7 @@ class EventArchive:
             self._open = [kept for kept in self._open if kept.folder != oldest]
 
 
-def keep_configuration(folder: Path, binding: Binding, name: str) -> Path:
+def archive_configuration(folder: Path, binding: Binding, name: str) -> Path:
     """Keep a configuration and its DBC files beside a recording, laid out so that it can be replayed with them.
 
     Args:
@@ -180,11 +180,11 @@ def keep_configuration(folder: Path, binding: Binding, name: str) -> Path:
         target = kept / file.relative_to(base)
         target.parent.mkdir(parents=True, exist_ok=True)
         if not target.exists():
-            write_whole(target, file.read_bytes())
+            atomic_write(target, file.read_bytes())
     return kept
 
 
-def drop_configurations(folder: Path, used: frozenset[str]) -> None:
+def remove_unused_configurations(folder: Path, used: frozenset[str]) -> None:
     """Let the configurations go that no file of the ring needs.
 
     Raises:

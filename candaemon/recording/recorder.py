@@ -19,15 +19,15 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.logs.stream import TICK_CHANNEL
 from candaemon.config.recording import RecordingSettings
-from candaemon.daemon.daemon import Observer, Told
+from candaemon.daemon.daemon import CompletedCycle, Observer
 from candaemon.files.atomic import make_folder
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import Snapshots
 from candaemon.playback.recorded import ENDED
 from candaemon.recording.event_archive import Event
+from candaemon.recording.event_detector import EventDetector
 from candaemon.recording.ring import MEGABYTE, SHARE_OF_A_FILE
-from candaemon.recording.triggers import EventWatch
 from candaemon.recording.writer_thread import WriterThread
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ _PATIENCE = 0.1  # of a file's length: how long the next one waits for a moment 
 _CLOSING_S = 0.4
 
 
-class Recording(Observer):
+class Recorder(Observer):
     """Records a daemon.
 
     Args:
@@ -114,7 +114,7 @@ class Recording(Observer):
         if self._text_bytes >= _CHUNK:
             self._flush()
 
-    def told(self, told: Told) -> None:
+    def told(self, told: CompletedCycle) -> None:
         """Look for an event in a cycle."""
         for event in self._watch.told(told):
             self._keep(event)
@@ -160,7 +160,7 @@ class Recording(Observer):
         binding = fresh.binding
         self._pipeline = fresh
         self._snapshots = Snapshots(fresh)
-        self._watch = EventWatch(binding)
+        self._watch = EventDetector(binding)
         self._follows = ""
         channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
         self._channels = (*channels, TICK_CHANNEL)

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from candaemon.config.recording import RecordingSettings
 from candaemon.errors import InputError
-from candaemon.files.atomic import make_folder, write_whole
+from candaemon.files.atomic import atomic_write, make_folder
 from candaemon.pipeline.saved_state.fingerprint import digest
 from candaemon.playback.recorded import LOG, STATE, header_beside, logs_in, number_of
 
@@ -86,7 +86,7 @@ class Ring:
         self._make_room(len(state))
         make_folder(self._folder)  # whoever removes it to free the disk does not end the recording
         log = self._folder / f"{name}{LOG}"
-        write_whole(log.with_suffix(STATE), state)
+        atomic_write(log.with_suffix(STATE), state)
         self._descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
         if self._sync:
             _force(log.with_suffix(STATE))
@@ -182,6 +182,6 @@ def _force(path: Path) -> None:
         os.close(descriptor)
 
 
-def is_full(error: OSError) -> bool:
+def is_disk_full(error: OSError) -> bool:
     """Tell whether a disk refuses because nothing fits any more."""
     return error.errno in (errno.ENOSPC, errno.EDQUOT)

@@ -20,8 +20,8 @@ from candaemon.binding.bound import Binding
 from candaemon.config.recording import RecordingSettings
 from candaemon.errors import InputError
 from candaemon.playback.recorded import LOG, number_of, stem
-from candaemon.recording.event_archive import Event, EventArchive, drop_configurations, keep_configuration
-from candaemon.recording.ring import MEGABYTE, Ring, is_full
+from candaemon.recording.event_archive import Event, EventArchive, archive_configuration, remove_unused_configurations
+from candaemon.recording.ring import MEGABYTE, Ring, is_disk_full
 
 logger = logging.getLogger(__name__)
 
@@ -155,9 +155,9 @@ class WriterThread:
             if self._full:
                 self._ring.drop_oldest()
             file = self._ring.begin(name, time_ns, state, configuration)
-            self._kept_configuration = keep_configuration(self._folder, binding, configuration)
+            self._kept_configuration = archive_configuration(self._folder, binding, configuration)
             self._events.began(file)
-            drop_configurations(self._folder, frozenset(each.configuration for each in self._ring.files))
+            remove_unused_configurations(self._folder, frozenset(each.configuration for each in self._ring.files))
         except (OSError, InputError) as error:
             self._refuse(error)
             return
@@ -197,7 +197,7 @@ class WriterThread:
         self._refused = True
         self.refusals += 1
         cause = error if isinstance(error, OSError) else error.__cause__
-        self._full = isinstance(cause, OSError) and is_full(cause)
+        self._full = isinstance(cause, OSError) and is_disk_full(cause)
         self._ring.close()
         if time.monotonic() - self._warned_s >= _QUIET_S:
             self._warned_s = time.monotonic()

@@ -16,44 +16,44 @@ from candaemon.binding.bound import BoundBus
 from candaemon.ego.pose import EgoStatus
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.status.measured import Measured
-from candaemon.status.model import (
-    BusFigures,
-    ClockFigures,
+from candaemon.status.measurements import Measurements
+from candaemon.status.snapshot import (
+    BusStatus,
+    ClockStatus,
     Counts,
-    CycleFigures,
-    Figures,
-    OwnMotionFigures,
-    SensorFigures,
-    ServiceFigures,
+    CycleStatus,
+    EgoMotionStatus,
+    SensorStatus,
+    ServiceStatus,
+    StatusSnapshot,
 )
 from candaemon.tracking.obstacles import STATE_NAMES
 
 if TYPE_CHECKING:
     from candaemon.daemon.daemon import Daemon
 
-LOST = ("kernel_lost", "queue_full", "malformed")
+LOSS_CAUSES = ("kernel_lost", "queue_full", "malformed")
 """Causes of a live bus's frames being lost before the pipeline."""
-UNSENT = ("send_dropped", "send_failed")
+UNSENT_CAUSES = ("send_dropped", "send_failed")
 """Causes of frames not being sent."""
-UNUSABLE = (
+UNUSABLE_CAUSES = (
     "short", "checksum", "repeated", "jumped", "too_fast", "late", "duplicate", "surplus", "discarded",
 )  # fmt: skip
 """Causes of a sensor's frames not being used."""
-MOTION_UNUSABLE = ("checksum", "repeated", "jumped", "too_fast", "not_finite", "out_of_range", "impossible")
+EGO_UNUSABLE_CAUSES = ("checksum", "repeated", "jumped", "too_fast", "not_finite", "out_of_range", "impossible")
 """Causes of own motion's frames not being used, those too short aside."""
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
-STATUSES = {status: status.name.lower().replace("_", " ") for status in EgoStatus}
+EGO_STATUS_NAMES = {status: status.name.lower().replace("_", " ") for status in EgoStatus}
 """Words for how far own motion can be trusted."""
 
 CYCLES = "cycles"
 """Key of the counter of cycles; those of buses and sensors are (kind, name)."""
 
 
-def gather(
-    daemon: Daemon, measured: Measured, now_s: float, recording: Mapping[str, int | float | str | bool] | None
-) -> Figures:
+def take_snapshot(
+    daemon: Daemon, measured: Measurements, now_s: float, recording: Mapping[str, int | float | str | bool] | None
+) -> StatusSnapshot:
     """Return all that a service tells.
 
     Args:
@@ -63,9 +63,9 @@ def gather(
         recording: what the recording counts, None where nothing is recorded.
     """
     pipeline = daemon.pipeline
-    rates = measured.rates.of(now_s, counters(daemon))
+    rates = measured.rates.of(now_s, rate_counters(daemon))
     tracked = [asdict(tracker.counts) for tracker in pipeline.trackers]
-    return Figures(
+    return StatusSnapshot(
         service=_service(pipeline, measured, now_s),
         own_motion=_own_motion(pipeline, daemon.last),
         tracks=_tracks(daemon.last),
@@ -73,7 +73,7 @@ def gather(
         cycles=_cycles(pipeline, rates[CYCLES]),
         cycle_time=measured.cycle_time.spread(),
         latency=measured.latency.spread(),
-        clock=ClockFigures(
+        clock=ClockStatus(
             backward_steps=daemon.sequence.backward_steps,
             forward_steps=daemon.sequence.forward_steps,
             offset=daemon.sequence.offset_ns * 1e-9,
@@ -86,7 +86,7 @@ def gather(
     )
 
 
-def counters(daemon: Daemon) -> dict[Hashable, int]:
+def rate_counters(daemon: Daemon) -> dict[Hashable, int]:
     """Return the counters whose rates are told: of cycles, each bus's frames and each sensor's scans."""
     pipeline = daemon.pipeline
     return {
@@ -99,9 +99,9 @@ def counters(daemon: Daemon) -> dict[Hashable, int]:
     }
 
 
-def _service(pipeline: Pipeline, measured: Measured, now_s: float) -> ServiceFigures:
+def _service(pipeline: Pipeline, measured: Measurements, now_s: float) -> ServiceStatus:
     loaded = pipeline.binding.loaded
-    return ServiceFigures(
+    return ServiceStatus(
         name=loaded.config.name or loaded.path.stem,
         instance=loaded.path.stem,
         config=str(loaded.path),
@@ -125,9 +125,9 @@ def _memory() -> int | None:
         return None
 
 
-def _own_motion(pipeline: Pipeline, last: Cycle | None) -> OwnMotionFigures:
+def _own_motion(pipeline: Pipeline, last: Cycle | None) -> EgoMotionStatus:
     counts = {"short": pipeline.counts.own_motion_short} | asdict(pipeline.counts.own_motion)
-    return OwnMotionFigures("unknown" if last is None else STATUSES[last.pose.status], counts)
+    return EgoMotionStatus("unknown" if last is None else EGO_STATUS_NAMES[last.pose.status], counts)
 
 
 def _tracks(last: Cycle | None) -> Counts:
@@ -138,9 +138,9 @@ def _tracks(last: Cycle | None) -> Counts:
     return dict(zip(STATE_NAMES, counted.tolist(), strict=True))
 
 
-def _cycles(pipeline: Pipeline, rate: float) -> CycleFigures:
+def _cycles(pipeline: Pipeline, rate: float) -> CycleStatus:
     counts = pipeline.counts
-    return CycleFigures(
+    return CycleStatus(
         told=counts.cycles,
         coasting=counts.coasting_cycles,
         without_ego=counts.without_ego,
@@ -150,10 +150,10 @@ def _cycles(pipeline: Pipeline, rate: float) -> CycleFigures:
     )
 
 
-def _bus(daemon: Daemon, bus: BoundBus, rate: float) -> BusFigures:
+def _bus(daemon: Daemon, bus: BoundBus, rate: float) -> BusStatus:
     pipeline, live = daemon.pipeline, daemon.buses[bus.index]
     counts, taken = asdict(live.counts), pipeline.counts.buses[bus.index]
-    return BusFigures(
+    return BusStatus(
         up=live.state.up,
         controller=live.state.controller,
         error=live.state.error,
@@ -161,44 +161,48 @@ def _bus(daemon: Daemon, bus: BoundBus, rate: float) -> BusFigures:
         received=live.counts.received,
         sent=live.counts.sent,
         taken={"used": taken.used, "spare": taken.spare, "unknown": taken.unknown},
-        dropped={cause: counts[cause] for cause in LOST} | _unusable(pipeline, bus.index),
-        unsent={cause: counts[cause] for cause in UNSENT},
-        events={name: count for name, count in counts.items() if name not in {"received", "sent", *LOST, *UNSENT}},
+        dropped={cause: counts[cause] for cause in LOSS_CAUSES} | _unusable(pipeline, bus.index),
+        unsent={cause: counts[cause] for cause in UNSENT_CAUSES},
+        events={
+            name: count
+            for name, count in counts.items()
+            if name not in {"received", "sent", *LOSS_CAUSES, *UNSENT_CAUSES}
+        },
     )
 
 
 def _unusable(pipeline: Pipeline, bus: int) -> dict[str, int]:
     """Return the frames of a bus that sensors and own motion could not use, each under one cause."""
     binding, counts = pipeline.binding, pipeline.counts
-    found = dict.fromkeys((*UNUSABLE, *MOTION_UNUSABLE), 0)
+    found = dict.fromkeys((*UNUSABLE_CAUSES, *EGO_UNUSABLE_CAUSES), 0)
     found["short"] += counts.buses[bus].short
     for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True):
         if sensor.bus == bus:
-            for cause in UNUSABLE:
+            for cause in UNUSABLE_CAUSES:
                 found[cause] += getattr(assembler.counts, cause)
     if binding.ego is not None and binding.ego.bus == bus:
-        for cause in MOTION_UNUSABLE:
+        for cause in EGO_UNUSABLE_CAUSES:
             found[cause] += getattr(counts.own_motion, cause)
     return found
 
 
-def _sensors(pipeline: Pipeline, measured: Measured, rates: Mapping[Hashable, float]) -> dict[str, SensorFigures]:
+def _sensors(pipeline: Pipeline, measured: Measurements, rates: Mapping[Hashable, float]) -> dict[str, SensorStatus]:
     binding = pipeline.binding
     figures = {}
     for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True):
         watch = measured.sensors[sensor.name]
         age = None if watch.last_ns is None else (measured.now_ns - watch.last_ns) * 1e-9
-        figures[sensor.name] = SensorFigures(
+        figures[sensor.name] = SensorStatus(
             bus=binding.buses[sensor.bus].name,
             rate=rates["sensor", sensor.name],
             age=age,
             lost=age is None or age > binding.patience(sensor),
             trust=assembler.valid_share,
-            frames={name: getattr(assembler.counts, name) for name in ("used", *UNUSABLE)},
+            frames={name: getattr(assembler.counts, name) for name in ("used", *UNUSABLE_CAUSES)},
             counts={
                 each.name: getattr(assembler.counts, each.name)
                 for each in fields(assembler.counts)
-                if each.name not in {"used", *UNUSABLE}
+                if each.name not in {"used", *UNUSABLE_CAUSES}
             },
             nis=watch.nis.figures(),
         )

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from candaemon.daemon.daemon import Observer
-from candaemon.status.collect import LOST, UNSENT
+from candaemon.status.collect import LOSS_CAUSES, UNSENT_CAUSES
 from candaemon.tracking.obstacles import TENTATIVE
 
 if TYPE_CHECKING:
@@ -20,25 +20,25 @@ logger = logging.getLogger(__name__)
 _SHORTEST_SILENCE_S = 1.0
 
 
-def obstacles(daemon: Daemon) -> int:
+def obstacle_count(daemon: Daemon) -> int:
     """Count the obstacles that the latest cycle told, those not confirmed yet aside."""
     return 0 if daemon.last is None else int((daemon.last.obstacles.state > TENTATIVE).sum())
 
 
-def own_motion(daemon: Daemon) -> str:
+def ego_motion(daemon: Daemon) -> str:
     """Say how well own motion is known."""
     if daemon.last is None:
         return "unknown"
     return {"VALID": "ok"}.get(daemon.last.pose.status.name, daemon.last.pose.status.name.lower().replace("_", " "))
 
 
-def counted(daemon: Daemon, causes: tuple[str, ...]) -> dict[str, int]:
+def frame_counts(daemon: Daemon, causes: tuple[str, ...]) -> dict[str, int]:
     """Return how many frames of all buses were lost, or not sent, by cause."""
     each = [daemon.buses[k].counts for k in range(len(daemon.buses))]
     return {cause: sum(getattr(counts, cause) for counts in each) for cause in causes}
 
 
-def down(daemon: Daemon) -> list[str]:
+def buses_down(daemon: Daemon) -> list[str]:
     """List the buses that are not there."""
     return [daemon.buses[k].name for k in range(len(daemon.buses)) if not daemon.buses[k].state.up]
 
@@ -60,10 +60,10 @@ class HealthSummary:
         heard = self._heard(daemon)
         told = f"{heard}" if heard == len(sensors) else f"{heard} of {len(sensors)}"
         line = (
-            f"{obstacles(daemon)} obstacles, {told} sensors, ego {own_motion(daemon)}, "
-            f"{sum(counted(daemon, LOST).values())} lost"
+            f"{obstacle_count(daemon)} obstacles, {told} sensors, ego {ego_motion(daemon)}, "
+            f"{sum(frame_counts(daemon, LOSS_CAUSES).values())} lost"
         )
-        missing = down(daemon)
+        missing = buses_down(daemon)
         return line + (f"; down: {', '.join(missing)}" if missing else "")
 
     def _heard(self, daemon: Daemon) -> int:
@@ -80,7 +80,7 @@ class HealthSummary:
         return heard
 
 
-class StatusLine(Observer):
+class StatusLogger(Observer):
     """Logs what the service does, every so often.
 
     Args:
@@ -124,14 +124,14 @@ class StatusLine(Observer):
         pipeline = daemon.pipeline
         frames, cycles = sum(bus.frames for bus in pipeline.counts.buses), pipeline.counts.cycles
         span_s = max(now_s - self._last_s, 1e-9)
-        lost, unsent = counted(daemon, LOST), counted(daemon, UNSENT)
+        lost, unsent = frame_counts(daemon, LOSS_CAUSES), frame_counts(daemon, UNSENT_CAUSES)
         line = (
             f"{(frames - self._frames) / span_s:.0f} frames/s, {(cycles - self._cycles) / span_s:.1f} cycles/s, "
-            f"{obstacles(daemon)} obstacles, own motion {own_motion(daemon)}; since the start {cycles} cycles, "
+            f"{obstacle_count(daemon)} obstacles, own motion {ego_motion(daemon)}; since the start {cycles} cycles, "
             f"{pipeline.drops} frames unusable, {_told(lost)} lost, {_told(unsent)} unsent"
         )
         line += "".join(f", {count} {what}" for what, count in _rare(daemon).items() if count)
-        missing = down(daemon)
+        missing = buses_down(daemon)
         self._last_s, self._frames, self._cycles = now_s, frames, cycles
         return line + (f"; down: {', '.join(missing)}" if missing else "")
 

@@ -9,7 +9,7 @@ from math import ceil
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class HistogramSnapshot:
     """What a histogram holds at one instant.
 
     Attributes:
@@ -67,6 +67,6 @@ class Histogram:
         self._sum += seconds
         self._max = max(self._max, seconds)
 
-    def spread(self) -> Spread:
+    def spread(self) -> HistogramSnapshot:
         """Return what is held."""
-        return Spread(self._bounds, tuple(self._counts), self._sum, self._max)
+        return HistogramSnapshot(self._bounds, tuple(self._counts), self._sum, self._max)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
-from candaemon.daemon.daemon import Daemon, Observer, Told
-from candaemon.daemon.signals import service_signals
+from candaemon.daemon.daemon import CompletedCycle, Daemon, Observer
+from candaemon.daemon.process_signals import handle_signals
 
 
 class Cycles(Observer):
@@ -22,7 +22,7 @@ class Cycles(Observer):
     def __init__(self) -> None:
         self.told_at: list[tuple[int, float]] = []
 
-    def told(self, told: Told) -> None:
+    def told(self, told: CompletedCycle) -> None:
         """Keep a cycle's times."""
         self.told_at.append((told.cycle.time_ns, told.seconds))
 
@@ -31,7 +31,7 @@ def main(config: str) -> None:
     """Run until SIGTERM."""
     cycles = Cycles()
     daemon = Daemon(bind(load_config(Path(config))), observers=[cycles])
-    with service_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark), daemon:
+    with handle_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark), daemon:
         daemon.run()
     told = {"buses": {bus.name: asdict(bus.counts) for bus in daemon.buses}, "cycles": cycles.told_at}
     json.dump(told, sys.stdout)

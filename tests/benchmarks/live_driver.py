@@ -18,7 +18,7 @@ import msgpack
 from can.interfaces.udp_multicast.utils import pack_message
 
 from candaemon.binding.bind import bind
-from candaemon.can_io.messages import to_message
+from candaemon.can_io.python_can import to_message
 from candaemon.config.load import load_config
 from candaemon.simulation.scenario import OwnMotion
 from candaemon.simulation.scenario_file import load_scenario

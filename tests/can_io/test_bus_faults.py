@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import can
 import pytest
 
-from candaemon.can_io.bus import MOST, Notices
-from candaemon.can_io.buses import LIMIT
-from candaemon.can_io.open import PORTS
+from candaemon.can_io.live_bus import MOST, LinkLog
+from candaemon.can_io.live_buses import READ_LIMIT
+from candaemon.can_io.open_port import PORTS
 from candaemon.can_io.port import Controller, PortRequest
 from candaemon.config.buses import BusSettings
 from candaemon.frames.frame import Frame
@@ -155,11 +155,11 @@ def test_one_bus_that_floods_leaves_the_others_their_turn_and_the_order(flaky: t
         other.send(message(timestamp=1000e-9))
         time.sleep(0.2)
         turns = [buses.read(0.0) for _ in range(6)]
-    assert all(0 < len(turn) <= LIMIT + 2 for turn in turns)
+    assert all(0 < len(turn) <= READ_LIMIT + 2 for turn in turns)
     frames = [frame for turn in turns for frame in turn]
     assert [frame.time_ns for frame in frames] == sorted(frame.time_ns for frame in frames)
     assert [frame.time_ns for frame in frames if frame.bus == 1] == [300, 1000]
-    assert [frame.time_ns for frame in frames if frame.bus == 0] == list(range(6 * LIMIT))
+    assert [frame.time_ns for frame in frames if frame.bus == 0] == list(range(6 * READ_LIMIT))
 
 
 def test_a_change_loses_nothing_that_has_come(flaky: type[FlakyPort]) -> None:
@@ -180,7 +180,7 @@ def test_a_change_loses_nothing_that_has_come(flaky: type[FlakyPort]) -> None:
 
 
 def test_a_bus_that_flutters_does_not_fill_the_log(caplog: pytest.LogCaptureFixture) -> None:
-    notices = Notices("radar")
+    notices = LinkLog("radar")
     with caplog.at_level(logging.INFO):
         for k in range(6001):  # ten times a second for five minutes, ending down
             notices.tell(k * 0.1, up=k % 2 == 1, error="bus-off")

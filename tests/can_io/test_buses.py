@@ -53,7 +53,7 @@ def test_sent_frames_are_heard_by_others_only() -> None:
 
 
 def test_a_full_queue_drops_and_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reader.ReaderPort.__init__, "__defaults__", (100,))
+    monkeypatch.setattr(reader.ThreadedPort.__init__, "__defaults__", (100,))
     settings = virtual()
     with live(settings) as buses, peer(settings) as other:
         buses.open()

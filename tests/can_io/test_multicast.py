@@ -21,7 +21,7 @@ from candaemon.frames.frame import EXTENDED, Frame
 
 msgpack = pytest.importorskip("msgpack", reason="udp_multicast needs msgpack")
 
-from candaemon.can_io.multicast import MulticastPort  # noqa: E402  # not without msgpack
+from candaemon.can_io.udp_multicast import UdpMulticastPort  # noqa: E402  # not without msgpack
 
 GROUP = "239.74.163.2"
 
@@ -43,10 +43,10 @@ class Bench:
             can.Bus(interface="udp_multicast", channel=GROUP, port=self.udp, fd=True, ignore_config=True)
         )
 
-    def open(self, *, index: int = 0, fd: bool = True, group: str = GROUP, **request: Any) -> MulticastPort:
+    def open(self, *, index: int = 0, fd: bool = True, group: str = GROUP, **request: Any) -> UdpMulticastPort:
         bus = BusSettings(interface="udp_multicast", channel=group, fd=fd, options={"port": self.udp})
         self.counts = PortCounts()
-        port = MulticastPort(PortRequest("bench", index, bus, self.counts, **request))
+        port = UdpMulticastPort(PortRequest("bench", index, bus, self.counts, **request))
         self._opened.callback(port.close)
         return port
 
@@ -64,7 +64,7 @@ def bench() -> Iterator[Bench]:
         yield bench
 
 
-def heard(port: MulticastPort, expected: int, patience_s: float = 1.0) -> list[Frame]:
+def heard(port: UdpMulticastPort, expected: int, patience_s: float = 1.0) -> list[Frame]:
     frames: list[Frame] = []
     end = time.monotonic() + patience_s
     while len(frames) < expected and time.monotonic() < end:
@@ -215,4 +215,4 @@ def test_any_bytes_are_a_frame_or_counted(bench: Bench, content: bytes) -> None:
 def test_what_cannot_be_opened(channel: str, options: dict[str, int], expected: type[Exception]) -> None:
     bus = BusSettings(interface="udp_multicast", channel=channel, options=options)
     with pytest.raises(expected):
-        MulticastPort(PortRequest("bench", 0, bus, PortCounts()))
+        UdpMulticastPort(PortRequest("bench", 0, bus, PortCounts()))

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from candaemon.can_io import open as opening
-from candaemon.can_io.open import PORTS, Opening
+from candaemon.can_io import open_port as opening
+from candaemon.can_io.open_port import PORTS, BackgroundOpening
 from candaemon.can_io.port import Port, PortCounts, PortRequest
-from candaemon.can_io.threaded_port import ReaderPort
+from candaemon.can_io.threaded_port import ThreadedPort
 from candaemon.can_io.tx_queue import TxQueue
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
@@ -77,14 +77,14 @@ class SlowPort:
         self.closed = True
 
 
-def is_readable(port: ReaderPort, timeout_s: float = 0.0) -> bool:
+def is_readable(port: ThreadedPort, timeout_s: float = 0.0) -> bool:
     return bool(select.select([port], [], [], timeout_s)[0])
 
 
 def test_a_reader_is_readable_while_something_waits() -> None:
     slow = SlowPort([[frame(k) for k in range(5)], [frame(5)]])
     counts = PortCounts()
-    port = ReaderPort(slow, "slow", counts, capacity=5)
+    port = ThreadedPort(slow, "slow", counts, capacity=5)
     assert slow.hangs.wait(2.0)
     assert is_readable(port)
     assert [each.can_id for each in port.receive(3)] == [0, 1, 2]
@@ -100,7 +100,7 @@ def test_a_reader_is_readable_while_something_waits() -> None:
 
 
 def test_the_frames_before_an_error_come_first() -> None:
-    port = ReaderPort(SlowPort([[frame(1)], OSError(19, "No such device")]), "slow", PortCounts())
+    port = ThreadedPort(SlowPort([[frame(1)], OSError(19, "No such device")]), "slow", PortCounts())
     assert is_readable(port, 2.0)
     time.sleep(0.05)
     assert len(port.receive(10)) == 1
@@ -115,7 +115,7 @@ def request(settings: BusSettings) -> PortRequest:
     return PortRequest("bus", 0, settings, PortCounts())
 
 
-def wait(opened: Opening) -> None:
+def wait(opened: BackgroundOpening) -> None:
     end = time.monotonic() + 3.0
     while not opened.is_over() and time.monotonic() < end:
         time.sleep(0.005)
@@ -128,11 +128,11 @@ def test_opening_takes_its_time_elsewhere(monkeypatch: pytest.MonkeyPatch) -> No
 
     def slowly(request: PortRequest) -> Port:
         assert go.wait(3.0)
-        ports.append(opening.through_python_can(request))
+        ports.append(opening.open_through_python_can(request))
         return ports[-1]
 
     monkeypatch.setitem(PORTS, "virtual", slowly)
-    wanted, unwanted = Opening(request(virtual())), Opening(request(virtual()))
+    wanted, unwanted = BackgroundOpening(request(virtual())), BackgroundOpening(request(virtual()))
     assert not wanted.is_over()
     unwanted.abandon()
     go.set()
@@ -144,7 +144,7 @@ def test_opening_takes_its_time_elsewhere(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_opening_that_fails_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
-    missing = Opening(request(BusSettings(interface="no_such_thing", channel="x")))
+    missing = BackgroundOpening(request(BusSettings(interface="no_such_thing", channel="x")))
     wait(missing)
     with pytest.raises(BusError, match="expected one of python-can's interfaces"):
         missing.port()
@@ -154,7 +154,7 @@ def test_opening_that_fails_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setitem(PORTS, "virtual", broken)
     monkeypatch.setattr("threading.excepthook", lambda _: None)
-    failed = Opening(request(virtual()))
+    failed = BackgroundOpening(request(virtual()))
     wait(failed)
     with pytest.raises(BusError, match="opening it has failed"):
         failed.port()

@@ -8,7 +8,7 @@ from itertools import pairwise
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.can_io.reorder import Item, Reorder
+from candaemon.can_io.reorder import ReorderBuffer, TimedItem
 from candaemon.frames.frame import Frame, Tick
 
 MS = 1_000_000
@@ -21,13 +21,13 @@ def frame(time_ns: int, bus: int = 0, can_id: int = 0x100) -> Frame:
     return Frame(START + time_ns, bus, can_id, b"")
 
 
-def relative(items: list[Item]) -> list[int]:
+def relative(items: list[TimedItem]) -> list[int]:
     return [item.time_ns - START for item in items]
 
 
-def run(sequencer: Reorder, items: list[Item]) -> list[Item]:
+def run(sequencer: ReorderBuffer, items: list[TimedItem]) -> list[TimedItem]:
     """Both ways to use a sequencer must agree."""
-    other = Reorder(sequencer._window_ns, step_ns=sequencer._step_ns, max_gap_ns=sequencer._max_gap_ns)
+    other = ReorderBuffer(sequencer._window_ns, step_ns=sequencer._step_ns, max_gap_ns=sequencer._max_gap_ns)
     pushed = [out for item in items for out in other.push(item)] + other.flush()
     found = list(sequencer.sequenced(items))
     assert found == pushed
@@ -37,21 +37,21 @@ def run(sequencer: Reorder, items: list[Item]) -> list[Item]:
 
 
 def test_in_order_passes_untouched() -> None:
-    items: list[Item] = [frame(0), frame(0, 1), Tick(START + 5), frame(5), frame(10 * S)]
-    sequencer = Reorder()
+    items: list[TimedItem] = [frame(0), frame(0, 1), Tick(START + 5), frame(5), frame(10 * S)]
+    sequencer = ReorderBuffer()
     out = run(sequencer, items)
     assert all(a is b for a, b in zip(out, items, strict=True))
 
 
 def test_window_sorts_and_keeps_the_order_of_equals() -> None:
-    items: list[Item] = [frame(0), frame(20 * MS), frame(15 * MS, 1), frame(20 * MS, 1), frame(100 * MS)]
-    sequencer = Reorder(10 * MS)
+    items: list[TimedItem] = [frame(0), frame(20 * MS), frame(15 * MS, 1), frame(20 * MS, 1), frame(100 * MS)]
+    sequencer = ReorderBuffer(10 * MS)
     assert run(sequencer, items) == [items[0], items[2], items[1], items[3], items[4]]
     assert (sequencer.reordered, sequencer.late) == (1, 0)
 
 
 def test_window_holds_back_no_longer_than_it_says() -> None:
-    sequencer = Reorder(10 * MS)
+    sequencer = ReorderBuffer(10 * MS)
     assert sequencer.push(frame(0)) == []
     assert sequencer.push(frame(9 * MS)) == []
     assert relative(sequencer.push(Tick(START + 10 * MS))) == [0]
@@ -60,7 +60,7 @@ def test_window_holds_back_no_longer_than_it_says() -> None:
 
 
 def test_late_frames_are_passed_on_at_the_time_of_the_last() -> None:
-    sequencer = Reorder()
+    sequencer = ReorderBuffer()
     assert relative(run(sequencer, [frame(0), frame(50 * MS), frame(10 * MS, 1), frame(60 * MS)])) == [
         0,
         50 * MS,
@@ -71,48 +71,60 @@ def test_late_frames_are_passed_on_at_the_time_of_the_last() -> None:
 
 
 def test_later_than_the_window_is_late() -> None:
-    sequencer = Reorder(10 * MS)
-    items: list[Item] = [frame(0), frame(50 * MS), frame(70 * MS), frame(45 * MS, 1), frame(80 * MS)]
+    sequencer = ReorderBuffer(10 * MS)
+    items: list[TimedItem] = [frame(0), frame(50 * MS), frame(70 * MS), frame(45 * MS, 1), frame(80 * MS)]
     assert relative(run(sequencer, items)) == [0, 50 * MS, 50 * MS, 70 * MS, 80 * MS]
     assert (sequencer.late, sequencer.reordered) == (1, 1)
 
 
 def test_a_clock_set_back_is_rebased() -> None:
-    sequencer = Reorder()
-    items: list[Item] = [frame(0), frame(S), frame(S - HOUR), frame(S - HOUR + 50 * MS), frame(S - HOUR + 100 * MS)]
+    sequencer = ReorderBuffer()
+    items: list[TimedItem] = [
+        frame(0),
+        frame(S),
+        frame(S - HOUR),
+        frame(S - HOUR + 50 * MS),
+        frame(S - HOUR + 100 * MS),
+    ]
     assert relative(run(sequencer, items)) == [0, S, S, S + 50 * MS, S + 100 * MS]
     assert (sequencer.backward_steps, sequencer.offset_ns, sequencer.late) == (1, HOUR, 0)
 
 
 def test_a_clock_set_back_and_right_again() -> None:
-    sequencer = Reorder()
-    items: list[Item] = [frame(0), frame(-HOUR), frame(50 * MS - HOUR), frame(100 * MS), frame(150 * MS)]
+    sequencer = ReorderBuffer()
+    items: list[TimedItem] = [frame(0), frame(-HOUR), frame(50 * MS - HOUR), frame(100 * MS), frame(150 * MS)]
     assert relative(run(sequencer, items)) == [0, 0, 50 * MS, 100 * MS, 150 * MS]
 
 
 def test_frames_of_the_clock_before_a_step_are_no_step() -> None:
-    sequencer = Reorder(5 * MS)
-    items: list[Item] = [frame(0), frame(100 * MS - HOUR), frame(2 * MS, 1), frame(110 * MS - HOUR), frame(14 * MS, 1)]
+    sequencer = ReorderBuffer(5 * MS)
+    items: list[TimedItem] = [
+        frame(0),
+        frame(100 * MS - HOUR),
+        frame(2 * MS, 1),
+        frame(110 * MS - HOUR),
+        frame(14 * MS, 1),
+    ]
     out = run(sequencer, items)
     assert sequencer.backward_steps == 1
     assert relative(out) == [0, 0, 2 * MS, 10 * MS, 14 * MS]
 
 
 def test_a_pause_in_a_log_is_obeyed() -> None:
-    sequencer = Reorder()
+    sequencer = ReorderBuffer()
     assert relative(run(sequencer, [frame(0), frame(HOUR), frame(HOUR + 1)])) == [0, HOUR, HOUR + 1]
     assert sequencer.forward_steps == 0
 
 
 def test_a_pause_after_a_step_is_obeyed() -> None:
-    sequencer = Reorder()
-    items: list[Item] = [frame(0), frame(-HOUR), frame(-HOUR + 60 * S), frame(-HOUR + 61 * S)]
+    sequencer = ReorderBuffer()
+    items: list[TimedItem] = [frame(0), frame(-HOUR), frame(-HOUR + 60 * S), frame(-HOUR + 61 * S)]
     assert relative(run(sequencer, items)) == [0, 0, 60 * S, 61 * S]
 
 
 def test_a_clock_set_forward_is_rebased_where_pauses_cannot_be() -> None:
-    sequencer = Reorder(max_gap_ns=10 * S)
-    items: list[Item] = [frame(0), frame(9 * S), frame(HOUR), Tick(START + HOUR + 50 * MS)]
+    sequencer = ReorderBuffer(max_gap_ns=10 * S)
+    items: list[TimedItem] = [frame(0), frame(9 * S), frame(HOUR), Tick(START + HOUR + 50 * MS)]
     assert relative(run(sequencer, items)) == [0, 9 * S, 9 * S, 9 * S + 50 * MS]
     assert (sequencer.forward_steps, sequencer.backward_steps) == (1, 0)
 
@@ -124,8 +136,8 @@ def test_a_clock_set_forward_is_rebased_where_pauses_cannot_be() -> None:
     max_gap=st.sampled_from([None, S, 10 * S]),
 )
 def test_time_never_runs_backwards_and_nothing_is_lost(offsets: list[int], window: int, max_gap: int | None) -> None:
-    items: list[Item] = [frame(offset, can_id=i) for i, offset in enumerate(offsets)]
-    out = run(Reorder(window, max_gap_ns=max_gap), items)
+    items: list[TimedItem] = [frame(offset, can_id=i) for i, offset in enumerate(offsets)]
+    out = run(ReorderBuffer(window, max_gap_ns=max_gap), items)
     stamps = [item.time_ns for item in out]
     assert stamps == sorted(stamps)
     assert sorted(item.can_id for item in out if isinstance(item, Frame)) == list(range(len(items)))
@@ -140,8 +152,8 @@ def test_time_never_runs_backwards_and_nothing_is_lost(offsets: list[int], windo
     max_gap=st.sampled_from([None, S, 10 * S]),
 )
 def test_batches_change_nothing(places: list[int], offset: int, max_gap: int | None) -> None:
-    items: list[Item] = [frame(i * MS + offset * (i in places)) for i in range(400)]
-    assert len(run(Reorder(max_gap_ns=max_gap), items)) == len(items)
+    items: list[TimedItem] = [frame(i * MS + offset * (i in places)) for i in range(400)]
+    assert len(run(ReorderBuffer(max_gap_ns=max_gap), items)) == len(items)
 
 
 @settings(deadline=None)
@@ -152,7 +164,7 @@ def test_batches_change_nothing(places: list[int], offset: int, max_gap: int | N
 def test_a_window_as_wide_as_the_jitter_restores_the_order(gaps: list[int], jitter: list[int]) -> None:
     stamps = [sum(gaps[:i]) for i in range(len(gaps))]
     arrival = sorted(range(len(stamps)), key=lambda i: stamps[i] + jitter[i])
-    sequencer = Reorder(10 * MS)
+    sequencer = ReorderBuffer(10 * MS)
     assert relative(run(sequencer, [frame(stamps[i]) for i in arrival])) == stamps
     assert sequencer.late == 0
 
@@ -160,6 +172,6 @@ def test_a_window_as_wide_as_the_jitter_restores_the_order(gaps: list[int], jitt
 def test_costs_little_where_all_is_in_order() -> None:
     frames = [frame(i) for i in range(200_000)]
     start = time.process_time()
-    assert sum(1 for _ in Reorder().sequenced(frames)) == len(frames)
+    assert sum(1 for _ in ReorderBuffer().sequenced(frames)) == len(frames)
     # reached: 0.04 µs a frame
     assert (time.process_time() - start) / len(frames) < 1e-6

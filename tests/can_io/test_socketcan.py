@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from candaemon.can_io.port import Controller, PortCounts
-from candaemon.can_io.recvmmsg import Datagrams
-from candaemon.can_io.socketcan import filters, take_error
-from candaemon.can_io.timestamps import HardwareClock
+from candaemon.can_io.recvmmsg import DatagramBatch
+from candaemon.can_io.socketcan import count_error_frame, receive_filters
+from candaemon.can_io.timestamps import HardwareClockOffset
 from candaemon.config.buses import BusSettings
 from candaemon.frames.frame import EXTENDED
 
@@ -21,9 +21,9 @@ MS_NS = 1_000_000
 
 
 def test_a_filter_names_one_identifier_of_one_length() -> None:
-    pairs = list(struct.iter_unpack("=II", filters({0x210, 0x123 | EXTENDED})))
+    pairs = list(struct.iter_unpack("=II", receive_filters({0x210, 0x123 | EXTENDED})))
     assert pairs == [(0x210, 0xC000_07FF), (0x8000_0123, 0xDFFF_FFFF)]
-    assert filters(()) == b""
+    assert receive_filters(()) == b""
 
 
 @pytest.mark.parametrize(
@@ -46,12 +46,12 @@ def test_error_frames(
 ) -> None:
     counts = PortCounts()
     data = bytes([0, detail, 0, 0, 0, 0, 0, 0])
-    assert take_error(0x2000_0000 | classes, data, counts, before) == after
+    assert count_error_frame(0x2000_0000 | classes, data, counts, before) == after
     assert counts == PortCounts(error_frames=1, **counted)
 
 
 def test_hardware_time_is_free_of_the_way_to_the_kernel() -> None:
-    clock, delays = HardwareClock(), np.random.default_rng(1).exponential(300_000.0, 20_000)
+    clock, delays = HardwareClockOffset(), np.random.default_rng(1).exponential(300_000.0, 20_000)
     worst, last = 0, 0
     for number in range(20_000):
         true_ns = 1_700_000_000 * SECOND_NS + number * MS_NS
@@ -67,7 +67,7 @@ def test_hardware_time_is_free_of_the_way_to_the_kernel() -> None:
 
 @pytest.mark.parametrize("step_s", [-3600, 3600])
 def test_hardware_time_follows_a_step_of_the_clock(step_s: int) -> None:
-    clock = HardwareClock()
+    clock = HardwareClockOffset()
     for number in range(100):
         clock.system_ns(number * MS_NS, 10_000 * SECOND_NS + number * MS_NS)
     stepped_ns = (10_000 + step_s) * SECOND_NS
@@ -81,7 +81,7 @@ def test_many_datagrams_a_call() -> None:
         ours.setsockopt(socket.SOL_SOCKET, 35, 1)  # SO_TIMESTAMPNS
         for number in range(7):
             theirs.send(bytes([number]) * (number + 1))
-        datagrams = Datagrams(4, 8, 32)
+        datagrams = DatagramBatch(4, 8, 32)
         form = struct.Struct("@8s16xll")
         assert datagrams.receive(ours.fileno(), 100) == 4
         assert [size for size, _ in datagrams.lengths(4)] == [1, 2, 3, 4]

@@ -23,8 +23,8 @@ from rich.console import Console
 from candaemon.cli.status import LiveView, sheets, watch
 from candaemon.config.metrics import MetricsSettings
 from candaemon.errors import InputError
-from candaemon.status.meter import Meter
-from candaemon.status.paths import answers
+from candaemon.status.service_monitor import ServiceMonitor
+from candaemon.status.socket_paths import is_listening
 from tests.support.served import Served, bound, demo_config, drive, wait_until
 
 
@@ -42,7 +42,7 @@ def service(config: Path, home: Path) -> Iterator[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "candaemon", "run", "--status", "0", str(config)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:
-            wait_until(lambda: answers(home / config.stem / "status.sock"), 20.0)
+            wait_until(lambda: is_listening(home / config.stem / "status.sock"), 20.0)
             yield process
         finally:
             process.kill()
@@ -189,7 +189,7 @@ def test_several_instances_are_listed(home: Path) -> None:
 def figures(tmp_path: Path) -> dict[str, Any]:
     """Return those of a second of a drive."""
     binding = bound(tmp_path)
-    meter = Meter(MetricsSettings(), lambda: {"files": 3})
+    meter = ServiceMonitor(MetricsSettings(), lambda: {"files": 3})
     with Served(binding, [meter]) as served:
         served.feed(drive(binding, 1.0))
         return meter.wait_for_figures(5.0).tree()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from candaemon.daemon.clockwatch import ClockWatch, since_boot_ns
+from candaemon.daemon.clock_step import ClockStepDetector, since_boot_ns
 from candaemon.daemon.daemon import Daemon
 from candaemon.frames.frame import Frame, Tick
 from tests.support.bound import binding
@@ -27,7 +27,7 @@ class Clocks:
 
 def test_a_sleep_is_not_a_clock_that_was_set() -> None:
     clocks = Clocks()
-    watch = ClockWatch(lambda: clocks.steady_ns)
+    watch = ClockStepDetector(lambda: clocks.steady_ns)
     for ns in (TURN_NS, TURN_NS, 3600 * SECOND_NS, TURN_NS):
         clocks.pass_by(ns)
         assert not watch.was_set(clocks.now_ns)
@@ -36,7 +36,7 @@ def test_a_sleep_is_not_a_clock_that_was_set() -> None:
 @pytest.mark.parametrize("step_s", [-3600, 2])
 def test_a_clock_that_was_set_is_remembered_while_frames_may_wait(step_s: int) -> None:
     clocks = Clocks()
-    watch = ClockWatch(lambda: clocks.steady_ns)
+    watch = ClockStepDetector(lambda: clocks.steady_ns)
     assert not watch.was_set(clocks.now_ns)
     clocks.now_ns += step_s * SECOND_NS
     assert watch.was_set(clocks.now_ns)
@@ -48,7 +48,7 @@ def test_a_clock_that_was_set_is_remembered_while_frames_may_wait(step_s: int) -
 
 def test_a_clock_that_is_slewed_was_not_set() -> None:
     clocks = Clocks()
-    watch = ClockWatch(lambda: clocks.steady_ns)
+    watch = ClockStepDetector(lambda: clocks.steady_ns)
     for _ in range(1000):  # to 2 s apart
         clocks.pass_by(TURN_NS)
         clocks.now_ns += 2 * SECOND_NS // 1000

@@ -15,10 +15,10 @@ import pytest
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
-from candaemon.can_io.messages import to_frame, to_message
+from candaemon.can_io.python_can import to_frame, to_message
 from candaemon.cli.demo import DemoDrive
 from candaemon.config.load import load_config
-from candaemon.daemon.daemon import Daemon, Observer, Told
+from candaemon.daemon.daemon import CompletedCycle, Daemon, Observer
 from candaemon.errors import ConfigError
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.writers import TrackWriter
@@ -70,7 +70,7 @@ class Cycles(Observer):
         self.cycles = cycles
         self.latencies: list[float] = []
 
-    def told(self, told: Told) -> None:
+    def told(self, told: CompletedCycle) -> None:
         self.cycles.append(told.cycle)
         self.latencies.append(told.latency)
 

@@ -11,8 +11,8 @@ import pytest
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.config.load import load_config
-from candaemon.daemon import install as installing
-from candaemon.daemon.install import install, unit_text
+from candaemon.daemon import systemd_unit as installing
+from candaemon.daemon.systemd_unit import install, unit_text
 from candaemon.errors import ConfigError, InputError
 from tests.support.paths import ROOT
 

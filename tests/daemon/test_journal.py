@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from candaemon.daemon.daemon import Daemon
-from candaemon.daemon.journal import Repetitions, log_faults, log_service
-from candaemon.status.health_summary import StatusLine
+from candaemon.daemon.service_log import RepetitionFilter, configure_logging, log_uncaught_exceptions
+from candaemon.status.health_summary import StatusLogger
 from tests.support.bound import binding
 
 logger = logging.getLogger("candaemon.test")
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures("logging_as_it_was")
 def test_a_terminal_gets_plain_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("JOURNAL_STREAM", raising=False)
     stream = io.StringIO()
-    log_service("text", stream)
+    configure_logging("text", stream)
     logger.info("12 obstacles")
     logger.debug("not of interest")
     assert stream.getvalue() == "candaemon: 12 obstacles\n"
@@ -35,7 +35,7 @@ def test_the_journal_gets_a_priority_before_each_line(monkeypatch: pytest.Monkey
     with (tmp_path / "journal").open("w+") as stream:
         found = os.fstat(stream.fileno())
         monkeypatch.setenv("JOURNAL_STREAM", f"{found.st_dev}:{found.st_ino}")
-        log_service("text", stream)
+        configure_logging("text", stream)
         logger.info("up")
         logger.warning("bus '%s' is down", "can0")
         logger.error("refused:\nmy.yaml:7: found 'x'")
@@ -47,8 +47,8 @@ def test_a_fault_goes_to_the_journal_as_one(monkeypatch: pytest.MonkeyPatch, tmp
     with (tmp_path / "journal").open("w+") as stream:
         found = os.fstat(stream.fileno())
         monkeypatch.setenv("JOURNAL_STREAM", f"{found.st_dev}:{found.st_ino}")
-        log_service("text", stream)
-        log_faults()
+        configure_logging("text", stream)
+        log_uncaught_exceptions()
         with pytest.raises(ValueError, match="nobody foresaw") as fault:
             int("what nobody foresaw")
         sys.excepthook(fault.type, fault.value, fault.tb)
@@ -61,7 +61,7 @@ def test_a_fault_goes_to_the_journal_as_one(monkeypatch: pytest.MonkeyPatch, tmp
 
 def test_json_is_an_object_a_line_with_the_extras() -> None:
     stream = io.StringIO()
-    log_service("json", stream)
+    configure_logging("json", stream)
     logger.warning("bus '%s' is down\nfor good", "can0", extra={"bus": "can0"})
     (line,) = stream.getvalue().splitlines()
     told = json.loads(line)
@@ -78,9 +78,9 @@ def test_json_is_an_object_a_line_with_the_extras() -> None:
 def test_what_repeats_is_counted_and_told_with_the_next_one() -> None:
     now_s = 0.0
     stream = io.StringIO()
-    log_service("text", stream)
+    configure_logging("text", stream)
     handler = logging.getLogger().handlers[0]
-    handler.filters[:] = [Repetitions(most=3, span_s=60.0, clock=lambda: now_s)]
+    handler.filters[:] = [RepetitionFilter(most=3, span_s=60.0, clock=lambda: now_s)]
     for _ in range(100):
         logger.warning("bus '%s' is down", "can0")
     logger.warning("bus '%s' is down", "can1")
@@ -95,7 +95,7 @@ def test_what_repeats_is_counted_and_told_with_the_next_one() -> None:
 
 
 def test_kinds_of_lines_without_end_take_no_memory_without_end() -> None:
-    limit = Repetitions()
+    limit = RepetitionFilter()
     for k in range(10_000):
         assert limit.filter(logging.LogRecord("x", logging.INFO, "", 0, "%s", (k,), None))
     assert len(limit._kinds) == 256
@@ -104,7 +104,7 @@ def test_kinds_of_lines_without_end_take_no_memory_without_end() -> None:
 def test_the_status_line_comes_at_its_rate(caplog: pytest.LogCaptureFixture) -> None:
     now_s = 0.0
     daemon = Daemon(binding("demo"))
-    status, silent = StatusLine(1.0, lambda: now_s), StatusLine(0.0, lambda: now_s)
+    status, silent = StatusLogger(1.0, lambda: now_s), StatusLogger(0.0, lambda: now_s)
     with caplog.at_level(logging.INFO):
         for line in (status, silent):
             line.started(daemon)
@@ -121,7 +121,7 @@ def test_the_status_line_comes_at_its_rate(caplog: pytest.LogCaptureFixture) -> 
 def test_the_status_line_follows_the_configuration(caplog: pytest.LogCaptureFixture) -> None:
     now_s = 0.0
     daemon = Daemon(binding("demo"))
-    status = StatusLine(None, lambda: now_s)
+    status = StatusLogger(None, lambda: now_s)
     status.started(daemon)
     with caplog.at_level(logging.INFO):
         for _ in range(121):
@@ -133,7 +133,7 @@ def test_the_status_line_follows_the_configuration(caplog: pytest.LogCaptureFixt
 def test_what_was_lost_is_told_with_its_cause(caplog: pytest.LogCaptureFixture) -> None:
     now_s = 0.0
     daemon = Daemon(binding("demo"))
-    status = StatusLine(1.0, lambda: now_s)
+    status = StatusLogger(1.0, lambda: now_s)
     status.started(daemon)
     daemon.buses[0].counts.kernel_lost = 5
     daemon.buses[0].counts.malformed = 2

@@ -10,10 +10,10 @@ from pathlib import Path
 import can
 import pytest
 
-from candaemon.can_io.messages import to_message
+from candaemon.can_io.python_can import to_message
 from candaemon.daemon import reload as service_reload
-from candaemon.daemon.daemon import Daemon, Observer, Told
-from candaemon.daemon.reload import Reloader, load
+from candaemon.daemon.daemon import CompletedCycle, Daemon, Observer
+from candaemon.daemon.reload import Reloader, load_service_config
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
 from candaemon.simulation.scenario_file import load_scenario
@@ -33,7 +33,7 @@ class Diary(Observer):
         self.marks = 0
         self.stopped_after = -1
 
-    def told(self, told: Told) -> None:
+    def told(self, told: CompletedCycle) -> None:
         self.cycles.append(told.cycle)
 
     def reloading(self, _daemon: Daemon) -> None:
@@ -57,7 +57,7 @@ class Vehicle:
         path.write_text(
             (ROOT / "config" / "demo.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
         )
-        binding = load(path)
+        binding = load_service_config(path)
         self.sides = [
             closing.enter_context(
                 can.Bus(channel=bus.settings.channel, interface="virtual", preserve_timestamps=True, ignore_config=True)
@@ -70,7 +70,7 @@ class Vehicle:
         self.now_ns = frames[0].time_ns
         self.sent = 0
         self.diary = Diary()
-        reloader = Reloader(lambda: load(path))
+        reloader = Reloader(lambda: load_service_config(path))
         self.daemon = Daemon(binding, clock=lambda: self.now_ns, observers=[self.diary], reloader=reloader)
         closing.enter_context(self.daemon)
 

@@ -19,7 +19,7 @@ import pytest
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
-from candaemon.can_io.buses import LiveBuses
+from candaemon.can_io.live_buses import LiveBuses
 from candaemon.config.load import load_config
 from candaemon.errors import BusError
 from candaemon.output.decoder import OutputDecoder

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from candaemon.errors import InputError
-from candaemon.files.atomic import check_writable, make_folder, write_whole
+from candaemon.files.atomic import atomic_write, check_writable, make_folder
 
 
 def test_a_file_is_replaced_and_nothing_is_left_beside_it(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
-    write_whole(path, "a long first one\n")
+    atomic_write(path, "a long first one\n")
     check_writable(path)
-    write_whole(path, "β\n")
+    atomic_write(path, "β\n")
     assert path.read_text(encoding="utf-8") == "β\n"
     assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
 
@@ -24,9 +24,9 @@ def test_a_link_goes_on_pointing_to_its_file_which_is_replaced_whole(tmp_path: P
     (tmp_path / "runs").mkdir()
     link, target = tmp_path / "latest.json", tmp_path / "runs" / "7.json"
     link.symlink_to(target)
-    write_whole(link, "first")
+    atomic_write(link, "first")
     opened = target.open(encoding="utf-8")
-    write_whole(link, "second")
+    atomic_write(link, "second")
     with opened:
         assert opened.read() == "first"  # whoever reads it reads one of the two
     assert link.is_symlink()
@@ -36,7 +36,7 @@ def test_a_link_goes_on_pointing_to_its_file_which_is_replaced_whole(tmp_path: P
 
 def test_a_disk_that_fails_leaves_the_former_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.json"
-    write_whole(path, "first")
+    atomic_write(path, "first")
 
     def fill(part: Path, data: bytes) -> int:
         with part.open("wb") as file:
@@ -45,7 +45,7 @@ def test_a_disk_that_fails_leaves_the_former_content(tmp_path: Path, monkeypatch
 
     monkeypatch.setattr(Path, "write_bytes", fill)
     with pytest.raises(InputError, match=r"a\.json: cannot be written: No space left"):
-        write_whole(path, "second")
+        atomic_write(path, "second")
     assert path.read_text(encoding="utf-8") == "first"
     assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
 
@@ -55,7 +55,7 @@ def test_what_is_no_regular_file_stays_what_it_is(tmp_path: Path) -> None:
     link.symlink_to(target)
     for path in (link, Path(os.devnull)):
         check_writable(path)
-        write_whole(path, "text")
+        atomic_write(path, "text")
     assert link.is_symlink()
     assert target.read_text(encoding="utf-8") == "text"
     assert Path(os.devnull).is_char_device()
@@ -65,7 +65,7 @@ def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
     for path in (tmp_path, tmp_path / "no" / "a.json"):
-        for refused in (lambda path: write_whole(path, ""), check_writable):
+        for refused in (lambda path: atomic_write(path, ""), check_writable):
             with pytest.raises(InputError, match=f"{path}: cannot be written"):
                 refused(path)
     with pytest.raises(InputError, match="file/plots: cannot be written"):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import pytest
 
 from candaemon.can_io.logs.candump import candump_text
-from candaemon.frames.batch import FrameBatch
 from candaemon.frames.frame import EXTENDED, Frame
+from candaemon.frames.frame_batch import FrameBatch
 
 TIME_NS = 1_533_226_488_434_433_000
 PAYLOADS = [(0x26A, bytes.fromhex("08FFFB0000001884")), (0x1234567 | EXTENDED, b""), (0x123, bytes(range(12)))]

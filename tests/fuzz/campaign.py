@@ -12,7 +12,7 @@ from zlib import crc32
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
-from candaemon.can_io.reorder import Reorder
+from candaemon.can_io.reorder import ReorderBuffer
 from candaemon.config.load import load_config
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
@@ -153,7 +153,7 @@ class _Counted:
 def _sequenced(frames: _Counted, bound: Binding) -> Iterator[Frame | Tick]:
     """Put frames in order as the service does; those of no bus are ticks."""
     settings = bound.settings
-    sequence = Reorder(round(settings.ordering_window * 1e9), max_gap_ns=round(settings.service.clock_step * 1e9))
+    sequence = ReorderBuffer(round(settings.ordering_window * 1e9), max_gap_ns=round(settings.service.clock_step * 1e9))
     for frame in frames:
         yield from sequence.push(frame if frame.bus >= 0 else Tick(frame.time_ns))
     yield from sequence.flush()

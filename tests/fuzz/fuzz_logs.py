@@ -12,8 +12,8 @@ from candaemon.can_io.logs.candump import candump_text, read_candump_blocks
 from candaemon.can_io.logs.read import LOG_SUFFIXES, read_log
 from candaemon.can_io.logs.stream import TICK_BUS, ChannelMap, LogCounts
 from candaemon.errors import InputError
-from candaemon.frames.block import FD_LENGTHS
 from candaemon.frames.frame import EXTENDED, Frame
+from candaemon.frames.frame_block import FD_LENGTHS
 
 from .drawn import Drawn
 from .scratch import scratch

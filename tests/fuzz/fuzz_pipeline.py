@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from candaemon.can_io.reorder import Reorder
+from candaemon.can_io.reorder import ReorderBuffer
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
 
@@ -30,7 +30,9 @@ def _digest(data: bytes) -> int:
     bound = binding(drawn.choice(CONFIGS))
     protectors = protectors_of(bound)
     pipeline, watch = Pipeline(bound), Watch(bound)
-    sequence = Reorder(round(bound.settings.ordering_window * 1e9), max_gap_ns=drawn.choice((None, 1_000_000_000)))
+    sequence = ReorderBuffer(
+        round(bound.settings.ordering_window * 1e9), max_gap_ns=drawn.choice((None, 1_000_000_000))
+    )
     items = list(_items(drawn, kinds_of(bound)))
     sealed = [
         item._replace(data=protectors[item.bus, item.can_id].seal(item.can_id, item.data))

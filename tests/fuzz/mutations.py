@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from candaemon.frames.block import FrameBlock
+from candaemon.frames.frame_block import FrameBlock
 from candaemon.protection.checksums import FrameProtector
 
 Mutation: TypeAlias = Callable[[FrameBlock, np.random.Generator, float], FrameBlock]

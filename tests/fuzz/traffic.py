@@ -11,8 +11,8 @@ import numpy as np
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import ChunkDecoder, candump_text, read_candump_blocks
 from candaemon.can_io.logs.stream import ChannelMap, LogCounts
-from candaemon.frames.block import FrameBlock, joined_blocks
 from candaemon.frames.frame import Frame
+from candaemon.frames.frame_block import FrameBlock, joined_blocks
 from candaemon.protection.checksums import FrameProtector
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate

@@ -78,7 +78,7 @@ NAMED_AFTER_OTHERS = {"config", "cli"}
 """Rooms whose files are named after what they set or call."""
 
 READS_NO_CLOCK = ROOMS[: ROOMS.index("evaluation")]
-MAY_KNOW_TIME = {"can_io.buses", "can_io.port", "can_io.socketcan", "can_io.multicast"}
+MAY_KNOW_TIME = {"can_io.live_buses", "can_io.port", "can_io.socketcan", "can_io.udp_multicast"}
 
 HEAVY = {"scipy", "filterpy", "matplotlib", "rich", "prometheus_client"}
 

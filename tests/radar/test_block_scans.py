@@ -22,10 +22,10 @@ from candaemon.can_io.logs.candump import ChunkDecoder, candump_text
 from candaemon.can_io.logs.read import read_log, read_log_blocks
 from candaemon.can_io.logs.stream import TICK_BUS, TICK_CHANNEL, ChannelMap, LogCounts
 from candaemon.can_io.logs.write import open_log_writer
-from candaemon.can_io.reorder import Item, ItemBlock, Reorder
+from candaemon.can_io.reorder import ItemBlock, ReorderBuffer, TimedItem
 from candaemon.config.load import load_config
-from candaemon.frames.block import FrameBlock
 from candaemon.frames.frame import Frame, Tick
+from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.radar.counter_assembler import CounterAssembler
@@ -139,14 +139,14 @@ def test_what_came_whole_is_taken_together(config: str, monkeypatch: pytest.Monk
     assert len(taken) > 0.6 * sum(each.counts.scans for each in pipeline.assemblers) > 20
 
 
-def items_of(passed: Iterable[ItemBlock]) -> list[Item]:
+def items_of(passed: Iterable[ItemBlock]) -> list[TimedItem]:
     """Return what blocks hold, item by item."""
     return [item for each in passed for item in (each.frames() if isinstance(each, FrameBlock) else each)]
 
 
-def agree(blocks: Sequence[ItemBlock], window_ns: int, max_gap_ns: int | None = None) -> Reorder:
+def agree(blocks: Sequence[ItemBlock], window_ns: int, max_gap_ns: int | None = None) -> ReorderBuffer:
     """Assert that blocks are put in order as their items one by one are; return what did it."""
-    sequence, other = (Reorder(window_ns, max_gap_ns=max_gap_ns) for _ in range(2))
+    sequence, other = (ReorderBuffer(window_ns, max_gap_ns=max_gap_ns) for _ in range(2))
     passed = items_of(sequence.sequenced_blocks(blocks))
     assert passed == [due for item in items_of(blocks) for due in other.push(item)] + other.flush()
     names = ("late", "reordered", "backward_steps", "forward_steps", "offset_ns")
@@ -158,7 +158,7 @@ def agree(blocks: Sequence[ItemBlock], window_ns: int, max_gap_ns: int | None = 
 def test_a_block_stays_one(window_ns: int) -> None:
     blocks: list[ItemBlock] = [*blocks_of(drive("esr_ins")), [Tick(drive("esr_ins")[-1].time_ns)]]
     agree(blocks, window_ns)
-    passed = list(Reorder(window_ns).sequenced_blocks(blocks))
+    passed = list(ReorderBuffer(window_ns).sequenced_blocks(blocks))
     assert all(isinstance(each, FrameBlock) for each in passed[:-2])
     assert len(passed) == len(blocks) + 1
 

@@ -20,7 +20,7 @@ from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.playback.recorded import header_beside, logs_in, number_of
 from candaemon.recording.event_archive import Event
-from candaemon.recording.recorder import Recording
+from candaemon.recording.recorder import Recorder
 from candaemon.recording.ring import Ring
 from candaemon.recording.writer_thread import WriterThread
 from tests.support.bound import binding
@@ -49,7 +49,7 @@ class Fed:
         self.now_s = 0.0
         self.frames = 0
         self.settings = RecordingSettings.model_validate(settings)
-        self.recording = Recording(self.settings, folder, of, clock=lambda: self.now_s)
+        self.recording = Recorder(self.settings, folder, of, clock=lambda: self.now_s)
         self.daemon = cast("Daemon", _Daemon(of))
         self.recording.started(self.daemon)
 
@@ -209,7 +209,7 @@ def test_a_stop_waits_for_no_disk(of: Binding, tmp_path: Path, monkeypatch: pyte
 def test_a_folder_that_cannot_be_written_to_is_refused(of: Binding, tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(InputError, match="cannot be written"):
-        Recording(RecordingSettings(), tmp_path / "file", of)
+        Recorder(RecordingSettings(), tmp_path / "file", of)
 
 
 @pytest.mark.parametrize("links", [True, False])

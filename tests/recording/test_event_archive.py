@@ -20,8 +20,8 @@ from candaemon.errors import InputError
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.playback.recorded import logs_in, number_of, stem
 from candaemon.recording.event_archive import Event
+from candaemon.recording.event_detector import EventDetector
 from candaemon.recording.ring import Ring
-from candaemon.recording.triggers import EventWatch
 from candaemon.recording.writer_thread import WriterThread
 from tests.support.bound import binding
 
@@ -211,12 +211,12 @@ def test_what_is_synced_is_the_state_and_its_name_too(tmp_path: Path, monkeypatc
 def test_a_reload_makes_no_event_of_what_was_lost_before(of: Binding) -> None:
     bus = SimpleNamespace(name="radar", counts=PortCounts(), state=BusState(True, 0))
     daemon = cast("Daemon", SimpleNamespace(buses=[bus], pipeline=Pipeline(of)))
-    watch = EventWatch(of)
+    watch = EventDetector(of)
     assert not list(watch.turned(daemon, 0))
     bus.counts.kernel_lost = 7
     assert [event.kind for event in watch.turned(daemon, 1)] == ["lost"]
     later_ns = 1000 * SECOND_NS
-    after = EventWatch(of)
+    after = EventDetector(of)
     after.go_on_from(watch)
     assert not list(after.turned(daemon, later_ns))
     bus.counts.kernel_lost += 1

@@ -17,7 +17,7 @@ from candaemon.config.recording import RecordingSettings
 from candaemon.daemon.reload import Reloader
 from candaemon.errors import InputError
 from candaemon.playback.recorded import header_beside, logs_in
-from candaemon.recording.recorder import Recording
+from candaemon.recording.recorder import Recorder
 from tests.support.bound import binding
 from tests.support.recorded import as_log, driven, highway, replayed
 
@@ -43,7 +43,7 @@ def note(event: Path) -> Mapping[str, Any]:
 
 def test_a_recording_and_each_of_its_files_replay_to_the_bytes_sent(of: Binding, tmp_path: Path) -> None:
     folder = tmp_path / "ring"
-    recording = Recording(SECOND, folder, of)
+    recording = Recorder(SECOND, folder, of)
     with driven(of, recording) as runs:
         runs.feed(highway(of, 3.0))
         runs.silence(1.2)  # obstacles coast
@@ -64,7 +64,7 @@ def test_a_recording_and_each_of_its_files_replay_to_the_bytes_sent(of: Binding,
 def test_several_starts_replay_one_after_another(of: Binding, tmp_path: Path) -> None:
     folder, sent = tmp_path / "ring", b""
     for seconds in (1.5, 0.8):  # the second drive lies before the end of the first: the clock was set back
-        with driven(of, Recording(SECOND, folder, of)) as runs:
+        with driven(of, Recorder(SECOND, folder, of)) as runs:
             runs.feed(highway(of, seconds))
             runs.stop()
         sent += as_log(of, runs.sent.frames)
@@ -77,7 +77,7 @@ def test_several_starts_replay_one_after_another(of: Binding, tmp_path: Path) ->
 
 
 def test_a_last_line_cut_short_is_no_problem(of: Binding, tmp_path: Path) -> None:
-    with driven(of, Recording(SECOND, tmp_path / "ring", of)) as runs:
+    with driven(of, Recorder(SECOND, tmp_path / "ring", of)) as runs:
         runs.feed(highway(of, 1.5))
         runs.stop()
     last = logs_in(tmp_path / "ring")[-1]
@@ -92,7 +92,7 @@ def test_a_last_line_cut_short_is_no_problem(of: Binding, tmp_path: Path) -> Non
 def test_a_mark_keeps_what_lies_around_it(of: Binding, tmp_path: Path) -> None:
     events = {"before": 0.5, "after": 1.0, "faults": []}
     with driven(
-        of, Recording(RecordingSettings.model_validate({"file_seconds": 0.5, "events": events}), tmp_path, of)
+        of, Recorder(RecordingSettings.model_validate({"file_seconds": 0.5, "events": events}), tmp_path, of)
     ) as runs:
         frames = highway(of, 3.0)
         runs.feed(frames[: len(frames) // 2])
@@ -117,7 +117,7 @@ def test_a_mark_keeps_what_lies_around_it(of: Binding, tmp_path: Path) -> None:
 
 def test_faults_and_chosen_obstacles_are_kept_once(of: Binding, tmp_path: Path) -> None:
     mine = recorded_with(of, events={"obstacles": [2], "faults": ["sensor", "bus", "motion"], "debounce": 30.0})
-    with driven(mine, Recording(mine.settings.service.recording, tmp_path, mine)) as runs:
+    with driven(mine, Recorder(mine.settings.service.recording, tmp_path, mine)) as runs:
         frames = highway(mine, 3.0)
         radar = [frame for frame in frames if frame.bus == 0]
         runs.feed(frames[: len(frames) // 2])
@@ -136,7 +136,7 @@ def test_a_reload_begins_a_file_of_its_own(of: Binding, tmp_path: Path) -> None:
     assert output is not None
     fewer = output.model_copy(update={"objects": output.objects.model_copy(update={"slots": 8})})
     other = bind(replace(of.loaded, config=of.settings.model_copy(update={"output": fewer})))
-    recording = Recording(SECOND, tmp_path / "ring", of)
+    recording = Recorder(SECOND, tmp_path / "ring", of)
     with driven(of, recording) as runs:
         runs.daemon._reloader = Reloader(lambda: other)  # the daemon of these tests has none
         frames = highway(of, 2.4)

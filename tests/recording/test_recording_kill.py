@@ -17,7 +17,7 @@ import pytest
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
-from candaemon.can_io.messages import to_message
+from candaemon.can_io.python_can import to_message
 from candaemon.config.load import load_config
 from candaemon.frames.frame import Frame
 from candaemon.playback.recorded import logs_in

@@ -18,9 +18,9 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from candaemon.binding.bound import Binding
 from candaemon.daemon.daemon import Observer
-from candaemon.status import http as scrape
-from candaemon.status.endpoint import MetricsEndpoint
-from candaemon.status.meter import Meter
+from candaemon.status import metrics_http as scrape
+from candaemon.status.metrics_endpoint import MetricsEndpoint
+from candaemon.status.service_monitor import ServiceMonitor
 from tests.support.paths import ROOT
 from tests.support.served import Served, bound, drive, wait_until
 
@@ -38,7 +38,7 @@ def with_port(folder: Path, port: int) -> Binding:
 
 
 def observers(binding: Binding) -> list[Observer]:
-    meter = Meter(binding.settings.service.metrics)
+    meter = ServiceMonitor(binding.settings.service.metrics)
     return [meter, MetricsEndpoint(meter)]
 
 
@@ -122,14 +122,14 @@ def test_it_listens_on_the_loopback_alone_and_not_after_the_end(tmp_path: Path, 
 
 def test_without_a_port_nothing_listens_and_nothing_is_loaded(tmp_path: Path) -> None:
     binding = bound(tmp_path)
-    meter = Meter(binding.settings.service.metrics)
+    meter = ServiceMonitor(binding.settings.service.metrics)
     endpoint = MetricsEndpoint(meter)
     with Served(binding, [meter, endpoint]):
         meter.wait_for_figures(5.0)
         assert endpoint.port is None
     code = (
-        "import sys\nimport candaemon.cli.run, candaemon.status.endpoint, candaemon.status.meter\n"
-        "import candaemon.status.socket\n"
+        "import sys\nimport candaemon.cli.run, candaemon.status.metrics_endpoint, candaemon.status.service_monitor\n"
+        "import candaemon.status.status_socket\n"
         "sys.exit('prometheus_client' in sys.modules or 'http.server' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
@@ -158,7 +158,7 @@ def test_a_reload_moves_the_port_or_keeps_it_where_it_cannot(
     tmp_path: Path, port: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     first = with_port(tmp_path, port)
-    meter = Meter(first.settings.service.metrics)
+    meter = ServiceMonitor(first.settings.service.metrics)
     endpoint = MetricsEndpoint(meter)
     ports = []
     with Served(first, [meter]) as served, socket.socket() as other:
@@ -177,19 +177,19 @@ def test_a_reload_moves_the_port_or_keeps_it_where_it_cannot(
 
 
 @pytest.fixture
-def unturned() -> Iterator[scrape.ScrapeServer]:
+def unturned() -> Iterator[scrape.MetricsServer]:
     """Yield a server whose core loop takes no turn."""
 
     def ask() -> None:
         raise TimeoutError
 
-    server = scrape.ScrapeServer(0, ask)  # type: ignore[arg-type]  # it never returns
+    server = scrape.MetricsServer(0, ask)  # type: ignore[arg-type]  # it never returns
     server.start()
     yield server
     server.stop()
 
 
-def test_a_core_loop_that_hangs_is_said(unturned: scrape.ScrapeServer) -> None:
+def test_a_core_loop_that_hangs_is_said(unturned: scrape.MetricsServer) -> None:
     connection = HTTPConnection("127.0.0.1", unturned.port, timeout=5.0)
     connection.request("GET", "/metrics")
     answer = connection.getresponse()
@@ -198,7 +198,7 @@ def test_a_core_loop_that_hangs_is_said(unturned: scrape.ScrapeServer) -> None:
 
 
 def test_clients_that_say_nothing_are_few_and_hung_up_on(
-    unturned: scrape.ScrapeServer, monkeypatch: pytest.MonkeyPatch
+    unturned: scrape.MetricsServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(scrape, "_CLIENT_S", 0.5)
     clients = [socket.create_connection(("127.0.0.1", unturned.port), timeout=5.0) for _ in range(8)]

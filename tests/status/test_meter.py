@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 
 from candaemon.can_io.port import PortCounts
 from candaemon.config.metrics import MetricsSettings
-from candaemon.daemon.daemon import Observer, Told
+from candaemon.daemon.daemon import CompletedCycle, Observer
 from candaemon.ego.motion_plausibility import MotionFaults
 from candaemon.errors import ConfigError
 from candaemon.pipeline.cycle import Cycle
 from candaemon.radar.scan import ScanCounts
-from candaemon.status.collect import LOST, MOTION_UNUSABLE, UNSENT, UNUSABLE
+from candaemon.status.collect import EGO_UNUSABLE_CAUSES, LOSS_CAUSES, UNSENT_CAUSES, UNUSABLE_CAUSES
 from candaemon.status.histogram import Histogram
-from candaemon.status.measured import NisSums, Rates
-from candaemon.status.meter import Meter
-from candaemon.status.model import Figures
+from candaemon.status.measurements import CounterRates, NisAccumulator
+from candaemon.status.service_monitor import ServiceMonitor
+from candaemon.status.snapshot import StatusSnapshot
 from candaemon.tracking.update import Update
 from tests.support.served import Served, bound, drive
 
@@ -35,9 +35,9 @@ class Kept(Observer):
     """Keeps what was told."""
 
     def __init__(self) -> None:
-        self.told_all: list[Told] = []
+        self.told_all: list[CompletedCycle] = []
 
-    def told(self, told: Told) -> None:
+    def told(self, told: CompletedCycle) -> None:
         self.told_all.append(told)
 
     @property
@@ -66,7 +66,7 @@ def test_a_histogram_of_nothing_has_no_quantile() -> None:
 
 
 def test_rates_are_those_of_late() -> None:
-    rates = Rates()
+    rates = CounterRates()
     for second in range(4):
         assert rates.due(float(second))
         rates.note(float(second), {"frames": 100 * second**2})
@@ -76,7 +76,7 @@ def test_rates_are_those_of_late() -> None:
 
 def test_nis_of_late_follows_what_changed_and_a_birth_has_none() -> None:
     generator = np.random.default_rng(1)
-    sums = NisSums(50)
+    sums = NisAccumulator(50)
     for factor in (1.0, 4.0):
         for _ in range(500):
             nis = factor * generator.chisquare(2, 20)
@@ -91,7 +91,7 @@ def test_nis_of_late_follows_what_changed_and_a_birth_has_none() -> None:
 
 def test_the_figures_are_those_of_the_daemon(tmp_path: Path) -> None:
     binding = bound(tmp_path)
-    meter, kept = Meter(MetricsSettings(), lambda: {"files": 3, "paused": False}), Kept()
+    meter, kept = ServiceMonitor(MetricsSettings(), lambda: {"files": 3, "paused": False}), Kept()
     with Served(binding, [meter, kept]) as served:
         served.feed(drive(binding, 2.0))
         figures = meter.wait_for_figures(5.0)
@@ -117,7 +117,7 @@ def test_the_figures_are_those_of_the_daemon(tmp_path: Path) -> None:
 
 def test_a_sensor_that_falls_silent_is_lost(tmp_path: Path) -> None:
     binding = bound(tmp_path)
-    meter = Meter(MetricsSettings())
+    meter = ServiceMonitor(MetricsSettings())
     frames = drive(binding, 2.0)
     half_ns = frames[-1].time_ns - 1_000_000_000
     with Served(binding, [meter]) as served:
@@ -132,7 +132,7 @@ def test_a_sensor_that_falls_silent_is_lost(tmp_path: Path) -> None:
 
 def test_every_frame_is_under_one_cause(tmp_path: Path) -> None:
     binding = bound(tmp_path)
-    meter = Meter(MetricsSettings())
+    meter = ServiceMonitor(MetricsSettings())
     frames = drive(binding, 1.0)
     short = [frame._replace(data=frame.data[:3]) if k % 7 == 0 else frame for k, frame in enumerate(frames)]
     unknown = [frame._replace(can_id=0x7FF, time_ns=short[-65].time_ns) for frame in frames[:5]]
@@ -149,38 +149,38 @@ def test_every_frame_is_under_one_cause(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", [field.name for field in fields(ScanCounts)])
 def test_a_sensors_counts_are_either_frames_or_not(name: str) -> None:
     counts = ScanCounts(**{name: 1})
-    assert counts.frames == (name in {"used", *UNUSABLE})
+    assert counts.frames == (name in {"used", *UNUSABLE_CAUSES})
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(MotionFaults)])
 def test_own_motions_counts_are_either_frames_or_not(name: str) -> None:
-    assert MotionFaults(**{name: 1}).refused == (name in MOTION_UNUSABLE)
+    assert MotionFaults(**{name: 1}).refused == (name in EGO_UNUSABLE_CAUSES)
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(PortCounts)])
 def test_a_buss_counts_are_either_losses_or_not(name: str) -> None:
     counts = PortCounts(**{name: 1})
-    assert counts.lost == (name in LOST)
-    assert counts.unsent == (name in UNSENT)
+    assert counts.lost == (name in LOSS_CAUSES)
+    assert counts.unsent == (name in UNSENT_CAUSES)
 
 
 def test_who_asks_a_loop_that_hangs_waits_no_longer_than_said() -> None:
-    meter = Meter(MetricsSettings())
+    meter = ServiceMonitor(MetricsSettings())
     with pytest.raises(TimeoutError):
         meter.wait_for_figures(0.05)
 
 
 def test_many_who_ask_at_once_are_all_answered(tmp_path: Path) -> None:
-    meter = Meter(MetricsSettings())
+    meter = ServiceMonitor(MetricsSettings())
     with Served(bound(tmp_path), [meter]), ThreadPoolExecutor(8) as askers:
         answers = list(askers.map(meter.wait_for_figures, [5.0] * 32))
     assert len(answers) == 32
-    assert all(isinstance(answer, Figures) for answer in answers)
+    assert all(isinstance(answer, StatusSnapshot) for answer in answers)
 
 
 def test_a_reload_is_counted_and_keeps_what_was_measured(tmp_path: Path) -> None:
     binding = bound(tmp_path)
-    meter = Meter(MetricsSettings())
+    meter = ServiceMonitor(MetricsSettings())
     with Served(binding, [meter]) as served:
         served.feed(drive(binding, 1.0))
         before = meter.wait_for_figures(5.0)
@@ -195,7 +195,7 @@ def test_a_reload_is_counted_and_keeps_what_was_measured(tmp_path: Path) -> None
 
 
 def test_the_tree_is_json_and_its_keys_stay(tmp_path: Path) -> None:
-    meter = Meter(MetricsSettings(), lambda: {"share": math.nan})
+    meter = ServiceMonitor(MetricsSettings(), lambda: {"share": math.nan})
     with Served(bound(tmp_path), [meter]):
         tree = json.loads(json.dumps(meter.wait_for_figures(5.0).tree(), allow_nan=False))
     assert tree["recording"] == {"share": None}

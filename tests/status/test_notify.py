@@ -13,7 +13,7 @@ from candaemon.binding.bound import Binding
 from candaemon.daemon.daemon import Daemon, Observer
 from candaemon.daemon.reload import Reloader
 from candaemon.errors import ConfigError
-from candaemon.status.notify import Notifier, Supervision
+from candaemon.status.sd_notify import SystemdNotifier, SystemdObserver
 from tests.support.bound import binding
 
 
@@ -44,16 +44,16 @@ def manager(tmp_path: Path) -> Iterator[Manager]:
 
 
 @pytest.fixture
-def notifier(manager: Manager, tmp_path: Path) -> Notifier:
-    return Notifier(str(tmp_path / "notify"), watchdog_s=2.0)
+def notifier(manager: Manager, tmp_path: Path) -> SystemdNotifier:
+    return SystemdNotifier(str(tmp_path / "notify"), watchdog_s=2.0)
 
 
 class Steps:
     """A daemon turned by hand, and the clock of its supervision."""
 
-    def __init__(self, notifier: Notifier, reloader: Reloader | None = None) -> None:
+    def __init__(self, notifier: SystemdNotifier, reloader: Reloader | None = None) -> None:
         self.now_s = 0.0
-        self.supervision = Supervision(notifier, lambda: self.now_s)
+        self.supervision = SystemdObserver(notifier, lambda: self.now_s)
         self.daemon = Daemon(binding("demo"), observers=[self.supervision, Stop()], reloader=reloader)
 
     def turn(self, seconds: float) -> None:
@@ -75,7 +75,7 @@ def test_what_systemd_left_in_the_environment_is_taken_out_of_it(tmp_path: Path,
         "WATCHDOG_PID": str(os.getpid()),
         "HOME": "/",
     }
-    notifier = Notifier.from_environment(environment)
+    notifier = SystemdNotifier.from_environment(environment)
     assert environment == {"HOME": "/"}
     assert notifier.watchdog_s == 3.0
     assert notifier.tell(READY=1, STATUS="12 obstacles")
@@ -83,23 +83,23 @@ def test_what_systemd_left_in_the_environment_is_taken_out_of_it(tmp_path: Path,
 
 
 def test_the_watchdog_of_another_process_is_not_ours() -> None:
-    assert Notifier.from_environment({"WATCHDOG_USEC": "3000000", "WATCHDOG_PID": "1"}).watchdog_s == 0.0
+    assert SystemdNotifier.from_environment({"WATCHDOG_USEC": "3000000", "WATCHDOG_PID": "1"}).watchdog_s == 0.0
 
 
 def test_an_abstract_socket_is_reached() -> None:
     name = f"candaemon-test-{os.getpid()}"
     manager = Manager(f"\0{name}")
     with manager.socket:
-        assert Notifier(f"@{name}").tell(READY=1)
+        assert SystemdNotifier(f"@{name}").tell(READY=1)
         assert manager.heard() == [{"READY": "1"}]
 
 
 def test_without_systemd_and_after_it_has_gone_nobody_is_told(tmp_path: Path) -> None:
-    assert not Notifier().tell(READY=1)
-    assert not Notifier(str(tmp_path / "gone")).tell(READY=1)
+    assert not SystemdNotifier().tell(READY=1)
+    assert not SystemdNotifier(str(tmp_path / "gone")).tell(READY=1)
 
 
-def test_a_run_is_ready_tells_its_status_and_stops(manager: Manager, notifier: Notifier) -> None:
+def test_a_run_is_ready_tells_its_status_and_stops(manager: Manager, notifier: SystemdNotifier) -> None:
     steps = Steps(notifier)
     with steps.daemon:
         steps.daemon.run()
@@ -109,7 +109,7 @@ def test_a_run_is_ready_tells_its_status_and_stops(manager: Manager, notifier: N
     assert last["STOPPING"] == "1"
 
 
-def test_what_finds_the_managers_queue_full_is_told_again(manager: Manager, notifier: Notifier) -> None:
+def test_what_finds_the_managers_queue_full_is_told_again(manager: Manager, notifier: SystemdNotifier) -> None:
     steps = Steps(notifier)
     while notifier.tell(STATUS="of another"):
         pass
@@ -125,13 +125,13 @@ def test_what_finds_the_managers_queue_full_is_told_again(manager: Manager, noti
     assert not [message for message in manager.heard() if "READY" in message]
 
 
-def test_a_missing_bus_does_not_hold_ready_back_but_is_told(manager: Manager, notifier: Notifier) -> None:
+def test_a_missing_bus_does_not_hold_ready_back_but_is_told(manager: Manager, notifier: SystemdNotifier) -> None:
     steps = Steps(notifier)
     steps.supervision.started(steps.daemon)  # whose buses nobody has opened
     assert manager.heard()[0]["STATUS"].endswith("0 lost; down: radar, ins, obstacles")
 
 
-def test_the_watchdog_is_fed_by_turns_at_half_its_period(manager: Manager, notifier: Notifier) -> None:
+def test_the_watchdog_is_fed_by_turns_at_half_its_period(manager: Manager, notifier: SystemdNotifier) -> None:
     steps = Steps(notifier)
     for _ in range(1000):
         steps.turn(0.01)
@@ -141,7 +141,7 @@ def test_the_watchdog_is_fed_by_turns_at_half_its_period(manager: Manager, notif
     assert not [message for message in manager.heard() if "WATCHDOG" in message]
 
 
-def test_the_status_is_told_once_until_it_changes(manager: Manager, notifier: Notifier) -> None:
+def test_the_status_is_told_once_until_it_changes(manager: Manager, notifier: SystemdNotifier) -> None:
     steps = Steps(notifier)
     for _ in range(1000):
         steps.turn(0.01)
@@ -149,7 +149,7 @@ def test_the_status_is_told_once_until_it_changes(manager: Manager, notifier: No
 
 
 @pytest.mark.parametrize("refused", [False, True])
-def test_a_reload_is_told_from_its_begin_to_its_end(manager: Manager, notifier: Notifier, refused: bool) -> None:
+def test_a_reload_is_told_from_its_begin_to_its_end(manager: Manager, notifier: SystemdNotifier, refused: bool) -> None:
     def load() -> Binding:
         if refused:
             raise ConfigError("found 'x', expected a number", file="my.yaml", line=7)
@@ -159,7 +159,7 @@ def test_a_reload_is_told_from_its_begin_to_its_end(manager: Manager, notifier: 
         def reloaded(self, daemon: Daemon, error: str) -> None:  # noqa: ARG002  # the hook's signature
             daemon.stop()
 
-    supervision = Supervision(notifier)
+    supervision = SystemdObserver(notifier)
     daemon = Daemon(binding("demo"), observers=[supervision, StopReloaded()], reloader=Reloader(load))
     with daemon:
         daemon.reload()

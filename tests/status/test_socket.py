@@ -18,9 +18,9 @@ from typing import Any, TextIO
 import pytest
 
 from candaemon.binding.bound import Binding
-from candaemon.status.meter import Meter
-from candaemon.status.paths import answers, running, socket_path
-from candaemon.status.socket import MOST_CLIENTS, StatusSocket
+from candaemon.status.service_monitor import ServiceMonitor
+from candaemon.status.socket_paths import is_listening, running_instances, socket_path
+from candaemon.status.status_socket import MOST_CLIENTS, StatusSocket
 from tests.support.served import Served, bound, drive, wait_until
 
 
@@ -37,14 +37,14 @@ def binding(tmp_path: Path) -> Binding:
     return bound(tmp_path)
 
 
-def socket_of(binding: Binding) -> tuple[Meter, StatusSocket]:
-    meter = Meter(binding.settings.service.metrics)
+def socket_of(binding: Binding) -> tuple[ServiceMonitor, StatusSocket]:
+    meter = ServiceMonitor(binding.settings.service.metrics)
     return meter, StatusSocket(meter)
 
 
 @contextmanager
 def connected(path: Path) -> Iterator[TextIO]:
-    wait_until(lambda: answers(path))
+    wait_until(lambda: is_listening(path))
     with socket.socket(socket.AF_UNIX) as connection:
         connection.settimeout(5.0)
         connection.connect(str(path))
@@ -78,7 +78,7 @@ def test_every_user_may_connect_and_the_end_leaves_nothing(binding: Binding, run
 
 def test_a_client_that_never_reads_is_dropped_and_holds_nobody_up(binding: Binding, runtime: Path) -> None:
     now_s = 0.0
-    meter = Meter(binding.settings.service.metrics)
+    meter = ServiceMonitor(binding.settings.service.metrics)
     told_by = StatusSocket(meter, clock=lambda: now_s)
     daemon = Served(binding, []).daemon
     meter.started(daemon)
@@ -127,7 +127,7 @@ def test_what_a_killed_instance_left_makes_room(binding: Binding, runtime: Path)
     code = f"import os, socket; s = socket.socket(socket.AF_UNIX); s.bind({str(left)!r}); s.listen(); os._exit(9)"
     subprocess.run([sys.executable, "-c", code], check=False)
     assert left.is_socket()
-    assert not answers(left)
+    assert not is_listening(left)
     with Served(binding, socket_of(binding)), connected(left) as stream:
         assert told(stream)["service"]["pid"] == os.getpid()
 
@@ -170,8 +170,8 @@ def test_a_user_has_a_place_by_the_configurations_name(binding: Binding, monkeyp
     base = binding.loaded.path.parent / "user"
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(base))
     assert socket_path(Path("/etc/candaemon/van.yaml")) == base / "candaemon" / "van" / "status.sock"
-    assert "mine" not in running()
+    assert "mine" not in running_instances()
     with Served(binding, socket_of(binding)) as served:
         served.feed(drive(binding, 0.1))
-        assert running()["mine"] == base / "candaemon" / "mine" / "status.sock"
-    assert "mine" not in running()
+        assert running_instances()["mine"] == base / "candaemon" / "mine" / "status.sock"
+    assert "mine" not in running_instances()

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import can
 
-from candaemon.can_io.buses import LiveBuses
+from candaemon.can_io.live_buses import LiveBuses
 from candaemon.config.buses import BusSettings
 from candaemon.frames.frame import Frame
 

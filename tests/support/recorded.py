@@ -10,8 +10,8 @@ import can
 
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
-from candaemon.can_io.messages import to_message
-from candaemon.daemon.daemon import Daemon, Observer, Told
+from candaemon.can_io.python_can import to_message
+from candaemon.daemon.daemon import CompletedCycle, Daemon, Observer
 from candaemon.frames.frame import Frame
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.simulation.scenario_file import load_scenario
@@ -27,7 +27,7 @@ class Sent(Observer):
     def __init__(self) -> None:
         self.frames: list[Frame] = []
 
-    def told(self, told: Told) -> None:
+    def told(self, told: CompletedCycle) -> None:
         self.frames += told.cycle.frames
 
 

@@ -17,7 +17,7 @@ import can
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
-from candaemon.can_io.messages import to_message
+from candaemon.can_io.python_can import to_message
 from candaemon.config.load import load_config
 from candaemon.daemon.daemon import Daemon, Observer
 from candaemon.frames.frame import Frame

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from candaemon.can_io.buses import LiveBuses
+from candaemon.can_io.live_buses import LiveBuses
 from candaemon.config.buses import BusSettings
 from candaemon.frames.frame import Frame
 from tests.beds.can_utils import background, cansend

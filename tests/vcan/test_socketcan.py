@@ -14,7 +14,7 @@ from contextlib import ExitStack, closing
 
 import pytest
 
-from candaemon.can_io.open import open_port
+from candaemon.can_io.open_port import open_port
 from candaemon.can_io.port import PortCounts, PortRequest
 from candaemon.can_io.socketcan import SocketCanPort
 from candaemon.config.buses import BusSettings

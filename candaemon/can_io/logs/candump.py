@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from candaemon.arrays import Booleans, Bytes, Integers
 from candaemon.can_io.logs.stream import UNCLAIMED, ChannelMap, LogBytes, LogCounts
-from candaemon.frames.batch import FrameBatch
-from candaemon.frames.block import FD_LENGTHS, FrameBlock
 from candaemon.frames.frame import EXTENDED, Frame
+from candaemon.frames.frame_batch import FrameBatch
+from candaemon.frames.frame_block import FD_LENGTHS, FrameBlock
 
 Digits: TypeAlias = npt.NDArray[np.uint16]
 

@@ -34,10 +34,10 @@ from can.io.blf import BLFParseError
 
 from candaemon.can_io.logs.candump import read_candump_blocks
 from candaemon.can_io.logs.stream import NO_CHANNEL, ChannelMap, LogBytes, LogCounts
-from candaemon.can_io.messages import to_frame
+from candaemon.can_io.python_can import to_frame
 from candaemon.errors import InputError
-from candaemon.frames.block import FrameBlock
 from candaemon.frames.frame import Frame
+from candaemon.frames.frame_block import FrameBlock
 
 if TYPE_CHECKING:
     from typing import TextIO

@@ -21,7 +21,7 @@ import can
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.logs.read import log_suffix
 from candaemon.can_io.logs.stream import channel_number
-from candaemon.can_io.messages import to_message
+from candaemon.can_io.python_can import to_message
 from candaemon.errors import InputError
 from candaemon.frames.frame import Frame
 

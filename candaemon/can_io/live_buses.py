@@ -17,7 +17,7 @@ from selectors import DefaultSelector, SelectorKey
 from types import TracebackType
 from typing import Self
 
-from candaemon.can_io.bus import LiveBus
+from candaemon.can_io.live_bus import LiveBus
 from candaemon.can_io.port import PortCounts, PortRequest
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
@@ -25,7 +25,7 @@ from candaemon.frames.frame import Frame
 
 logger = logging.getLogger(__name__)
 
-LIMIT = 256
+READ_LIMIT = 256
 """Frames of one bus in one reading, more or less: no flood on one bus keeps the others waiting."""
 
 _DRAIN_S = 0.001
@@ -190,9 +190,9 @@ class LiveBuses:
         for key, _ in ready:
             bus: LiveBus = key.data
             if bus.index not in self._ahead:
-                come = bus.receive(LIMIT, now_s)
+                come = bus.receive(READ_LIMIT, now_s)
                 frames += come
-                if len(come) >= LIMIT:
+                if len(come) >= READ_LIMIT:
                     behind.append(come[-1].time_ns)
         frames.sort(key=_time_of)
         self._ahead.clear()

@@ -1,6 +1,6 @@
 """What a running service tells of itself at one instant: counted, timed, and how it is.
 
-`Figures.tree` is what `candaemon status --json` prints and the status socket sends. Its keys are the attributes'
+`StatusSnapshot.tree` is what `candaemon status --json` prints and the status socket sends. Its keys are the attributes'
 names; they are stable: keys may be added, none changes its meaning. What there is none of is null.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from math import isfinite
 from typing import Any, TypeAlias
 
-from candaemon.status.histogram import Spread
+from candaemon.status.histogram import HistogramSnapshot
 
 Counts: TypeAlias = Mapping[str, int]
 
@@ -19,7 +19,7 @@ QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}
 
 
 @dataclass(frozen=True, slots=True)
-class ServiceFigures:
+class ServiceStatus:
     """Who tells.
 
     Attributes:
@@ -52,7 +52,7 @@ class ServiceFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class BusFigures:
+class BusStatus:
     """A bus.
 
     Attributes:
@@ -81,7 +81,7 @@ class BusFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class OwnMotionFigures:
+class EgoMotionStatus:
     """Own motion.
 
     Attributes:
@@ -94,7 +94,7 @@ class OwnMotionFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class NisFigures:
+class NisStatus:
     """Normalised innovations squared of a sensor: how far its detections lie from where they were expected.
 
     Attributes:
@@ -112,7 +112,7 @@ class NisFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class SensorFigures:
+class SensorStatus:
     """A sensor.
 
     Attributes:
@@ -133,11 +133,11 @@ class SensorFigures:
     trust: float
     frames: Counts
     counts: Counts
-    nis: NisFigures
+    nis: NisStatus
 
 
 @dataclass(frozen=True, slots=True)
-class CycleFigures:
+class CycleStatus:
     """The cycles.
 
     Attributes:
@@ -158,7 +158,7 @@ class CycleFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class ClockFigures:
+class ClockStatus:
     """Time.
 
     Attributes:
@@ -177,7 +177,7 @@ class ClockFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class StatusSnapshot:
     """All that a service tells.
 
     Attributes:
@@ -194,16 +194,16 @@ class Figures:
         recording: what the recording counts; None where nothing is recorded.
     """
 
-    service: ServiceFigures
-    own_motion: OwnMotionFigures
+    service: ServiceStatus
+    own_motion: EgoMotionStatus
     tracks: Counts
     tracking: Counts
-    cycles: CycleFigures
-    cycle_time: Spread
-    latency: Spread
-    clock: ClockFigures
-    buses: Mapping[str, BusFigures]
-    sensors: Mapping[str, SensorFigures]
+    cycles: CycleStatus
+    cycle_time: HistogramSnapshot
+    latency: HistogramSnapshot
+    clock: ClockStatus
+    buses: Mapping[str, BusStatus]
+    sensors: Mapping[str, SensorStatus]
     recording: Mapping[str, int | float | str | bool] | None
 
     def tree(self) -> dict[str, Any]:

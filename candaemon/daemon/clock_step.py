@@ -16,7 +16,7 @@ def since_boot_ns() -> int:
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
-class ClockWatch:
+class ClockStepDetector:
     """Compares the clock of the frames with one that nobody can set.
 
     Args:

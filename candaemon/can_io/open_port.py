@@ -9,11 +9,11 @@ from typing import TypeAlias
 
 import can
 
-from candaemon.can_io.multicast import MulticastPort
 from candaemon.can_io.port import PORT_ERRORS, Port, PortRequest
 from candaemon.can_io.python_can import PythonCanPort
 from candaemon.can_io.socketcan import SocketCanPort
-from candaemon.can_io.threaded_port import ReaderPort
+from candaemon.can_io.threaded_port import ThreadedPort
+from candaemon.can_io.udp_multicast import UdpMulticastPort
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
 
@@ -34,12 +34,12 @@ _HINT = "check the bus's channel and options, and that the interface's driver is
 PortMaker: TypeAlias = Callable[[PortRequest], Port]
 
 
-def through_python_can(request: PortRequest) -> Port:
+def open_through_python_can(request: PortRequest) -> Port:
     """Open a bus through python-can, read by a thread: not every interface can be waited for by a descriptor."""
-    return ReaderPort(PythonCanPort(request), request.name, request.counts)
+    return ThreadedPort(PythonCanPort(request), request.name, request.counts)
 
 
-PORTS: dict[str, PortMaker] = {"socketcan": SocketCanPort, "udp_multicast": MulticastPort}
+PORTS: dict[str, PortMaker] = {"socketcan": SocketCanPort, "udp_multicast": UdpMulticastPort}
 """Ports made for one python-can interface, by its name; the others are served through python-can."""
 
 
@@ -54,7 +54,7 @@ def open_port(request: PortRequest) -> Port:
     """
     settings = request.settings
     try:
-        return PORTS.get(settings.interface, through_python_can)(request)
+        return PORTS.get(settings.interface, open_through_python_can)(request)
     except _OPEN_ERRORS as error:
         where = f"bus '{request.name}': cannot open {settings.interface} '{settings.channel}'"
         raise BusError(f"{where}: {error}; {_hint(settings)}") from error
@@ -68,7 +68,7 @@ def _hint(settings: BusSettings) -> str:
     return hint.format(channel=settings.channel, bitrate=settings.bitrate)
 
 
-class Opening:
+class BackgroundOpening:
     """Opens a bus in a thread of its own: a driver may take seconds to say that there is nothing.
 
     Args:

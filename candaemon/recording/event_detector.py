@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from candaemon.binding.bound import Binding
-from candaemon.daemon.daemon import Told
+from candaemon.daemon.daemon import CompletedCycle
 from candaemon.ego.pose import EgoStatus
 from candaemon.recording.event_archive import Event
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from candaemon.daemon.daemon import Daemon
 
 
-class EventWatch:
+class EventDetector:
     """Tells when something begins.
 
     A fault that goes on is one event, and so is one that comes and goes: only after it has been away for the configured
@@ -41,11 +41,11 @@ class EventWatch:
         self._lost: dict[str, int] = {}
         self._lasting_ns: dict[tuple[str, str], int] = {}
 
-    def go_on_from(self, former: EventWatch) -> None:
+    def go_on_from(self, former: EventDetector) -> None:
         """Take over what another one has seen: what lasts over a reload does not begin with it."""
         self._worked, self._lost, self._lasting_ns = former._worked, former._lost, former._lasting_ns
 
-    def told(self, told: Told) -> Iterator[Event]:
+    def told(self, told: CompletedCycle) -> Iterator[Event]:
         """Look at a cycle; yield what begins with it."""
         cycle = told.cycle
         now_ns = cycle.time_ns

@@ -10,7 +10,7 @@ import numpy as np
 
 from candaemon.radar.scan import ScanCounts
 from candaemon.status.histogram import Histogram
-from candaemon.status.model import NisFigures
+from candaemon.status.snapshot import NisStatus
 from candaemon.tracking.update import Update
 
 Counters: TypeAlias = Mapping[Hashable, int]
@@ -19,7 +19,7 @@ RATE_S = 1.0
 """A rate is that of the last one to two of these, s."""
 
 
-class Rates:
+class CounterRates:
     """How fast counters rose of late."""
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class Rates:
         return {key: max(count - noted.get(key, count), 0) / span_s for key, count in counters.items()}
 
 
-class NisSums:
+class NisAccumulator:
     """Sums of normalised innovations squared, since the start and of late.
 
     Args:
@@ -66,13 +66,13 @@ class NisSums:
         self._late_sum = self._kept * self._late_sum + total
         self._late_freedom = self._kept * self._late_freedom + freedom
 
-    def figures(self) -> NisFigures:
+    def figures(self) -> NisStatus:
         """Return what they come to."""
         ratio = self._late_sum / self._late_freedom if self._late_freedom > 0.0 else None
-        return NisFigures(self._samples, self._sum, self._freedom, ratio)
+        return NisStatus(self._samples, self._sum, self._freedom, ratio)
 
 
-class SensorWatch:
+class SensorActivity:
     """When a sensor's latest scan was, and how its detections fit.
 
     Args:
@@ -82,7 +82,7 @@ class SensorWatch:
 
     __slots__ = ("_counts", "_scans", "last_ns", "nis")
 
-    def __init__(self, counts: ScanCounts, nis: NisSums) -> None:
+    def __init__(self, counts: ScanCounts, nis: NisAccumulator) -> None:
         self._counts = counts
         self._scans = counts.scans
         self.last_ns: int | None = None
@@ -96,7 +96,7 @@ class SensorWatch:
 
 
 @dataclass(slots=True)
-class Measured:
+class Measurements:
     """All that is measured.
 
     Attributes:
@@ -114,8 +114,8 @@ class Measured:
     latency: Histogram
     started_s: float
     now_ns: int = 0
-    sensors: dict[str, SensorWatch] = field(default_factory=dict)
-    rates: Rates = field(default_factory=Rates)
+    sensors: dict[str, SensorActivity] = field(default_factory=dict)
+    rates: CounterRates = field(default_factory=CounterRates)
     reloads: int = 0
     refused: int = 0
     reload_error: str = ""

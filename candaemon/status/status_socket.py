@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from candaemon.daemon.daemon import Observer
-from candaemon.status.meter import Meter
-from candaemon.status.model import Figures
-from candaemon.status.paths import answers, socket_path
+from candaemon.status.service_monitor import ServiceMonitor
+from candaemon.status.snapshot import StatusSnapshot
+from candaemon.status.socket_paths import is_listening, socket_path
 
 if TYPE_CHECKING:
     from candaemon.daemon.daemon import Daemon
@@ -48,7 +48,7 @@ class StatusSocket(Observer):
         path: of the socket; None where there is none.
     """
 
-    def __init__(self, meter: Meter, *, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, meter: ServiceMonitor, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.path: Path | None = None
         self._meter = meter
         self._clock = clock
@@ -62,7 +62,7 @@ class StatusSocket(Observer):
         if path is None:
             logger.info("no status socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set")
             return
-        if answers(path):
+        if is_listening(path):
             logger.warning("no status socket: another instance has %s; stop it, or give this one another name", path)
             return
         try:
@@ -153,6 +153,6 @@ def _sent(client: socket.socket, line: bytes) -> bool:
         return False
 
 
-def _line(figures: Figures) -> bytes:
+def _line(figures: StatusSnapshot) -> bytes:
     """Return figures as a line of JSON."""
     return json.dumps(figures.tree(), allow_nan=False, separators=(",", ":")).encode() + b"\n"

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from candaemon.binding.bound import Binding
 from candaemon.daemon.daemon import Observer
 from candaemon.errors import CandaemonError, InputError
-from candaemon.status.meter import Meter
+from candaemon.status.service_monitor import ServiceMonitor
 
 if TYPE_CHECKING:
     from candaemon.daemon.daemon import Daemon
-    from candaemon.status.http import ScrapeServer
+    from candaemon.status.metrics_http import MetricsServer
 
 logger = logging.getLogger(__name__)
 
@@ -27,9 +27,9 @@ class MetricsEndpoint(Observer):
         meter: gives the figures; it observes the same daemon.
     """
 
-    def __init__(self, meter: Meter) -> None:
+    def __init__(self, meter: ServiceMonitor) -> None:
         self._meter = meter
-        self._server: ScrapeServer | None = None
+        self._server: MetricsServer | None = None
 
     @property
     def port(self) -> int | None:
@@ -69,12 +69,12 @@ class MetricsEndpoint(Observer):
             server.start()
             logger.info("metrics at http://%s:%d/metrics", *server.server_address)
 
-    def _opened(self, port: int, binding: Binding) -> ScrapeServer:
+    def _opened(self, port: int, binding: Binding) -> MetricsServer:
         """Open a port."""
-        from candaemon.status.http import ScrapeServer  # noqa: PLC0415 - loads what only few services need
+        from candaemon.status.metrics_http import MetricsServer  # noqa: PLC0415 - loads what only few services need
 
         try:
-            return ScrapeServer(port, partial(self._meter.wait_for_figures, _TURN_S))
+            return MetricsServer(port, partial(self._meter.wait_for_figures, _TURN_S))
         except OSError as error:
             loaded = binding.loaded
             raise InputError(

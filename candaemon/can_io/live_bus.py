@@ -11,7 +11,7 @@ from dataclasses import replace
 from selectors import EVENT_READ, BaseSelector
 from typing import Final
 
-from candaemon.can_io.open import Opening, open_port
+from candaemon.can_io.open_port import BackgroundOpening, open_port
 from candaemon.can_io.port import PORT_ERRORS, BusState, Port, PortRequest
 from candaemon.can_io.tx_queue import TxQueue
 from candaemon.errors import BusError
@@ -24,7 +24,7 @@ WITHIN_S: Final = 60.0
 """So many messages within that time: a bus with a short circuit goes off ten times a second while it lasts."""
 
 
-class Notices:
+class LinkLog:
     """Logs whether a bus is there when that changes; one that changes too often is told of later, as it is then.
 
     Args:
@@ -109,11 +109,11 @@ class LiveBus:
         self._port: Port | None = None
         self._descriptor = -1
         self._left: list[Frame] = []
-        self._opening: Opening | None = None
+        self._opening: BackgroundOpening | None = None
         self._waiting = TxQueue(settings.send_queue, settings.send_timeout)
         self._delay_s = settings.reopen_first
         self._next_s = 0.0
-        self._notices = Notices(request.name)
+        self._notices = LinkLog(request.name)
 
     @property
     def waiting(self) -> int:
@@ -171,7 +171,7 @@ class LiveBus:
             self._look_at_opening(self._opening, now_s)
         elif now_s >= self._next_s:
             if self._port is None:
-                self._opening = Opening(self.request)
+                self._opening = BackgroundOpening(self.request)
                 self._next_s = now_s + _OPENING_S
             else:
                 self._check(self._port, now_s)
@@ -206,7 +206,7 @@ class LiveBus:
         self._next_s = now_s + _CHECK_S
         self._plan(now_s)
 
-    def _look_at_opening(self, opening: Opening, now_s: float) -> None:
+    def _look_at_opening(self, opening: BackgroundOpening, now_s: float) -> None:
         """Take the bus that was opened in the background, if that is over."""
         self._next_s = now_s + _OPENING_S
         if not opening.is_over():

@@ -10,12 +10,12 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, TypeAlias
 
 from candaemon.config.metrics import MetricsSettings
-from candaemon.daemon.daemon import Observer, Told
+from candaemon.daemon.daemon import CompletedCycle, Observer
 from candaemon.frames.frame import Frame, Tick
-from candaemon.status.collect import counters, gather
+from candaemon.status.collect import rate_counters, take_snapshot
 from candaemon.status.histogram import Histogram
-from candaemon.status.measured import Measured, NisSums, SensorWatch
-from candaemon.status.model import Figures
+from candaemon.status.measurements import Measurements, NisAccumulator, SensorActivity
+from candaemon.status.snapshot import StatusSnapshot
 
 if TYPE_CHECKING:
     from candaemon.daemon.daemon import Daemon
@@ -26,7 +26,7 @@ RecordingCounts: TypeAlias = Callable[[], Mapping[str, int | float | str | bool]
 """Gives what the recording counts."""
 
 
-class Meter(Observer):
+class ServiceMonitor(Observer):
     """Keeps what is counted nowhere else: durations, NIS, when a sensor's latest scan was, reloads.
 
     A cycle costs some microseconds and nothing grows. The figures as a whole are gathered only when asked for, in the
@@ -48,9 +48,9 @@ class Meter(Observer):
         self._settings = settings
         self._recording = recording
         self._clock = clock
-        self._measured = Measured(Histogram(settings.buckets), Histogram(settings.buckets), clock())
-        self._sensors: tuple[SensorWatch, ...] = ()
-        self._waiting: deque[Future[Figures]] = deque(maxlen=_MOST_WAITING)
+        self._measured = Measurements(Histogram(settings.buckets), Histogram(settings.buckets), clock())
+        self._sensors: tuple[SensorActivity, ...] = ()
+        self._waiting: deque[Future[StatusSnapshot]] = deque(maxlen=_MOST_WAITING)
 
     def started(self, daemon: Daemon) -> None:
         """Look at the daemon's sensors."""
@@ -62,7 +62,7 @@ class Meter(Observer):
         if items:
             self._measured.now_ns = items[-1][0]
 
-    def told(self, told: Told) -> None:
+    def told(self, told: CompletedCycle) -> None:
         """Measure a cycle."""
         measured, cycle = self._measured, told.cycle
         for histogram, seconds in ((measured.cycle_time, told.seconds), (measured.latency, told.latency)):
@@ -78,7 +78,7 @@ class Meter(Observer):
         """Note the counters that rates are made of, and give the figures to who waits for them."""
         now_s = self._clock()
         if self._measured.rates.due(now_s):
-            self._measured.rates.note(now_s, counters(daemon))
+            self._measured.rates.note(now_s, rate_counters(daemon))
         self._answer(daemon)
 
     def reloaded(self, daemon: Daemon, error: str) -> None:
@@ -99,12 +99,12 @@ class Meter(Observer):
         """Give the figures to who still waits for them."""
         self._answer(daemon)
 
-    def figures(self, daemon: Daemon) -> Figures:
+    def figures(self, daemon: Daemon) -> StatusSnapshot:
         """Return all that the service tells; for the core thread."""
         recording = None if self._recording is None else self._recording()
-        return gather(daemon, self._measured, self._clock(), recording)
+        return take_snapshot(daemon, self._measured, self._clock(), recording)
 
-    def wait_for_figures(self, timeout_s: float) -> Figures:
+    def wait_for_figures(self, timeout_s: float) -> StatusSnapshot:
         """Ask the core loop for the figures, from another thread.
 
         Args:
@@ -113,7 +113,7 @@ class Meter(Observer):
         Raises:
             TimeoutError: the core loop took no turn in time.
         """
-        wanted: Future[Figures] = Future()
+        wanted: Future[StatusSnapshot] = Future()
         self._waiting.append(wanted)
         return wanted.result(timeout_s)
 
@@ -130,8 +130,8 @@ class Meter(Observer):
         watches = {}
         for sensor, assembler in zip(pipeline.binding.sensors, pipeline.assemblers, strict=True):
             known = before.get(sensor.name)
-            watches[sensor.name] = SensorWatch(
-                assembler.counts, NisSums(self._settings.nis_scans) if known is None else known.nis
+            watches[sensor.name] = SensorActivity(
+                assembler.counts, NisAccumulator(self._settings.nis_scans) if known is None else known.nis
             )
             watches[sensor.name].last_ns = None if known is None else known.last_ns
         self._measured.sensors = watches

@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 _STATUS_S = 1.0
 
 
-class Notifier:
+class SystemdNotifier:
     """Tells the service manager.
 
     Args:
@@ -58,7 +58,7 @@ class Notifier:
         return True
 
 
-class Supervision(Observer):
+class SystemdObserver(Observer):
     """Keeps the service manager informed; feeds its watchdog by turns of the core loop and nothing else.
 
     Args:
@@ -66,7 +66,7 @@ class Supervision(Observer):
         clock: monotonic seconds.
     """
 
-    def __init__(self, notifier: Notifier, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, notifier: SystemdNotifier, clock: Callable[[], float] = time.monotonic) -> None:
         self._notifier = notifier
         self._clock = clock
         self._feed_s = notifier.watchdog_s / 2

@@ -21,8 +21,8 @@ from typing import TypeAlias
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import MetricsHandler
 
-from candaemon.status.model import Figures
-from candaemon.status.prometheus import FiguresCollector
+from candaemon.status.prometheus_metrics import SnapshotCollector
+from candaemon.status.snapshot import StatusSnapshot
 
 logger = logging.getLogger(__name__)
 
@@ -35,10 +35,10 @@ _POLL_S = 0.2
 
 Request: TypeAlias = socket.socket | tuple[bytes, socket.socket]
 Address: TypeAlias = tuple[str, int]
-Ask: TypeAlias = Callable[[], Figures]
+Ask: TypeAlias = Callable[[], StatusSnapshot]
 
 
-class ScrapeServer(ThreadingMixIn, TCPServer):
+class MetricsServer(ThreadingMixIn, TCPServer):
     """Serves figures, each client in a thread of its own.
 
     Args:
@@ -113,7 +113,7 @@ class _Handler(MetricsHandler):
 
     timeout = _CLIENT_S
 
-    def __init__(self, ask: Ask, request: socket.socket, client_address: Address, server: ScrapeServer) -> None:
+    def __init__(self, ask: Ask, request: socket.socket, client_address: Address, server: MetricsServer) -> None:
         self._ask = ask
         super().__init__(request, client_address, server)
 
@@ -125,6 +125,6 @@ class _Handler(MetricsHandler):
             self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, "the core loop takes no turn")
             return
         registry = CollectorRegistry()
-        registry.register(FiguresCollector(figures))
+        registry.register(SnapshotCollector(figures))
         self.registry = registry
         super().do_GET()

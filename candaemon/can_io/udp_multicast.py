@@ -15,9 +15,9 @@ from contextlib import ExitStack
 from typing import Any
 
 from candaemon.can_io.port import Controller, PortRequest
-from candaemon.can_io.socketcan import make_room
-from candaemon.frames.block import FD_LENGTHS
+from candaemon.can_io.socketcan import size_receive_buffer
 from candaemon.frames.frame import EXTENDED, Frame
+from candaemon.frames.frame_block import FD_LENGTHS
 
 PORT = 43_113
 """UDP port where the options give none, as python-can has it."""
@@ -32,7 +32,7 @@ _FULL = (errno.EAGAIN, errno.ENOBUFS)
 _ID_29, _ID_11, _CLASSIC = 0x1FFF_FFFF, 0x7FF, 8
 
 
-class MulticastPort:
+class UdpMulticastPort:
     """A multicast group as a CAN bus.
 
     What is sent leaves by a socket of its own, so that its datagrams are known by their sender when they come back. A
@@ -66,7 +66,7 @@ class MulticastPort:
             self._hearing = self._sending
             if request.ids is None or request.ids:
                 self._hearing = opened.enter_context(_listener(family, address))
-                make_room(self._hearing, request, _DATAGRAM_BYTES)
+                size_receive_buffer(self._hearing, request, _DATAGRAM_BYTES)
             self._opened = opened.pop_all()
 
     def fileno(self) -> int:

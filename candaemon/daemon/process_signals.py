@@ -9,9 +9,7 @@ from types import FrameType
 
 
 @contextmanager
-def service_signals(
-    *, stop: Callable[[], None], reload: Callable[[], None], mark: Callable[[], None]
-) -> Iterator[None]:
+def handle_signals(*, stop: Callable[[], None], reload: Callable[[], None], mark: Callable[[], None]) -> Iterator[None]:
     """Pass signals on while the context lasts; for the main thread only.
 
     Args:

@@ -12,13 +12,13 @@ from pathlib import Path
 
 from candaemon.binding.bound import Binding
 from candaemon.config.shipped import shared_folder
-from candaemon.daemon.reload import load
+from candaemon.daemon.reload import load_service_config
 from candaemon.errors import ConfigError, InputError
-from candaemon.files.atomic import write_whole
+from candaemon.files.atomic import atomic_write
 
 logger = logging.getLogger(__name__)
 
-UNITS = Path("/etc/systemd/system")
+SYSTEMD_UNITS = Path("/etc/systemd/system")
 """Where an administrator's units lie."""
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{,20}")
@@ -30,7 +30,7 @@ _HIDDEN = {
 """Folders that the unit hides from the service, by the setting that does."""
 
 
-def install(config_path: Path, *, show: bool, units: Path = UNITS) -> None:
+def install(config_path: Path, *, show: bool, units: Path = SYSTEMD_UNITS) -> None:
     """Write the unit that runs a configuration as `candaemon@NAME`, NAME being the file's without `.yaml`.
 
     Args:
@@ -42,7 +42,7 @@ def install(config_path: Path, *, show: bool, units: Path = UNITS) -> None:
         ConfigError: the configuration cannot be used, or not as a service.
         InputError: the service could not read what it needs, or the unit cannot be written.
     """
-    binding = load(config_path.resolve())
+    binding = load_service_config(config_path.resolve())
     name = _instance(binding)
     problems = [problem for path in _needed(binding) for problem in _unreadable(path)]
     unit = unit_text(binding, _program())
@@ -54,7 +54,7 @@ def install(config_path: Path, *, show: bool, units: Path = UNITS) -> None:
     if problems:
         raise InputError("\n".join(["the service could not read what it needs:", *problems]))
     path = units / f"candaemon@{name}.service"
-    write_whole(path, unit)
+    atomic_write(path, unit)
     print(f"{path} is written; `systemctl daemon-reload && systemctl enable --now candaemon@{name}` starts it")
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-Form: TypeAlias = Literal["text", "json"]
+LogFormat: TypeAlias = Literal["text", "json"]
 
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6), (0, 7))
 """Lowest level and syslog priority."""
@@ -34,7 +34,7 @@ _KINDS = 256
 _OF_EVERY_RECORD = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "repeated"}
 
 
-def log_service(form: Form, stream: TextIO | None = None) -> None:
+def configure_logging(form: LogFormat, stream: TextIO | None = None) -> None:
     """Send log records from INFO on to a stream.
 
     Args:
@@ -43,15 +43,15 @@ def log_service(form: Form, stream: TextIO | None = None) -> None:
     """
     stream = sys.stderr if stream is None else stream
     handler = logging.StreamHandler(stream)
-    handler.addFilter(Repetitions())
-    text = JsonText() if form == "json" else logging.Formatter("%(message)s")
-    journal = goes_to_journal(stream)
+    handler.addFilter(RepetitionFilter())
+    text = JsonFormatter() if form == "json" else logging.Formatter("%(message)s")
+    journal = is_journal_stream(stream)
     prefix = "" if journal or form == "json" else "candaemon: "
-    handler.setFormatter(Lines(text, prefix, priorities=journal))
+    handler.setFormatter(PrefixFormatter(text, prefix, priorities=journal))
     logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)
 
 
-def log_faults() -> None:
+def log_uncaught_exceptions() -> None:
     """Let what ends the process, or one of its threads, go to the log, with its traceback."""
 
     def log_fault(kind: type[BaseException], fault: BaseException | None, trace: TracebackType | None) -> None:
@@ -62,23 +62,23 @@ def log_faults() -> None:
     threading.excepthook = lambda ended: log_fault(ended.exc_type, ended.exc_value, ended.exc_traceback)
 
 
-class LogForm(Observer):
+class LogFormatObserver(Observer):
     """Lets the log's form follow the configuration.
 
     Args:
         form: whatever the configuration says; None: what it says.
     """
 
-    def __init__(self, form: Form | None) -> None:
+    def __init__(self, form: LogFormat | None) -> None:
         self._form = form
 
     def reloaded(self, daemon: Daemon, error: str) -> None:
         """Take the form of the configuration that took its place."""
         if not error:
-            log_service(self._form or daemon.binding.settings.service.log)
+            configure_logging(self._form or daemon.binding.settings.service.log)
 
 
-def goes_to_journal(stream: TextIO) -> bool:
+def is_journal_stream(stream: TextIO) -> bool:
     """Tell whether a stream is what systemd connected to the journal: `JOURNAL_STREAM` names its device and inode."""
     try:
         found = os.fstat(stream.fileno())
@@ -87,7 +87,7 @@ def goes_to_journal(stream: TextIO) -> bool:
     return os.environ.get("JOURNAL_STREAM") == f"{found.st_dev}:{found.st_ino}"
 
 
-class Lines(logging.Formatter):
+class PrefixFormatter(logging.Formatter):
     """Puts a prefix before each line of a record.
 
     Args:
@@ -111,7 +111,7 @@ class Lines(logging.Formatter):
         return "\n".join(prefix + line for line in (self._text.format(record) + more).splitlines())
 
 
-class JsonText(logging.Formatter):
+class JsonFormatter(logging.Formatter):
     """Makes one JSON object of a record."""
 
     def format(self, record: logging.LogRecord) -> str:
@@ -137,7 +137,7 @@ class _Kind:
     left_out: int = 0
 
 
-class Repetitions(logging.Filter):
+class RepetitionFilter(logging.Filter):
     """Lets a few records of a kind through in a span of time; the first of the next span tells how many were left out.
 
     Of a kind are records with the same logger, text and first argument, such as what becomes of one bus.

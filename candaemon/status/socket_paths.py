@@ -28,12 +28,12 @@ def socket_path(config: Path) -> Path | None:
     return None if users is None else users / config.stem / SOCKET
 
 
-def running() -> dict[str, Path]:
+def running_instances() -> dict[str, Path]:
     """Return the socket of each instance that runs on this machine, by the instance's name."""
-    return {path.parent.name: path for path in _sockets() if answers(path)}
+    return {path.parent.name: path for path in _sockets() if is_listening(path)}
 
 
-def answers(path: Path) -> bool:
+def is_listening(path: Path) -> bool:
     """Tell whether a process listens at a socket; one that died leaves its file behind."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.setblocking(False)

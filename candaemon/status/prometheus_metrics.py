@@ -15,22 +15,22 @@ from prometheus_client.core import (
 )
 from prometheus_client.registry import Collector
 
-from candaemon.status.collect import STATUSES
-from candaemon.status.histogram import Spread
-from candaemon.status.model import BusFigures, Counts, Figures, SensorFigures
+from candaemon.status.collect import EGO_STATUS_NAMES
+from candaemon.status.histogram import HistogramSnapshot
+from candaemon.status.snapshot import BusStatus, Counts, SensorStatus, StatusSnapshot
 
 Labelled: TypeAlias = tuple[Sequence[str], float]
 """Values of the labels, and the metric's."""
 
 
-class FiguresCollector(Collector):
+class SnapshotCollector(Collector):
     """Gives a registry one set of figures.
 
     Args:
         figures: of the moment.
     """
 
-    def __init__(self, figures: Figures) -> None:
+    def __init__(self, figures: StatusSnapshot) -> None:
         self._figures = figures
 
     def collect(self) -> Iterator[Metric]:
@@ -50,7 +50,7 @@ class FiguresCollector(Collector):
         )
 
 
-def _of_process(figures: Figures) -> Iterator[Metric]:
+def _of_process(figures: StatusSnapshot) -> Iterator[Metric]:
     service = figures.service
     about = {"version": service.version, "instance": service.instance, "name": service.name, "config": service.config}
     yield InfoMetricFamily("candaemon", "Which service this is", about)
@@ -62,8 +62,8 @@ def _of_process(figures: Figures) -> Iterator[Metric]:
     yield _counter("candaemon_reloads", "Configurations loaded again", ("result",), _by((), reloads))
 
 
-def _of_buses(buses: Mapping[str, BusFigures]) -> Iterator[Metric]:
-    def each(values: Callable[[BusFigures], Counts]) -> list[Labelled]:
+def _of_buses(buses: Mapping[str, BusStatus]) -> Iterator[Metric]:
+    def each(values: Callable[[BusStatus], Counts]) -> list[Labelled]:
         return [labelled for name, bus in buses.items() for labelled in _by((name,), values(bus))]
 
     up = [((name,), float(bus.up)) for name, bus in buses.items()]
@@ -80,12 +80,12 @@ def _of_buses(buses: Mapping[str, BusFigures]) -> Iterator[Metric]:
     yield _counter("candaemon_bus_events", "What else happened", ("bus", "event"), each(lambda bus: bus.events))
 
 
-def _of_sensors(sensors: Mapping[str, SensorFigures]) -> Iterator[Metric]:
-    def each(value: Callable[[SensorFigures], float | None]) -> list[Labelled]:
+def _of_sensors(sensors: Mapping[str, SensorStatus]) -> Iterator[Metric]:
+    def each(value: Callable[[SensorStatus], float | None]) -> list[Labelled]:
         found = [((name,), value(sensor)) for name, sensor in sensors.items()]
         return [(labels, number) for labels, number in found if number is not None]
 
-    def counted(values: Callable[[SensorFigures], Counts]) -> list[Labelled]:
+    def counted(values: Callable[[SensorStatus], Counts]) -> list[Labelled]:
         return [labelled for name, sensor in sensors.items() for labelled in _by((name,), values(sensor))]
 
     of = ("sensor",)
@@ -103,12 +103,12 @@ def _of_sensors(sensors: Mapping[str, SensorFigures]) -> Iterator[Metric]:
     yield _counter("candaemon_nis_freedom", "Sum of their degrees of freedom", of, each(lambda s: s.nis.freedom))
 
 
-def _of_tracking(figures: Figures) -> Iterator[Metric]:
+def _of_tracking(figures: StatusSnapshot) -> Iterator[Metric]:
     cycles, clock = figures.cycles, figures.clock
     yield _gauge("candaemon_tracks", "Obstacles by state", ("state",), _by((), figures.tracks))
     yield _counter("candaemon_tracking", "What the trackers did", ("event",), _by((), figures.tracking))
     motion = figures.own_motion
-    status = [((name,), float(name == motion.status)) for name in STATUSES.values()]
+    status = [((name,), float(name == motion.status)) for name in EGO_STATUS_NAMES.values()]
     yield _gauge("candaemon_own_motion", "1 at how far it can be trusted", ("status",), status)
     yield _counter("candaemon_own_motion_events", "Its frames not used", ("event",), _by((), motion.counts))
     yield CounterMetricFamily("candaemon_cycles", "Times that obstacles were told", cycles.told)
@@ -141,6 +141,6 @@ def _gauge(name: str, about: str, labels: Sequence[str], values: Sequence[Labell
     return family
 
 
-def _histogram(name: str, about: str, spread: Spread) -> Metric:
+def _histogram(name: str, about: str, spread: HistogramSnapshot) -> Metric:
     bounds = [*map(str, spread.bounds), "+Inf"]
     return HistogramMetricFamily(name, about, list(zip(bounds, accumulate(spread.counts), strict=True)), spread.sum)
