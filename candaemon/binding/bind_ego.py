@@ -23,7 +23,7 @@ from candaemon.protection.monitor import GuardPlan
 def bind_ego(
     settings: InsSettings | OdometrySettings, bus: int, database: Database, where: SettingLocation
 ) -> BoundEgo:
-    """Look up own motion's signals.
+    """Bind the signals of ego motion.
 
     Raises:
         ConfigError: naming every message, signal and unit that is wrong.

@@ -135,7 +135,7 @@ def bind_guard(
         messages: the messages.
         protection: as configured.
         place: where it is configured.
-        cycle_time: s between two frames of a message, unless the configuration says otherwise.
+        cycle_time: s between two frames of a message, unless the configuration gives another time.
         order: which of the data ids is each message's; default: in their order.
 
     Raises:

@@ -13,7 +13,7 @@ from candaemon.binding.look_up import find_message, find_signal
 from candaemon.config.output import StatusFormat
 from candaemon.config.protection import ProtectionSettings
 from candaemon.config.sensors import HeaderScan
-from candaemon.dbc.bits import value_count, value_limits
+from candaemon.dbc.bits import sendable_values, value_count
 from candaemon.dbc.single_codec import compile_encoder, compile_field_reader
 from candaemon.dbc.types import Database, SignalSpec
 from candaemon.errors import ConfigError
@@ -92,7 +92,7 @@ def bind_header(scan: HeaderScan, database: Database, where: SettingLocation) ->
     message = find_message(database, scan.message, where.at("message"))
     count = find_signal(message, scan.count, where.at("count"))
     names = [count.name]
-    greatest = value_limits(count)[1]
+    greatest = sendable_values(count)[1]
     read_counter, period = None, 0
     if scan.counter is not None:
         counter = find_signal(message, scan.counter, where.at("counter"))

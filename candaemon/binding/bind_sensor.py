@@ -84,7 +84,7 @@ def bind_sensor_writer(sensor: BoundSensor, where: SettingLocation | None = None
         where: its place in the configuration.
 
     Raises:
-        ConfigError: a slot cannot be written as the configuration says.
+        ConfigError: a slot cannot be written as configured.
 
     """
     settings = sensor.settings

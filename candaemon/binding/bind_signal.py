@@ -70,27 +70,27 @@ def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, where: Settin
     Args:
         quantity: a key of `DIMENSIONS`, or any other name for a plain number.
         ref: the signal's entry in the configuration.
-        signal: what the DBC says of it.
+        signal: as the DBC describes it.
         where: the entry's place.
 
     Raises:
-        ConfigError: the unit does not fit the quantity, is not known, or is an angle's and nowhere said.
+        ConfigError: the unit does not fit the quantity, is not known, or is an angle's and given nowhere.
 
     """
     dimension = DIMENSIONS.get(quantity, "number")
-    said, source = (ref.unit, "the configuration") if ref.unit is not None else (signal.unit, "the DBC")
+    unit, source = (ref.unit, "the configuration") if ref.unit is not None else (signal.unit, "the DBC")
     factor = 1.0
     expected = f"expected {SI_NAMES[dimension]} or another unit of {dimension}; give {{signal: {ref.signal}, unit: …}}"
-    known = UNITS.get(normalised_unit(said)) if said.strip() else None
-    if not said.strip():
+    known = UNITS.get(normalised_unit(unit)) if unit.strip() else None
+    if not unit.strip():
         if dimension in {"angle", "rate"}:
             raise where.error(f"signal '{signal.name}' has no unit in the DBC and {quantity} is an angle; {expected}")
     elif known is None:
         # A plain number's unit is a remark (`class`, `bits`): nothing to convert.
         if dimension != "number":
-            raise where.error(f"signal '{signal.name}' has the unit '{said}' by {source}, {expected}")
+            raise where.error(f"signal '{signal.name}' has the unit '{unit}' by {source}, {expected}")
     elif known[0] == dimension:
         factor = known[1]
     elif dimension != "number" and not (ref.unit is None and known == ("number", 1.0)):
-        raise where.error(f"signal '{signal.name}' has the unit '{said}' ({known[0]}) by {source}, {expected}")
+        raise where.error(f"signal '{signal.name}' has the unit '{unit}' ({known[0]}) by {source}, {expected}")
     return SignalBinding(quantity, signal, factor * ref.scale, factor * ref.offset)

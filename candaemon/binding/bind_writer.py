@@ -23,7 +23,7 @@ from candaemon.config.base import Condition, SignalRef
 from candaemon.config.protection import InputProtectionSettings, ProtectionSettings
 from candaemon.config.sensors import ObjectFormat
 from candaemon.dbc.batch_codec import BatchEncoder
-from candaemon.dbc.bits import as_decoded, value_count, value_limits, value_width
+from candaemon.dbc.bits import as_decoded, representable_values, sendable_values, value_count
 from candaemon.dbc.types import Database, SignalSpec
 from candaemon.errors import ConfigError
 from candaemon.objects.conditions import CompiledCondition
@@ -142,7 +142,7 @@ class _WrittenLayout:
         """Return how a signal is written; one met for the first time is 0, or raw 0 in an empty slot."""
         known = self.signals.get(signal.name)
         if known is None:
-            low, high = value_limits(signal)
+            low, high = sendable_values(signal)
             known = self.signals[signal.name] = _WrittenSignal(
                 signal, min(max(0.0, low), high), min(max(signal.offset, low), high)
             )
@@ -200,12 +200,12 @@ def _add_values(
     for name, value in values.items():
         place = where.at(kind, name)
         for each in _find(written, name, place):
-            low, high = value_width(each.signal)
+            low, high = representable_values(each.signal)
             step = abs(each.signal.scale)
             if not low - step / 2 <= value <= high + step / 2:
                 raise place.error(f"found {value:g}, but '{each.signal.name}' goes from {low:g} to {high:g}")
             # What the DBC's own range leaves out goes out as its end.
-            low, high = value_limits(each.signal)
+            low, high = sendable_values(each.signal)
             value = min(max(value, low), high)
             if kind == "fixed":
                 if each.binding is not None:
@@ -373,7 +373,7 @@ def _layout_writer(
 def _quantity_column(row: int, written: _WrittenSignal, binding: SignalBinding) -> QuantityColumn:
     """Make the column of a quantity; one that is open-ended ends at the signal's limits without loss."""
     lossy = binding.quantity not in OPEN_ENDED
-    limits = written.interval if lossy else value_limits(written.signal)
+    limits = written.interval if lossy else sendable_values(written.signal)
     return QuantityColumn(row, binding.quantity, written.wrap, binding.gain, binding.bias, limits, lossy)
 
 

@@ -29,11 +29,11 @@ class BoundBus:
         index: position in the configuration, which `Frame.bus` holds.
         name: as configured.
         settings: from the configuration.
-        can_ids: identifiers that sensors and own motion take from it.
+        can_ids: identifiers that sensors and ego motion read from it.
         rate: frames of those that are expected in a second.
         load: share of its time that the configured input takes, from 0 to 1.
         output_load: share that our own output adds with every slot occupied.
-        databases: DBC files that say what is on it: the sensors', own motion's and those of the bus itself.
+        databases: DBC files that describe what is on it: the sensors', ego motion's and those of the bus itself.
 
     """
 
@@ -58,8 +58,8 @@ class BoundSensor:
         bus: index of the bus.
         database: the DBC.
         reader: payloads → quantities.
-        can_ids: every identifier it takes: the objects', the header's, the trigger's.
-        counters: per part, payload → scan counter; empty unless a scan is told by its counter.
+        can_ids: every identifier it reads: the objects', the header's, the trigger's.
+        counters: per part, payload → scan counter; empty unless a counter marks the frames of one scan.
         trigger: the message that closes a scan, None unless one does.
         header: the message that opens a scan, None unless one does.
         guards: per part, what its frames must be to be used, None where anything will do.
@@ -93,10 +93,10 @@ class BoundSensor:
 
 @dataclass(frozen=True, slots=True)
 class EgoMessage:
-    """A message that carries own motion.
+    """A message that carries ego motion.
 
     Attributes:
-        message: what the DBC says of it.
+        message: as the DBC describes it.
         decode: payload → the quantities, SI units (angles, latitude and longitude too in radians); None for a payload
             that is too short.
         quantities: name of each value's quantity; one that has several signals (wheel speeds) is there for each.
@@ -114,7 +114,7 @@ class EgoMessage:
 
 @dataclass(frozen=True, slots=True)
 class BoundEgo:
-    """Own motion's settings, bound to a DBC.
+    """The settings of ego motion, bound to a DBC.
 
     Attributes:
         settings: from the configuration.
@@ -166,7 +166,7 @@ class Binding:
         loaded: the configuration and where it was written.
         buses: in the configuration's order; `Frame.bus` is an index into it.
         sensors: in the configuration's order.
-        ego: own motion, None where the vehicle stands for good.
+        ego: ego motion, None where the vehicle never moves.
         output: None where obstacles do not go onto a bus.
         databases: every DBC used, by path.
         warnings: what looks wrong but can be used.
@@ -186,6 +186,6 @@ class Binding:
         """The configuration itself."""
         return self.loaded.config
 
-    def patience(self, sensor: BoundSensor) -> float:
-        """Give the s without a scan after which a sensor is lost."""
+    def lost_after(self, sensor: BoundSensor) -> float:
+        """Return the s without a scan after which a sensor is lost."""
         return self.settings.supervision.lost_after * sensor.settings.cycle_time

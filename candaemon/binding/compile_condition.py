@@ -10,7 +10,7 @@ import numpy as np
 
 from candaemon.binding.location import SettingLocation
 from candaemon.config.base import Condition
-from candaemon.dbc.bits import NEARLY, as_decoded, readable, value_limits, value_width
+from candaemon.dbc.bits import NEARLY, as_decoded, readable, representable_values, sendable_values
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.objects.conditions import CompiledCondition, TabulatedCondition
 
@@ -32,7 +32,7 @@ def compile_condition(condition: Condition, signal: SignalSpec, where: SettingLo
     """
     values = tuple(as_decoded(signal, value) for value in condition.values or ())
     if values:
-        low, high = width = value_width(signal)
+        low, high = width = representable_values(signal)
         if not any(_possible(signal, value, width) for value in values):
             raise where.error(
                 f"'{signal.name}' can have none of these values; it goes from {low:g} to {high:g} by {signal.scale:g}"
@@ -63,7 +63,7 @@ def tabulate(
 def candidates(signal: SignalSpec, conditions: Sequence[Condition]) -> list[float]:
     """List values of a signal that its conditions distinguish, the plainest first."""
     step = 0.0 if signal.is_float else abs(signal.scale)
-    low, high = limits = value_limits(signal)
+    low, high = limits = sendable_values(signal)
     listed = [value for condition in conditions for value in condition.values or ()]
     bounds = [
         near
@@ -86,7 +86,7 @@ def passing_interval(
 ) -> tuple[float, float]:
     """Return the least and greatest value that pass all conditions; a measured quantity is clipped to them."""
     passing = [value for value in candidates(signal, conditions) if passes(value)]
-    low, high = value_limits(signal)
+    low, high = sendable_values(signal)
     return (low if passes(low) else min(passing, default=low)), (high if passes(high) else max(passing, default=high))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from candaemon.binding.bound import BoundEgo, BoundOutput, BoundSensor
 from candaemon.binding.location import SettingLocation
-from candaemon.dbc.bits import value_width
+from candaemon.dbc.bits import representable_values
 from candaemon.dbc.types import Database, MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
 
@@ -22,7 +22,7 @@ def check_identifiers(
 
     Args:
         where: the configuration's root.
-        ego: own motion.
+        ego: ego motion.
         sensors: the sensors.
         output: the output.
         on_output_bus: the DBC files that the output's bus itself names.
@@ -34,22 +34,22 @@ def check_identifiers(
     if ego is not None:
         owners.update(((ego.bus, can_id), "ego") for can_id in ego.messages)
     for sensor in sensors:
-        taken = [(i, owners[sensor.bus, i]) for i in sorted(sensor.can_ids) if (sensor.bus, i) in owners]
-        if taken:
+        owned = [(i, owners[sensor.bus, i]) for i in sorted(sensor.can_ids) if (sensor.bus, i) in owners]
+        if owned:
             bus = sensor.settings.bus
-            errors.append(where.at("sensors", sensor.name).error(f"on bus '{bus}' {_taken(taken)}"))
+            errors.append(where.at("sensors", sensor.name).error(f"on bus '{bus}' {_owned(owned)}"))
         owners.update(((sensor.bus, can_id), f"sensor '{sensor.name}'") for can_id in sensor.can_ids)
     if output is not None:
         known = {(output.bus, can_id): name for can_id, name in _others(ego, sensors, output, on_output_bus)}
         known.update(owners)
-        taken = [(i, known[output.bus, i]) for i in sorted(output.can_ids) if (output.bus, i) in known]
-        if taken:
-            errors.append(where.at("output").error(f"on bus '{output.settings.bus}' {_taken(taken)}"))
+        owned = [(i, known[output.bus, i]) for i in sorted(output.can_ids) if (output.bus, i) in known]
+        if owned:
+            errors.append(where.at("output").error(f"on bus '{output.settings.bus}' {_owned(owned)}"))
     return errors
 
 
-def _taken(taken: list[tuple[int, str]]) -> str:
-    (can_id, owner), *others = taken
+def _owned(owned: list[tuple[int, str]]) -> str:
+    (can_id, owner), *others = owned
     more = f" (and {len(others)} more)" if others else ""
     return f"id 0x{can_id & 0x1FFFFFFF:X}{more} belongs to {owner} already; expected ids of its own, or another bus"
 
@@ -92,7 +92,7 @@ def _range_warning(message: MessageSpec, signal: SignalSpec) -> Iterator[str]:
     low, high = signal.minimum, signal.maximum
     if low is None or high is None or low == high or signal.is_float:
         return
-    ends = value_width(signal)
+    ends = representable_values(signal)
     step = abs(signal.scale)
     if low < ends[0] - step or high > ends[1] + step:
         place = "" if message.file is None else f"{message.file}:{signal.line or message.line}: "

@@ -1,4 +1,4 @@
-"""The vehicle's own motion: which signals give it."""
+"""Ego motion: which signals give it, and how good they are."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class LeverArm(Settings):
 
 
 class EgoCommon(Settings):
-    """What every source of own motion has."""
+    """What every source of ego motion has."""
 
     bus: str = Field(description="name of the bus")
     dbc: str = Field(description="DBC file, relative to this YAML")
-    age_limit: float = Field(0.5, gt=0, le=10, description="s without an update before own motion counts as lost")
+    age_limit: float = Field(0.5, gt=0, le=10, description="s without an update before ego motion counts as lost")
     dead_reckoning: float = Field(
         10.0, gt=0, le=600, description="s without an update before even dead reckoning is given up"
     )
@@ -64,7 +64,7 @@ class InsSignals(Settings):
 
 
 class InsNoise(Settings):
-    """One standard deviation of what the INS says."""
+    """One standard deviation of what the INS measures."""
 
     velocity: float = Field(0.05, gt=0, le=5, description="m/s")
     heading_deg: float = Field(0.15, gt=0, le=10, description="deg")
@@ -72,7 +72,7 @@ class InsNoise(Settings):
 
 
 class InsSettings(EgoCommon):
-    """Own motion from a GPS/INS."""
+    """Ego motion from a GPS/INS."""
 
     kind: Literal["ins"]
     signals: InsSignals
@@ -80,7 +80,7 @@ class InsSettings(EgoCommon):
     noise: InsNoise = Field(default_factory=InsNoise)
     smoothing: float = Field(0.1, ge=0, le=2, description="s, time constant of yaw rate and acceleration derived here")
     gnss: GnssSettings | None = Field(
-        None, description="how latitude and longitude place the level frame on earth; default: they do not"
+        None, description="how latitude and longitude place the local frame on earth; default: they do not"
     )
 
 
@@ -104,24 +104,24 @@ class OdometrySignals(Settings):
 
 
 class OdometryNoise(Settings):
-    """One standard deviation of what the sensors of own motion say."""
+    """One standard deviation of what the sensors of ego motion measure."""
 
     speed: float = Field(0.1, gt=0, le=5, description="m/s")
     yaw_rate_deg: float = Field(0.3, gt=0, le=10, description="deg/s")
 
 
 class BiasSettings(Settings):
-    """Estimation of what the own motion sensors read wrongly."""
+    """Estimation of the biases of the ego motion sensors."""
 
     speed_scale_sd: float = Field(
         0.02, ge=0, le=0.2, description="initial standard deviation of the speed's factor; 0: fixed"
     )
     yaw_rate_bias_sd_deg: float = Field(0.6, ge=0, le=10, description="deg/s, initial standard deviation; 0: fixed")
     learnt: float = Field(
-        0.6, gt=0, le=1, description="share of the initial standard deviations, from which on own motion is initialised"
+        0.6, gt=0, le=1, description="share of the initial standard deviations, from which on ego motion is initialised"
     )
     learning_time: float = Field(
-        5.0, ge=0, le=600, description="s of own motion after which it counts as initialised, whatever was learnt"
+        5.0, ge=0, le=600, description="s of ego motion after which it counts as initialised, whatever was learnt"
     )
     yaw_rate_drift_deg: float = Field(0.005, ge=0, le=1, description="deg/s per √s, random walk of the yaw rate's bias")
     wheel_noise_deg: float = Field(
@@ -130,15 +130,15 @@ class BiasSettings(Settings):
     wheel_mismatch_deg: float = Field(
         0.3, ge=0, le=10, description="deg/s, standard deviation of its bias (unequal tyres)"
     )
-    stationary_speed: float = Field(
-        1.0, gt=0, le=10, description="m/s, a return slower than this over ground may teach"
+    stationary_speed: float = Field(1.0, gt=0, le=10, description="m/s, a return slower than this over ground is used")
+    least_own_speed: float = Field(
+        3.0, gt=0, le=30, description="m/s, slower, a stationary return hardly shows anything"
     )
-    least_own_speed: float = Field(3.0, gt=0, le=30, description="m/s, slower a stationary return says little")
     least_distance: float = Field(
-        15.0, gt=0, le=200, description="m ahead; nearer, drift across says little of the yaw rate"
+        15.0, gt=0, le=200, description="m ahead; nearer, drift across hardly shows the yaw rate"
     )
     least_cosine: float = Field(0.9, gt=0, le=1, description="of the angle between line of sight and travel")
-    least_age: float = Field(1.0, ge=0, le=10, description="s, of an obstacle whose returns may teach")
+    least_age: float = Field(1.0, ge=0, le=10, description="s, of an obstacle whose returns are used")
     drift_time: float = Field(1.0, gt=0, le=10, description="s over which a stationary return's drift is watched")
     drift_noise: float = Field(
         0.2, gt=0, le=5, description="m, standard deviation of a stationary return's place across"
@@ -155,7 +155,7 @@ class BiasSettings(Settings):
 
 
 class OdometrySettings(EgoCommon):
-    """Own motion from speed and yaw rate, biases estimated on the way."""
+    """Ego motion from speed and yaw rate, biases estimated on the way."""
 
     kind: Literal["odometry"]
     signals: OdometrySignals
@@ -166,7 +166,7 @@ class OdometrySettings(EgoCommon):
 
 
 class StaticSettings(Settings):
-    """A vehicle that does not move, or a roadside radar: own motion is zero, always known."""
+    """A vehicle that does not move, or a roadside radar: ego motion is zero, always known."""
 
     kind: Literal["static"]
 

@@ -1,4 +1,4 @@
-"""Estimators: which filter tracks, on which motion models, and how far it trusts the stated noise."""
+"""Estimators: which filter tracks, on which motion models, and whether it adapts the measurement noise."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class _AdaptingNoise(Settings):
         ge=1,
         le=1e6,
         description="times the variance found so far, though not beyond most, within which an id that the sensor keeps "
-        "for a confirmed obstacle is believed, so that a sensor that goes bad is found out; 50 bears a variance that "
+        "for a confirmed obstacle is accepted, so that a sensor that degrades is noticed; 50 tolerates a variance that "
         "rises to 200 times at once, less is safer where ids jump",
     )
 
@@ -221,9 +221,9 @@ class InformationEstimatorSettings(_InteractingSettings):
 
 
 class SwitchingEstimatorSettings(FirstAcceleration, SwitchingSettings):
-    """Constant velocity or current statistical model, as the speed of late asks for: one at a time, no weights.
+    """Constant velocity or current statistical model, as the recent change of speed demands: one at a time, no weights.
 
-    Paper 003 follows a vehicle's own track of one fix a second, with T1 = 10 s and T2 = 20 s. An obstacle that brakes
+    Zhang et al. follow a vehicle's own track of one fix a second, with T1 = 10 s and T2 = 20 s. An obstacle that brakes
     has to be followed within a second, and a radar's range rate shows it so soon: so interval and times are shorter,
     and the threshold, which is a change over the interval, is lower with them.
     """

@@ -1,4 +1,4 @@
-"""The level frame's place on earth: how the INS's fixes give it."""
+"""Georeference: how the INS's fixes place the local frame on earth."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from candaemon.config.switching import SwitchingSettings
 
 
 class DriftFilterSettings(Settings):
-    """The difference of fix and level frame is a slow random walk: for an INS whose velocity is good."""
+    """The difference of fix and local frame is a slow random walk: for an INS whose velocity is good."""
 
     kind: Literal["drift"] = "drift"
-    walk: float = Field(0.1, gt=0, le=10, description="m per √s, by which the level frame wanders over the earth")
+    walk: float = Field(0.1, gt=0, le=10, description="m per √s, random walk of the local frame over the earth")
     unseen_acceleration: float = Field(
-        1.0, gt=0, le=20, description="m/s², what the vehicle may have done while its own motion was not measured"
+        1.0, gt=0, le=20, description="m/s², possible acceleration of the vehicle while ego motion was not measured"
     )
 
 
 class SwitchingFilterSettings(SwitchingSettings):
-    """Paper 003: constant velocity or the current statistical model on the fixes alone, switched by change of speed."""
+    """Constant velocity or current statistical model on the fixes alone, switched by change of speed (Zhang et al.)."""
 
     first_acceleration: float = Field(
         1.0, gt=0, le=20, description="m/s², standard deviation of the first acceleration"
@@ -50,12 +50,12 @@ FixFilterSettings = Annotated[
 
 
 class GnssSettings(Settings):
-    """Fixes of the INS that place the level frame on earth; the frame itself never jumps when a fix does."""
+    """Fixes of the INS that place the local frame on earth; the frame itself never jumps when a fix does."""
 
     noise: float = Field(1.0, gt=0, le=100, description="m, standard deviation of a fix, north and east each")
     gate: float = Field(16.0, gt=1, le=1e6, description="largest normalised innovation squared of a fix that is used")
     reacquire: float = Field(
-        5.0, gt=0, le=600, description="s of nothing but refused fixes, after which the last of them is believed"
+        5.0, gt=0, le=600, description="s of nothing but refused fixes, after which the last of them is accepted"
     )
     hold: float = Field(60.0, gt=0, le=86_400, description="s after the last used fix until the place is unknown")
     filter: FixFilterSettings = Field(default_factory=DriftFilterSettings, description="what smooths the fixes")

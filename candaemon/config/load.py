@@ -203,5 +203,5 @@ def _keys_at(location: Location) -> dict[str, str]:
 
 
 def _tags(form: dict[str, Any]) -> set[str]:
-    """Values by which one of several kinds of settings is told apart."""
+    """Values that identify one of several kinds of settings."""
     return {str(value["const"]) for value in form.get("properties", {}).values() if "const" in value}

@@ -1,4 +1,4 @@
-"""Metrics: what a running service tells a Prometheus server."""
+"""Metrics: what a running service exposes to a Prometheus server."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is believed: counter, checksum and rate of a frame, and values that can be true."""
+"""What frames and values must be to be used: counter, checksum, rate, plausibility."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _SingleDataId(Settings):
         return self
 
     def data_ids(self, count: int) -> tuple[int, ...]:
-        """Give each of so many messages its data id; too few if the list is too short."""
+        """Return the data ids of so many messages; too few if the list is too short."""
         if isinstance(self.data_id, tuple):
             return self.data_id[:count]
         return tuple((self.data_id + self.step * index) & 0xFFFF for index in range(count))
@@ -62,7 +62,7 @@ class E2eProfile2(Settings):
     offset: Literal[0] = Field(0, description="bytes before the profile's header: it has none")
 
     def data_ids(self, count: int) -> tuple[bytes, ...]:
-        """Give each of so many messages its list; too few if there are too few."""
+        """Return the lists of so many messages; too few if there are too few."""
         first = self.data_id_list[0]
         if isinstance(first, int):
             return (bytes(each for each in self.data_id_list if isinstance(each, int)),) * count
@@ -197,7 +197,7 @@ class PlausibilitySettings(Settings):
 
 
 class MotionPlausibilitySettings(Settings):
-    """Which values of own motion cannot be true. A frame with one is counted by cause and not used."""
+    """Which values of ego motion cannot be true. A frame with one is counted by cause and not used."""
 
     ranges: bool = Field(True, description="refuse values outside the DBC's [min|max], where it gives a range")
     max_acceleration: float | None = Field(

@@ -18,7 +18,7 @@ class EventSettings(Settings):
     faults: tuple[Fault, ...] = Field(
         ("bus", "lost", "sensor", "trust", "motion", "late"),
         description="faults that are events: a bus down or bus-off, frames lost live, a sensor silent, "
-        "a sensor below its least_trust, own motion silent, a cycle that took too long",
+        "a sensor below its least_trust, ego motion silent, a cycle that took too long",
     )
     late: float = Field(0.25, gt=0, le=60, description="s from a scan's last frame to its obstacles that are too long")
     before: float = Field(60.0, ge=0, le=86_400, description="s kept before an event, as far as the ring reaches")

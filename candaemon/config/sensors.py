@@ -82,7 +82,7 @@ class ObjectFormat(Settings):
 
     @property
     def multiplexed(self) -> bool:
-        """Whether all objects share the same messages and an id in the payload tells them apart."""
+        """Whether all objects share the same messages and an id in the payload distinguishes them."""
         return "{slot" not in self.messages[0].message
 
 
@@ -109,9 +109,9 @@ class HeaderScan(Settings):
     close: Literal["header"]
     message: str = Field(description="header message")
     count: str = Field(description="its signal with the number of objects that follow")
-    counter: str | None = Field(None, description="its measurement counter, to tell a missed scan")
+    counter: str | None = Field(None, description="its measurement counter, by which a missed scan is noticed")
     used_only: bool = Field(
-        True, description="only the objects counted are sent; false: all slots are, count tells how many hold"
+        True, description="only the objects counted are sent; false: all slots are, count gives how many are occupied"
     )
     protection: InputProtectionSettings = Field(
         default_factory=InputProtectionSettings, description="of the header message"
@@ -181,7 +181,7 @@ class FieldOfView(Settings):
 
 
 class LfmFskSettings(Settings):
-    """A radar front end with two intertwined chirps (LFM-FSK), as paper 001 names it; used by the simulation only.
+    """A radar front end with two intertwined chirps (LFM-FSK), as Avatirak et al. name it; used by the simulation only.
 
     The defaults resolve 1 m and 0.39 m/s and are unambiguous up to 261 m.
     """

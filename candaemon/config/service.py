@@ -15,7 +15,7 @@ class ServiceSettings(Settings):
     """How `candaemon run` serves; a replay does not ask for it."""
 
     tick: float = Field(
-        0.01, ge=0.001, le=1, description="s of silence on all buses after which the pipeline is told how late it is"
+        0.01, ge=0.001, le=1, description="s of silence on all buses after which the pipeline gets a tick with the time"
     )
     clock_step: float = Field(
         1.0, ge=0.2, le=3600, description="s, a jump ahead of more than this is the clock being set: it is rebased"

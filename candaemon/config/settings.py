@@ -35,7 +35,7 @@ class CrossReferenceError(ValueError):
 
 
 def unknown_name(kind: str, name: str, known: list[str]) -> str:
-    """Say that a name is not known, what is, and which of it is near."""
+    """Return the text on an unknown name, with the known ones and the nearest."""
     near = get_close_matches(name, known, n=1)
     meant = f"; did you mean '{near[0]}'?" if near else ""
     return f"found {kind} '{name}', expected one of {', '.join(known)}{meant}"
@@ -47,7 +47,7 @@ class Config(Settings):
     name: str = Field("", description="what to call this configuration")
     description: str = Field("", description="what it is for")
     buses: dict[str, BusSettings] = Field(min_length=1, description="CAN buses by name")
-    ego: EgoSettings = Field(description="own motion")
+    ego: EgoSettings = Field(description="ego motion")
     sensors: dict[str, SensorSettings] = Field(min_length=1, description="sensors by name")
     tracker: TrackerSettings = Field(default_factory=TrackerSettings, description="how detections become obstacles")
     groups: dict[str, GroupSettings] = Field(
@@ -58,7 +58,7 @@ class Config(Settings):
         0.0, ge=0, le=1, description="s, frames of several buses are put in order of time within it"
     )
     supervision: SupervisionSettings = Field(
-        default_factory=SupervisionSettings, description="when something counts as silent, lost, worrying"
+        default_factory=SupervisionSettings, description="when something counts as silent, lost, degraded"
     )
     service: ServiceSettings = Field(default_factory=ServiceSettings, description="how `candaemon run` serves")
 

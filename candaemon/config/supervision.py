@@ -1,4 +1,4 @@
-"""Supervision: what counts as silent, lost, worrying."""
+"""Supervision: what counts as silent, lost, degraded."""
 
 from __future__ import annotations
 
@@ -17,12 +17,15 @@ class SupervisionSettings(Settings):
         1.5,
         ge=1,
         le=100,
-        description="cycles of the fastest sensor without a scan of any, after which obstacles are told without one",
+        description="cycles of the fastest sensor without any scan, after which obstacles are reported without one",
     )
     longest_coasting: float = Field(
-        10.0, ge=0.1, le=3600, description="s of a pause at most that are told cycle by cycle once it is over"
+        10.0, ge=0.1, le=3600, description="s of a pause at most that are reported cycle by cycle once it is over"
     )
     grace: float = Field(
-        1.0, ge=0, le=60, description="s after the first frame or tick, until the status is told without a scan"
+        1.0,
+        ge=0,
+        le=60,
+        description="start-up delay: s from the first frame or tick until the status is sent without a scan",
     )
-    worry: float = Field(1.0, ge=0, le=60, description="s that a lost or refused frame shows as `Health` degraded")
+    worry: float = Field(1.0, ge=0, le=60, description="s for which a lost or refused frame shows as `Health` degraded")

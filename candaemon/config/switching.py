@@ -1,4 +1,4 @@
-"""Switching between constant velocity and the current statistical model: paper 003, of own track and of obstacles."""
+"""Switching between constant velocity and the current statistical model (Zhang et al.), for ego and obstacles."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Threshold = Annotated[
     ),
 ]
 LeastChange = Annotated[float, Field(ge=0, le=10, description="m/s, … and never one below this")]
-ManoeuvreTime = Annotated[float, Field(ge=0, le=600, description="s, T1, of change until the manoeuvre model is told")]
-SteadyTime = Annotated[float, Field(ge=0, le=600, description="s, T2, without until constant velocity is")]
+ManoeuvreTime = Annotated[float, Field(ge=0, le=600, description="s, T1, of change until the manoeuvre model is used")]
+SteadyTime = Annotated[float, Field(ge=0, le=600, description="s, T2, without change until constant velocity is used")]
 
 
 class SwitchingSettings(Settings):
-    """The two models and when they change; the values are those of a vehicle's own track, as in paper 003."""
+    """The two models and when they change; the values suit the vehicle's own track, as in Zhang et al."""
 
     kind: Literal["switching"]
     noise: SteadyNoise = 0.5

@@ -12,7 +12,7 @@ from candaemon.config.estimators import EstimatorSettings, ImmEstimatorSettings
 
 
 class TravelSettings(Settings):
-    """The direction of travel, which tells along from across."""
+    """The direction of travel, by which along and across are distinguished."""
 
     min_speed: float = Field(3.0, gt=0, le=30, description="m/s over ground; slower, the direction is kept")
     time_constant: float = Field(2.0, gt=0, le=60, description="s, with which it follows the course over ground")
@@ -40,7 +40,12 @@ class ReflectionSettings(Settings):
     speed: float = Field(1.2, gt=0, le=10, description="m/s difference of speed along the line of sight")
     extent: float = Field(15.0, gt=0, le=50, description="m, longest vehicle")
     merge_time: float = Field(0.5, ge=0, le=10, description="s side by side until two obstacles become one")
-    patience: float = Field(0.15, ge=0, le=2, description="s without a detection until another reflection leads")
+    patience: float = Field(
+        0.15,
+        ge=0,
+        le=2,
+        description="s without a detection until another reflection leads: hand-over delay",
+    )
     return_time: float = Field(
         2.0, gt=0, le=60, description="s, with which the reference point returns to the leading reflection"
     )

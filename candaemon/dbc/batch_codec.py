@@ -1,12 +1,11 @@
-"""A codec compiled from the DBC: one function a message for single frames, numpy for a cycle of same-layout frames.
+"""All frames of a cycle decoded or encoded at once, for messages laid out alike.
 
-`compile_decoder` and `compile_encoder` make the functions for single frames. `BatchDecoder` and `BatchEncoder` take all
-frames of a cycle at once: every payload is read as 64-bit windows, and each step (shift, mask, scale, offset) is one
-operation over all signals and frames. Both roads give what cantools gives: to 1e-9 decoding, byte for byte encoding.
-Overlapping signals are all decoded, their common bits read twice; encoding ors them.
+Every payload is read as 64-bit windows, and each step (shift, mask, scale, offset) is one numpy operation over all
+signals and frames. The results are those of `single_codec`, which are cantools': to 1e-9 decoding, byte for byte
+encoding. Overlapping signals are all decoded, their common bits read twice; encoding ors them.
 
-What no radar sends in bulk (signals over 53 bits, multiplexers over 16 bits) takes the generated functions inside a
-batch too.
+What no radar sends in bulk (signals over 53 bits, multiplexers over 16 bits) goes through `single_codec`'s functions
+frame by frame.
 """
 
 from __future__ import annotations
@@ -20,18 +19,16 @@ from candaemon.arrays import Booleans, Bytes, Floats, Integers
 from candaemon.dbc import bits
 from candaemon.dbc.bit_windows import (
     Multiplexing,
-    Stretched,
+    RepeatedColumns,
     Windows,
     fits_table,
     fits_window,
     real_column,
     whole_column,
 )
-from candaemon.dbc.bits import Gate, same_layout
-from candaemon.dbc.single_codec import Decoder, Encoder, compile_decoder, compile_encoder, encodable
+from candaemon.dbc.bits import Gate
+from candaemon.dbc.single_codec import compile_decoder, compile_encoder, encodable
 from candaemon.dbc.types import MessageSpec, SignalSpec
-
-__all__ = ["BatchDecoder", "BatchEncoder", "Decoder", "Encoder", "compile_decoder", "compile_encoder", "same_layout"]
 
 FLOAT_TYPES: Final = {16: (np.uint16, np.float16), 32: (np.uint32, np.float32), 64: (np.uint64, np.float64)}
 
@@ -40,7 +37,7 @@ class BatchDecoder:
     """Decodes many frames of one layout at once.
 
     Args:
-        message: the layout; `same_layout` tells which other messages share it.
+        message: the layout; messages for which `same_layout` holds share it.
         signals: names of the signals wanted, in the order of the rows; None for all of the message's.
 
     Raises:
@@ -66,8 +63,8 @@ class BatchDecoder:
         self._windows = Windows(message.length, rows)
         right = whole_column(64 - s.length for s in rows)
         mask = whole_column(-1 if s.signed or s.length == 64 else (1 << s.length) - 1 for s in rows)
-        self._to_raw = Stretched(self._windows.left, right, mask)
-        self._to_value = Stretched(real_column(s.scale for s in wanted), real_column(s.offset for s in wanted))
+        self._to_raw = RepeatedColumns(self._windows.left, right, mask)
+        self._to_value = RepeatedColumns(real_column(s.scale for s in wanted), real_column(s.offset for s in wanted))
         self._scaled = any(s.scale != 1 for s in wanted)
         self._shifted = any(s.offset != 0 for s in wanted)
         self._special = bool(slow or self._never or self._floats or selectors)
@@ -89,7 +86,7 @@ class BatchDecoder:
         if self._by_one:
             return self._one_by_one(payloads)
         raw = self._raw(payloads)
-        scale, offset = self._to_value.over(raw.shape[1])
+        scale, offset = self._to_value.repeated(raw.shape[1])
         counts = raw[: self._count]
         values: Floats = counts * scale if self._scaled else counts.astype(np.float64)
         if self._shifted:
@@ -99,7 +96,7 @@ class BatchDecoder:
         return values
 
     def known(self, payloads: Bytes | bytes) -> Booleans:
-        """Tell which frames have only multiplexer values that the DBC knows.
+        """Return which frames have only multiplexer values that the DBC knows.
 
         Args:
             payloads: as for `decode`.
@@ -114,9 +111,9 @@ class BatchDecoder:
         return self._multiplexing.known(self._raw(payloads))
 
     def _raw(self, payloads: Bytes | bytes) -> Integers:
-        """Take raw integers (signals + multiplexers, n): up to bit 63, down with the sign, unsigned ones masked."""
+        """Return raw integers (signals + multiplexers, n): up to bit 63, down with the sign, unsigned ones masked."""
         words = self._windows.split(payloads)
-        left, right, mask = self._to_raw.over(words.shape[1])
+        left, right, mask = self._to_raw.repeated(words.shape[1])
         raw: Integers = words << left
         raw >>= right
         raw &= mask
@@ -181,12 +178,12 @@ class BatchEncoder:
         self._windows = Windows(message.length, given)
         shift = 64 - whole_column(s.length for s in given) - self._windows.left
         mask = whole_column((1 << s.length) - 1 if s.signed and s.length < 64 else -1 for s in given)
-        self._to_bits = Stretched(mask, shift)
+        self._to_bits = RepeatedColumns(mask, shift)
         self._signed = any(s.signed for s in given)
-        limits = [(*bits.raw_limits(s), bits.raw_fallback(s)) for s in given]
+        limits = [(*bits.sendable_raw(s), bits.raw_fallback(s)) for s in given]
         low, high, self._fallback = (real_column(each[i] for each in limits) for i in range(3))
         scale, offset = real_column(s.scale for s in given), real_column(s.offset for s in given)
-        self._to_raw = Stretched(offset, scale, low, high)
+        self._to_raw = RepeatedColumns(offset, scale, low, high)
         self._scaled = any(s.scale != 1 for s in given)
         self._shifted = any(s.offset != 0 for s in given)
 
@@ -202,7 +199,7 @@ class BatchEncoder:
         """
         if self._by_one:
             return self._one_by_one(values)
-        offset, scale, low, high = self._to_raw.over(values.shape[1])
+        offset, scale, low, high = self._to_raw.repeated(values.shape[1])
         raw = self._raw(values, offset, scale)
         kept = np.maximum(raw, low)
         np.minimum(kept, high, out=kept)
@@ -215,7 +212,7 @@ class BatchEncoder:
             present = self._present(bits)
             saturated = int(np.count_nonzero(changed & present))
             bits *= present
-        mask, shift = self._to_bits.over(values.shape[1])
+        mask, shift = self._to_bits.repeated(values.shape[1])
         if self._signed:
             bits &= mask
         bits <<= shift

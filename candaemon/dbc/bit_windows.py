@@ -23,19 +23,19 @@ WORD_TYPES: Final = {"little": np.dtype("<i8"), "big": np.dtype(">i8")}
 
 
 KEPT_FRAMES: Final = 256
-"""Frames of the largest batch that `Stretched` serves; in larger ones broadcasting costs nothing to speak of."""
+"""Frames of the largest batch that `RepeatedColumns` serves; in larger ones broadcasting costs next to nothing."""
 
 KEPT_SIZES: Final = 64
-"""Batch sizes that `Stretched` keeps."""
+"""Batch sizes that `RepeatedColumns` keeps."""
 
 
 def fits_window(signal: SignalSpec) -> bool:
-    """Tell whether a signal can go through 64-bit windows and float64 without loss."""
+    """Return whether a signal can go through 64-bit windows and float64 without loss."""
     return bits.place(signal) is not None and (signal.is_float or signal.length <= EXACT_BITS)
 
 
 def fits_table(selector: SignalSpec) -> bool:
-    """Tell whether a multiplexer can be looked up in a table."""
+    """Return whether a multiplexer can be looked up in a table."""
     return selector.length <= TABLE_BITS and not selector.is_float and fits_window(selector)
 
 
@@ -125,7 +125,7 @@ class Multiplexing:
                 self._tables[gate] = _table(by_name[gate.multiplexer], gate.ids)
 
     def present(self, chain: Sequence[Gate], raw: Integers) -> Booleans:
-        """Tell which frames pass all of one or more gates.
+        """Return which frames pass all of one or more gates.
 
         Args:
             chain: the gates.
@@ -140,7 +140,7 @@ class Multiplexing:
         return passed
 
     def known(self, raw: Integers) -> Booleans:
-        """Tell which frames have only multiplexer values that the DBC knows: (n,) from raw values (rows, n)."""
+        """Return which frames have only multiplexer values that the DBC knows: (n,) from raw values (rows, n)."""
         known = np.ones(raw.shape[1], np.bool_)
         for chain, gate in self._known:
             right = self.present([gate], raw)
@@ -148,8 +148,8 @@ class Multiplexing:
         return known
 
 
-class Stretched:
-    """Columns (signals, 1) as arrays (signals, n), kept for each n met.
+class RepeatedColumns:
+    """Columns (signals, 1) as arrays (signals, n), kept for each n seen.
 
     In a cycle's few dozen frames numpy spends half of its time on broadcasting; on equal shapes it does not.
     """
@@ -158,8 +158,8 @@ class Stretched:
         self._columns = columns
         self._kept: dict[int, tuple[npt.NDArray[Any], ...]] = {}
 
-    def over(self, frames: int) -> tuple[npt.NDArray[Any], ...]:
-        """Give the columns in the shape for so many frames, not to be written to."""
+    def repeated(self, frames: int) -> tuple[npt.NDArray[Any], ...]:
+        """Return the columns in the shape for so many frames; they must not be written to."""
         kept = self._kept.get(frames)
         if kept is not None:
             return kept
@@ -172,12 +172,12 @@ class Stretched:
 
 
 def real_column(values: Iterable[float]) -> Floats:
-    """Stand numbers up as (len, 1), to meet arrays (signals, n)."""
+    """Return numbers as a column (len, 1), to broadcast against arrays (signals, n)."""
     return np.array(list(values), np.float64).reshape(-1, 1)
 
 
 def whole_column(values: Iterable[int]) -> Integers:
-    """Stand integers up as (len, 1), to meet arrays (signals, n)."""
+    """Return integers as a column (len, 1), to broadcast against arrays (signals, n)."""
     return np.array(list(values), np.int64).reshape(-1, 1)
 
 

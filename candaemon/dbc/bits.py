@@ -48,7 +48,7 @@ def first_bit(signal: SignalSpec) -> int:
 
 
 def readable(message: MessageSpec, signal: SignalSpec) -> bool:
-    """Tell whether the signal lies within the message and is short enough to be a number."""
+    """Return whether the signal lies within the message and is short enough to be a number."""
     return first_bit(signal) + signal.length <= 8 * message.length and signal.length <= LONGEST_NUMBER
 
 
@@ -106,7 +106,7 @@ def multiplexers(message: MessageSpec) -> tuple[SignalSpec, ...]:
 
 
 def is_integral(number: float) -> bool:
-    """Tell whether a scale or offset is a whole number of sane size, so that integers stay exact."""
+    """Return whether a scale or offset is a whole number of sane size, so that integers stay exact."""
     return float(number).is_integer() and abs(number) < 1 << 63
 
 
@@ -115,7 +115,7 @@ def to_raw(signal: SignalSpec, value: float) -> float:
     return (value - signal.offset) / signal.scale
 
 
-def raw_width(signal: SignalSpec) -> tuple[float, float]:
+def representable_raw(signal: SignalSpec) -> tuple[float, float]:
     """Least and greatest raw value that the signal's bits can hold."""
     if signal.is_float:
         return -FLOAT_LIMIT[signal.length], FLOAT_LIMIT[signal.length]
@@ -124,7 +124,7 @@ def raw_width(signal: SignalSpec) -> tuple[float, float]:
     return 0, (1 << signal.length) - 1
 
 
-def raw_range(signal: SignalSpec) -> tuple[float, float] | None:
+def dbc_raw_range(signal: SignalSpec) -> tuple[float, float] | None:
     """Least and greatest raw value by the DBC's [min|max], rounded as values are; None where it gives no range."""
     if signal.minimum is None or signal.maximum is None or not signal.minimum < signal.maximum:
         return None
@@ -135,13 +135,13 @@ def raw_range(signal: SignalSpec) -> tuple[float, float] | None:
     return low, high
 
 
-def raw_limits(signal: SignalSpec) -> tuple[float, float]:
+def sendable_raw(signal: SignalSpec) -> tuple[float, float]:
     """Least and greatest raw value to send: the tighter of the DBC's range and of what the bits hold.
 
-    A range that the bits cannot reach at all is taken for a mistake in the DBC and left out.
+    A range that the bits cannot reach at all is a mistake in the DBC and is ignored.
     """
-    low, high = raw_width(signal)
-    given = raw_range(signal)
+    low, high = representable_raw(signal)
+    given = dbc_raw_range(signal)
     if given is None or given[0] > high or given[1] < low:
         return low, high
     return max(low, given[0]), min(high, given[1])
@@ -149,22 +149,22 @@ def raw_limits(signal: SignalSpec) -> tuple[float, float]:
 
 def raw_fallback(signal: SignalSpec) -> float:
     """Raw value to send for NaN: the signal's start value, else that of zero, brought into its limits."""
-    low, high = raw_limits(signal)
+    low, high = sendable_raw(signal)
     wanted = signal.initial if signal.initial is not None else to_raw(signal, 0.0)
     if not signal.is_float and math.isfinite(wanted):
         wanted = round(wanted)
     return min(max(wanted, low), high)
 
 
-def value_width(signal: SignalSpec) -> tuple[float, float]:
+def representable_values(signal: SignalSpec) -> tuple[float, float]:
     """Least and greatest value that a signal's bits can hold, whatever range the DBC gives."""
-    low, high = (raw * signal.scale + signal.offset for raw in raw_width(signal))
+    low, high = (raw * signal.scale + signal.offset for raw in representable_raw(signal))
     return min(low, high), max(low, high)
 
 
-def value_limits(signal: SignalSpec) -> tuple[float, float]:
+def sendable_values(signal: SignalSpec) -> tuple[float, float]:
     """Least and greatest value that can be sent in a signal."""
-    low, high = (raw * signal.scale + signal.offset for raw in raw_limits(signal))
+    low, high = (raw * signal.scale + signal.offset for raw in sendable_raw(signal))
     return min(low, high), max(low, high)
 
 
@@ -174,7 +174,7 @@ def value_count(signal: SignalSpec) -> int:
 
 
 def as_decoded(signal: SignalSpec, value: float) -> float:
-    """Bring a number to the value that the decoder gives for it, where it is one of the signal's values.
+    """Return the value that the decoder gives for a number, where it is one of the signal's values, else the number.
 
     A step of 0.1 decodes three steps as 0.30000000000000004, which `in: [0.3]` should find.
     """
@@ -185,7 +185,7 @@ def as_decoded(signal: SignalSpec, value: float) -> float:
 
 
 def same_layout(a: MessageSpec, b: MessageSpec, signals: Iterable[str]) -> bool:
-    """Tell whether two messages carry the named signals identically, so that one batch codec serves both.
+    """Return whether two messages carry the named signals identically, so that one batch codec serves both.
 
     Lengths, bits, scaling, limits, start values and multiplexing are compared; ids, comments, units and texts are not.
     """

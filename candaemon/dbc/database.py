@@ -1,7 +1,10 @@
-"""DBC files, loaded tolerantly: cantools parses, every repair and oddity is told with its line.
+"""DBC files, loaded tolerantly: cantools parses, and every repair and oddity is reported with its line.
 
 Vendors' files overlap signals, carry value tables of signals that are gone, lack the bit of extended identifiers or the
 attribute of CAN FD. Such a file loads; what is doubtful in it is in `Database.warnings`.
+
+In this order: `load_database`; the text cut into statements; the statements mended, or left out where cantools would
+refuse the whole file for them; cantools' result as `MessageSpec`; what is checked of it (lint).
 """
 
 from __future__ import annotations
@@ -30,18 +33,11 @@ from candaemon.frames.frame import EXTENDED
 Report = Callable[[int, str], None]
 """Takes a 1-based line and what was found there."""
 
-KEYWORDS: Final = re.compile(
-    r"BA_(DEF_|DEF_DEF_|DEF_DEF_REL_|DEF_REL_|DEF_SGTYPE_|REL_|SGTYPE_)?|BO_(TX_BU_)?|BS_|BU_(BO_REL_|EV_REL_|SG_REL_)?|"
-    r"CAT_(DEF_)?|CM_|ENVVAR_DATA_|EV_(DATA_)?|FILTER|NS_(DESC_)?|SG_(MUL_VAL_)?|SGTYPE_(VAL_)?|SIG_GROUP_|"
-    r"SIG_TYPE_REF_|SIG_VALTYPE_|SIGTYPE_VALTYPE_|VAL_(TABLE_)?|VERSION"
-)
-HEAD: Final = re.compile(rf'^[ \t]*(?P<keyword>{KEYWORDS.pattern})(?=[ \t:"])[ \t]*[^ \t\r\n]', re.MULTILINE)
-STRING: Final = re.compile(r'"(?:\\"|[^"])*"|//[^\n]*')
-OPENING: Final = re.compile(
-    r"\s*(BO_\s+\d+\s+\w+\s*:\s*\d|SG_\s+\w[\w\s]*:\s*\d+\s*\||(CM_\s+(BO_|SG_)|VAL_|SIG_VALTYPE_)\s+\d+\s|"
-    r'CM_\s+(BU_|EV_|")|BA_(DEF_|DEF_DEF_)?\s+(BO_\s+|SG_\s+|BU_\s+|EV_\s+)?")'
-)
-"""A line that can hardly be the text of a comment."""
+CLASSIC_LENGTH: Final = 8
+"""Payload bytes of a classic CAN frame, at most."""
+
+FD_LENGTH: Final = 64
+"""Payload bytes of a CAN FD frame, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +55,93 @@ class Statement:
     keyword: str
     text: str
     apart: bool = False
+
+
+@dataclass(slots=True)
+class Outline:
+    """Where a file declares its messages and signals, by the identifiers that its statements use.
+
+    Attributes:
+        messages: line of each message by identifier; of several with one identifier, the first.
+        names: line of each message by name.
+        lines: line of each signal by its message's name and its own.
+        signals: bits of each signal by its message's identifier and its own name.
+    """
+
+    messages: dict[int, int] = field(default_factory=dict)
+    names: dict[str, int] = field(default_factory=dict)
+    lines: dict[tuple[str, str], int] = field(default_factory=dict)
+    signals: dict[tuple[int, str], int] = field(default_factory=dict)
+
+
+def load_database(path: Path) -> Database:
+    """Load a DBC file, strictly where possible, tolerantly where not.
+
+    Args:
+        path: the file, in UTF-8 or Windows-1252.
+
+    Returns:
+        Its messages, and each repair and oddity as a warning.
+
+    Raises:
+        DatabaseError: the file cannot be read, or no message is left in it.
+    """
+    warnings: list[Diagnostic] = []
+
+    def report(line: int, text: str) -> None:
+        warnings.append(Diagnostic(path, line, text))
+
+    statements = split_statements(close_strings(_read(path), report), report)
+    statements, outline = mend(statements, report)
+    parsed = _parse(statements, report) if outline.messages else None
+    if parsed is None or not parsed.messages:
+        first = warnings[0] if warnings else None
+        raise DatabaseError(
+            "no message found, expected a DBC file with lines such as 'BO_ 1280 NAME: 8 NODE'"
+            + (f"; first trouble: {first.text}" if first else ""),
+            file=path,
+            line=first.line if first else None,
+        )
+    messages: dict[str, MessageSpec] = {}
+    by_id: dict[int, MessageSpec] = {}
+    for each in parsed.messages:
+        message = _message(each, path, outline)
+        messages.setdefault(message.name, message)
+        by_id.setdefault(message.can_id, message)
+        for lint in LINTS:
+            lint(message, report)
+        if CLASSIC_LENGTH < message.length <= FD_LENGTH and not each.is_fd:
+            report(
+                message.line,
+                f"message '{message.name}' has {message.length} bytes but is not marked CAN FD: taken as CAN FD",
+            )
+    return Database(path, messages, by_id, tuple(sorted(warnings, key=lambda warning: warning.line)))
+
+
+def _read(path: Path) -> str:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise DatabaseError(f"cannot be read ({error.strerror}); expected a DBC file", file=path) from error
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("cp1252", errors="replace")
+    return text.replace("\r\n", "\n").replace("\r", "\n").replace("\0", " ")
+
+
+KEYWORDS: Final = re.compile(
+    r"BA_(DEF_|DEF_DEF_|DEF_DEF_REL_|DEF_REL_|DEF_SGTYPE_|REL_|SGTYPE_)?|BO_(TX_BU_)?|BS_|BU_(BO_REL_|EV_REL_|SG_REL_)?|"
+    r"CAT_(DEF_)?|CM_|ENVVAR_DATA_|EV_(DATA_)?|FILTER|NS_(DESC_)?|SG_(MUL_VAL_)?|SGTYPE_(VAL_)?|SIG_GROUP_|"
+    r"SIG_TYPE_REF_|SIG_VALTYPE_|SIGTYPE_VALTYPE_|VAL_(TABLE_)?|VERSION"
+)
+HEAD: Final = re.compile(rf'^[ \t]*(?P<keyword>{KEYWORDS.pattern})(?=[ \t:"])[ \t]*[^ \t\r\n]', re.MULTILINE)
+STRING: Final = re.compile(r'"(?:\\"|[^"])*"|//[^\n]*')
+OPENING: Final = re.compile(
+    r"\s*(BO_\s+\d+\s+\w+\s*:\s*\d|SG_\s+\w[\w\s]*:\s*\d+\s*\||(CM_\s+(BO_|SG_)|VAL_|SIG_VALTYPE_)\s+\d+\s|"
+    r'CM_\s+(BU_|EV_|")|BA_(DEF_|DEF_DEF_)?\s+(BO_\s+|SG_\s+|BU_\s+|EV_\s+)?")'
+)
+"""A line that can hardly be the text of a comment."""
 
 
 def close_strings(text: str, report: Report) -> str:
@@ -99,7 +182,7 @@ def split_statements(text: str, report: Report) -> list[Statement]:
 
 
 def mask_strings(code: str) -> str:
-    """Blot the strings out, so that their content is taken for nothing else."""
+    """Blank out the strings, so that nothing in them is read as a keyword."""
     return STRING.sub(lambda found: '"' + "_" * (len(found[0]) - 2) + '"', code)
 
 
@@ -140,29 +223,12 @@ INDEPENDENT_ID: Final = 0xC000_0000
 SIGNAL_FORM: Final = 'SG_ name : start|length@order± (scale,offset) [min|max] "unit" receivers'
 
 
-@dataclass(slots=True)
-class Outline:
-    """Where a file declares its messages and signals, by the identifiers that its statements use.
-
-    Attributes:
-        messages: line of each message by identifier; of several with one identifier, the first.
-        names: line of each message by name.
-        lines: line of each signal by its message's name and its own.
-        signals: bits of each signal by its message's identifier and its own name.
-    """
-
-    messages: dict[int, int] = field(default_factory=dict)
-    names: dict[str, int] = field(default_factory=dict)
-    lines: dict[tuple[str, str], int] = field(default_factory=dict)
-    signals: dict[tuple[int, str], int] = field(default_factory=dict)
-
-
 def mend(statements: Sequence[Statement], report: Report) -> tuple[list[Statement], Outline]:
     """Mend or leave out what cantools would refuse the file for.
 
     Args:
         statements: the file.
-        report: told of everything mended or left out.
+        report: called for everything mended or left out.
 
     Returns:
         The statements to parse, and where messages and signals are declared.
@@ -319,9 +385,9 @@ def _check_value_type(statement: Statement, outline: Outline, report: Report) ->
         return False
     if not _declared(statement, found[1], found[2], outline, report):
         return False
-    bits = outline.signals[int(found[1]), found[2]]
-    if found[3] in ("1", "2") and bits not in (16, 32, 64):
-        report(statement.line, f"signal '{found[2]}' of {bits} bits cannot be a float: taken as integer")
+    length = outline.signals[int(found[1]), found[2]]
+    if found[3] in ("1", "2") and length not in (16, 32, 64):
+        report(statement.line, f"signal '{found[2]}' of {length} bits cannot be a float: taken as integer")
         return False
     return True
 
@@ -343,71 +409,7 @@ CHECKS: Final[dict[str, Callable[[Statement, Outline, Report], bool]]] = {
     "SIG_VALTYPE_": _check_value_type,
     "SG_MUL_VAL_": _check_selection,
 }
-"""Tells whether a statement can stay, by keyword."""
-
-
-__all__ = ["Database", "Diagnostic", "MessageSpec", "SignalSpec", "load_database"]
-
-CLASSIC_LENGTH = 8
-"""Payload bytes of a classic CAN frame, at most."""
-
-FD_LENGTH = 64
-"""Payload bytes of a CAN FD frame, at most."""
-
-
-def load_database(path: Path) -> Database:
-    """Load a DBC file, strictly where possible, tolerantly where not.
-
-    Args:
-        path: the file, in UTF-8 or Windows-1252.
-
-    Returns:
-        Its messages, and each repair and oddity as a warning.
-
-    Raises:
-        DatabaseError: the file cannot be read, or no message is left in it.
-    """
-    warnings: list[Diagnostic] = []
-
-    def report(line: int, text: str) -> None:
-        warnings.append(Diagnostic(path, line, text))
-
-    statements, outline = mend(split_statements(close_strings(_read(path), report), report), report)
-    parsed = _parse(statements, report) if outline.messages else None
-    if parsed is None or not parsed.messages:
-        first = warnings[0] if warnings else None
-        raise DatabaseError(
-            "no message found, expected a DBC file with lines such as 'BO_ 1280 NAME: 8 NODE'"
-            + (f"; first trouble: {first.text}" if first else ""),
-            file=path,
-            line=first.line if first else None,
-        )
-    messages: dict[str, MessageSpec] = {}
-    by_id: dict[int, MessageSpec] = {}
-    for each in parsed.messages:
-        message = _message(each, path, outline)
-        messages.setdefault(message.name, message)
-        by_id.setdefault(message.can_id, message)
-        for lint in LINTS:
-            lint(message, report)
-        if CLASSIC_LENGTH < message.length <= FD_LENGTH and not each.is_fd:
-            report(
-                message.line,
-                f"message '{message.name}' has {message.length} bytes but is not marked CAN FD: taken as CAN FD",
-            )
-    return Database(path, messages, by_id, tuple(sorted(warnings, key=lambda warning: warning.line)))
-
-
-def _read(path: Path) -> str:
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise DatabaseError(f"cannot be read ({error.strerror}); expected a DBC file", file=path) from error
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("cp1252", errors="replace")
-    return text.replace("\r\n", "\n").replace("\r", "\n").replace("\0", " ")
+"""Returns whether a statement can stay, by keyword."""
 
 
 def _parse(statements: Sequence[Statement], report: Report) -> ParsedDatabase | None:
@@ -518,7 +520,7 @@ def _signal(parsed: ParsedSignal, line: int) -> SignalSpec:
 
 
 def _lint_bits(message: MessageSpec, report: Report) -> None:
-    """Tell of signals whose bits lie outside the message, of those no frame carries, and of those that overlap."""
+    """Report signals whose bits lie outside the message, of those no frame carries, and of those that overlap."""
     carried: list[tuple[SignalSpec, set[int], dict[str, frozenset[int]]]] = []
     for signal in message.signals:
         chain = bits.gates(message, signal)
@@ -533,7 +535,7 @@ def _lint_bits(message: MessageSpec, report: Report) -> None:
                 f"signal '{signal.name}' is selected by '{signal.multiplexer_signal}', no multiplexer: never read",
             )
         else:
-            carried.append((signal, _bits(signal), dict(chain)))
+            carried.append((signal, _bits_of(signal), dict(chain)))
     for (a, a_bits, a_gates), (b, b_bits, b_gates) in combinations(carried, 2):
         apart = any(not a_gates[name] & b_gates[name] for name in a_gates.keys() & b_gates.keys())
         if a_bits & b_bits and not apart:
@@ -544,22 +546,22 @@ def _lint_bits(message: MessageSpec, report: Report) -> None:
             )
 
 
-def _bits(signal: SignalSpec) -> set[int]:
-    """List the signal's bits, numbered as those of little-endian signals are."""
+def _bits_of(signal: SignalSpec) -> set[int]:
+    """Return the signal's bits, numbered as those of little-endian signals are."""
     first = bits.first_bit(signal)
     flip = 0 if signal.byte_order == "little" else 7
     return {bit ^ flip for bit in range(first, first + signal.length)}
 
 
 def _lint_values(message: MessageSpec, report: Report) -> None:
-    """Tell of signals whose scale or range cannot be meant."""
+    """Report signals whose scale or range cannot be meant."""
     for signal in message.signals:
         if signal.scale == 0:
             report(
                 signal.line, f"signal '{signal.name}' of message '{message.name}' has scale 0: constant, cannot be sent"
             )
             continue
-        given, (low, high) = bits.raw_range(signal), bits.raw_width(signal)
+        given, (low, high) = bits.dbc_raw_range(signal), bits.representable_raw(signal)
         if given is not None and (given[0] > high or given[1] < low):
             report(
                 signal.line,
@@ -568,7 +570,7 @@ def _lint_values(message: MessageSpec, report: Report) -> None:
 
 
 def _lint_length(message: MessageSpec, report: Report) -> None:
-    """Tell of messages that fit in no frame."""
+    """Report messages that fit in no frame."""
     if message.length > FD_LENGTH:
         report(message.line, f"message '{message.name}' has {message.length} bytes, a CAN FD frame {FD_LENGTH} at most")
 

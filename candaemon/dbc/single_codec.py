@@ -38,7 +38,7 @@ def compile_decoder(message: MessageSpec, signals: Iterable[str] | None = None) 
         A function of the payload. It gives one value a signal as cantools' `decode(..., decode_choices=False)` does,
         integers exact; NaN for a signal that this frame does not carry, by its multiplexer or because its bits lie
         outside the message. It gives None for a payload shorter than `message.length`, and for a multiplexer value
-        unknown to the DBC; a caller that counts tells the two apart by `len(payload) < message.length`. Bytes beyond
+        unknown to the DBC; a caller that counts distinguishes the two by `len(payload) < message.length`. Bytes beyond
         `message.length` are ignored. It raises on no bytes.
 
     Raises:
@@ -188,7 +188,7 @@ class _Conditions:
         return self._names[chain]
 
     def take(self) -> list[str]:
-        """Hand over the lines that compute the conditions named since the last call."""
+        """Return the lines that compute the conditions named since the last call."""
         lines, self._lines = self._lines, []
         return lines
 
@@ -231,7 +231,7 @@ def _literal(number: float) -> str:
 
 def _encoding(message: MessageSpec, signal: SignalSpec, value: str, scope: dict[str, Any]) -> list[str]:
     """Lines that turn a value into raw `r` and set its bits."""
-    low, high = bits.raw_limits(signal)
+    low, high = bits.sendable_raw(signal)
     offset = "" if signal.offset == 0 else f" - {_literal(signal.offset)}"
     scale = "" if signal.scale == 1 else f" / {_literal(signal.scale)}"
     fallback, below = bits.raw_fallback(signal), bits.shift(message, signal)
@@ -250,7 +250,7 @@ def _encoding(message: MessageSpec, signal: SignalSpec, value: str, scope: dict[
 
 
 def _settle(x: float, low: float, high: float, fallback: float, integral: bool) -> tuple[float, int]:
-    """Bring a raw value outside [low, high] into it; say whether that changed more than rounding would."""
+    """Bring a raw value outside [low, high] into it; return with it whether that changed more than rounding would."""
     if math.isnan(x):
         return fallback, 1
     if integral and math.isfinite(x) and low <= round(x) <= high:

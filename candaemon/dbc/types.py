@@ -84,7 +84,7 @@ class MessageSpec:
         length: payload bytes.
         signals: in the order of their bits.
         is_fd: whether it is a CAN FD frame.
-        cycle_time: seconds between two, None where the DBC does not say.
+        cycle_time: seconds between two, None where the DBC does not give it.
         comment: from the DBC, "" where it has none.
         file: the DBC it is from, None where it is from none.
         line: 1-based line of its `BO_` in the DBC, 0 where unknown.
@@ -157,7 +157,7 @@ class Database:
 
 
 def near_names(name: str, known: Iterable[str]) -> str:
-    """Say which known names are near a mistyped one, or which there are at all."""
+    """List which known names are near a mistyped one, or which there are at all."""
     folded = {each.casefold(): each for each in known}
     near = [folded[match] for match in get_close_matches(name.casefold(), folded, n=3, cutoff=0.6)]
     if near:

@@ -16,7 +16,7 @@ class MessageLayout:
         pattern: the message's name as configured.
         messages: by slot; a single one where all objects share it.
         optional: whether an object is used without it.
-        id_signal: signal that says which object a frame is of, where all objects share the message.
+        id_signal: signal that gives the object of a frame, where all objects share the message.
 
     """
 

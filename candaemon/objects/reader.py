@@ -103,7 +103,7 @@ class ObjectReader:
 
     @property
     def reports_new(self) -> bool:
-        """Whether each object says if it is new in its slot, by messages that cannot be missing."""
+        """Whether every object is reported as new in its slot or not, by messages that cannot be missing."""
         return self._has_new and not any(reader.new and reader.layout.optional for reader in self._readers)
 
     def object_key(self, part: int, data: bytes) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from candaemon.dbc.bits import raw_range, raw_width
+from candaemon.dbc.bits import dbc_raw_range, representable_raw
 from candaemon.dbc.types import SignalSpec
 
 
@@ -32,7 +32,7 @@ def dbc_range(binding: SignalBinding) -> tuple[float, float] | None:
     None where the DBC gives no range, or one that excludes nothing or cannot be reached: a mistake.
     """
     signal = binding.signal
-    given, (low, high) = raw_range(signal), raw_width(signal)
+    given, (low, high) = dbc_raw_range(signal), representable_raw(signal)
     if given is None or given[0] > high or given[1] < low or (given[0] <= low and given[1] >= high):
         return None
     step = 0.0 if signal.is_float else 0.5

@@ -46,7 +46,7 @@ class HealthMonitor:
 
     def __init__(self, binding: Binding) -> None:
         self._hold_ns = round(binding.settings.supervision.worry * 1e9)
-        self._lost_after_ns = [round(binding.patience(sensor) * 1e9) for sensor in binding.sensors]
+        self._lost_after_ns = [round(binding.lost_after(sensor) * 1e9) for sensor in binding.sensors]
         self._least_valid = [sensor.settings.protection.least_trust for sensor in binding.sensors]
         self._state = HealthState([0] * len(binding.sensors), 0, -self._hold_ns)
 

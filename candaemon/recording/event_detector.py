@@ -34,7 +34,7 @@ class EventDetector:
         self._debounce_ns = round(settings.debounce * 1e9)
         self._least_trust = [sensor.settings.protection.least_trust for sensor in binding.sensors]
         self._sensors = [sensor.name for sensor in binding.sensors]
-        self._silent_ns = [round(binding.patience(sensor) * 1e9) for sensor in binding.sensors]
+        self._silent_ns = [round(binding.lost_after(sensor) * 1e9) for sensor in binding.sensors]
         self._last_scan_ns: list[int | None] = [None] * len(binding.sensors)
         self._moved = False
         self._worked: set[str] = set()

@@ -196,7 +196,7 @@ def _sensors(pipeline: Pipeline, measured: Measurements, rates: Mapping[Hashable
             bus=binding.buses[sensor.bus].name,
             rate=rates["sensor", sensor.name],
             age=age,
-            lost=age is None or age > binding.patience(sensor),
+            lost=age is None or age > binding.lost_after(sensor),
             trust=assembler.valid_share,
             frames={name: getattr(assembler.counts, name) for name in ("used", *UNUSABLE_CAUSES)},
             counts={

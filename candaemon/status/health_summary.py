@@ -75,7 +75,7 @@ class HealthSummary:
             if scans != before:
                 at_s = now_s
             self._scans[sensor.name] = scans, at_s
-            patience_s = max(_SHORTEST_SILENCE_S, daemon.binding.patience(sensor))
+            patience_s = max(_SHORTEST_SILENCE_S, daemon.binding.lost_after(sensor))
             heard += scans > 0 and now_s - at_s <= patience_s
         return heard
 

@@ -15,8 +15,9 @@ from candaemon.can_io.logs.candump import read_candump_blocks
 from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings
-from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder
+from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder
 from candaemon.dbc.database import load_database
+from candaemon.dbc.single_codec import compile_decoder, compile_encoder
 from candaemon.estimation.axis_filter import AxisFilter
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.motion_models import CurrentStatistical

@@ -16,7 +16,7 @@ from candaemon.binding.compile_condition import compile_condition
 from candaemon.binding.location import SettingLocation
 from candaemon.config.base import Condition, SignalRef
 from candaemon.config.load import load_config
-from candaemon.dbc.bits import as_decoded, value_limits
+from candaemon.dbc.bits import as_decoded, sendable_values
 from candaemon.dbc.types import SignalSpec
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import EXTENDED
@@ -210,8 +210,8 @@ def test_conditions_hold_for_numbers_as_one_writes_them(scale: float, offset: fl
 
 
 def test_limits_are_the_tighter_of_range_and_bits() -> None:
-    assert value_limits(SignalSpec("S", 0, 8, scale=0.5, minimum=-10, maximum=100)) == (0.0, 100.0)
-    assert value_limits(SignalSpec("S", 0, 8, scale=-1.0)) == (-255.0, 0.0)
+    assert sendable_values(SignalSpec("S", 0, 8, scale=0.5, minimum=-10, maximum=100)) == (0.0, 100.0)
+    assert sendable_values(SignalSpec("S", 0, 8, scale=-1.0)) == (-255.0, 0.0)
 
 
 def test_load_of_a_bus() -> None:

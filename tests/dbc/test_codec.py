@@ -15,8 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from candaemon.dbc import bits
-from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder
+from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder
 from candaemon.dbc.database import load_database
+from candaemon.dbc.single_codec import compile_decoder, compile_encoder
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from tests.support.paths import DATA, ROOT
 
@@ -76,7 +77,7 @@ def check_decoding(spec: MessageSpec, message: Message, payloads: list[bytes]) -
 
 def in_range(chance: random.Random, signal: SignalSpec) -> float:
     """Draw a value whose float is within what may be sent, between two raw steps as often as on one."""
-    low, high = bits.raw_limits(signal)
+    low, high = bits.sendable_raw(signal)
     if signal.is_float:
         return (
             max(low, min(high, chance.choice([0.0, 1.5, -2.25, 1e3 * chance.random()]))) * signal.scale + signal.offset
@@ -96,7 +97,7 @@ def draw_values(chance: random.Random, spec: MessageSpec) -> dict[str, float]:
     """Draw in-range values of a whole frame, with multiplexers at values the DBC knows."""
     values = {signal.name: in_range(chance, signal) for signal in spec.signals}
     for selector in bits.multiplexers(spec):
-        fitting = [each for each in bits.known_ids(spec, selector) if each <= bits.raw_limits(selector)[1]]
+        fitting = [each for each in bits.known_ids(spec, selector) if each <= bits.sendable_raw(selector)[1]]
         values[selector.name] = float(chance.choice(sorted(fitting)))
     return values
 
@@ -223,7 +224,7 @@ def test_any_value_is_saturated_alike_and_never_nan(tmp_path: Path, text: str, d
         sent = dict(zip((s.name for s in spec.signals), decode(payload) or (), strict=False))
         for signal in spec.signals:
             if signal.name in sent and present(spec, signal, sent):
-                low, high = bits.raw_limits(signal)
+                low, high = bits.sendable_raw(signal)
                 slack = 0.01 + (1e-3 if signal.is_float else 1e-6) * max(abs(low), abs(high))
                 assert low - slack <= bits.to_raw(signal, sent[signal.name]) <= high + slack
 

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from candaemon.dbc import bits
-from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder, same_layout
+from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder
+from candaemon.dbc.bits import same_layout
 from candaemon.dbc.database import load_database
+from candaemon.dbc.single_codec import compile_decoder, compile_encoder
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
 
@@ -50,7 +52,7 @@ def test_saturation_at_the_bits_and_nan_at_the_start_value() -> None:
 
 
 def test_a_range_its_bits_cannot_reach_is_left_out() -> None:
-    assert bits.raw_limits(replace(DISTANCE, minimum=-9.0, maximum=-2.0)) == (0, 4095)
+    assert bits.sendable_raw(replace(DISTANCE, minimum=-9.0, maximum=-2.0)) == (0, 4095)
 
 
 def test_signals_not_given_are_zero_and_order_is_the_callers() -> None:

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from candaemon.dbc.database import Database, load_database
+from candaemon.dbc.database import load_database
+from candaemon.dbc.types import Database
 from candaemon.errors import ConfigError, DatabaseError
 from candaemon.frames.frame import EXTENDED
 from tests.support.paths import DATA, ROOT

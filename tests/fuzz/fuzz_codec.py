@@ -7,8 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder, compile_decoder, compile_encoder
-from candaemon.dbc.bits import raw_limits
+from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder
+from candaemon.dbc.bits import sendable_raw
+from candaemon.dbc.single_codec import compile_decoder, compile_encoder
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
 
@@ -51,7 +52,7 @@ def _encoded(spec: MessageSpec, drawn: Drawn) -> None:
     for signal, value in zip(spec.signals, read, strict=True):
         if signal.is_float or signal.multiplexer_signal is not None or _overlaps(spec, signal):
             continue
-        ends = sorted(limit * signal.scale + signal.offset for limit in raw_limits(signal))
+        ends = sorted(limit * signal.scale + signal.offset for limit in sendable_raw(signal))
         slack = 1e-9 * max(map(abs, ends))
         assert ends[0] - slack <= value <= ends[1] + slack, (signal, value, ends)
         assert math.isfinite(value) or not all(map(math.isfinite, ends)), (signal, value)

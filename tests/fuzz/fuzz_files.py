@@ -8,8 +8,8 @@ from pathlib import Path
 
 from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
-from candaemon.dbc.batch_codec import compile_decoder, compile_encoder
 from candaemon.dbc.database import load_database
+from candaemon.dbc.single_codec import compile_decoder, compile_encoder
 from candaemon.errors import ConfigError, DatabaseError
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.binding.bind_sensor import bind_sensor_writer
 from candaemon.binding.bound import BoundSensor
-from candaemon.dbc.bits import value_limits
+from candaemon.dbc.bits import sendable_values
 from candaemon.objects.object_batch import ObjectBatch
 from candaemon.objects.writer import ObjectWriter
 from tests.support.bound import binding
@@ -29,7 +29,7 @@ def written(
     new = rng.random(len(slot)) < 0.3
     values = {}
     for bound in reader.bindings:
-        ends = sorted(bound.gain * end + bound.bias for end in value_limits(bound.signal))
+        ends = sorted(bound.gain * end + bound.bias for end in sendable_values(bound.signal))
         low, high = (0.5, min(ends[1], 200.0)) if bound.quantity in {"x", "range"} else ends
         values[bound.quantity] = rng.uniform(low, high, len(slot))
     frames = writer.write(slot, values, occupied, counter=int(rng.integers(1000)), new=new)

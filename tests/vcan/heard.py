@@ -11,8 +11,8 @@ from functools import cache
 from types import TracebackType
 from typing import NamedTuple, Self
 
-from candaemon.dbc.batch_codec import Decoder, compile_decoder
 from candaemon.dbc.database import load_database
+from candaemon.dbc.single_codec import Decoder, compile_decoder
 from tests.support.paths import ROOT
 
 EMPTY, TENTATIVE, CONFIRMED, COASTING = range(4)
