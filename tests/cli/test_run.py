@@ -77,7 +77,7 @@ def service(config: Path, tmp_path: Path) -> Iterator[Service]:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_it_is_ready_without_a_bus_and_stops_on_a_signal(service: Service, number: signal.Signals) -> None:
+def test_run_is_ready_without_a_bus_and_stops_on_a_signal(service: Service, number: signal.Signals) -> None:
     ready = service.wait_for("READY")
     assert ready["STATUS"] == "0 obstacles, 0 of 1 sensors, ego unknown, 0 lost; down: ins"
     service.wait_for("WATCHDOG")

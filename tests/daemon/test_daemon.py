@@ -193,7 +193,7 @@ def test_the_latency_is_that_of_a_scan_that_a_frame_closed(binding: Binding, sid
         assert math.isnan(fed.kept.latencies[-1])
 
 
-def test_it_runs_in_real_time_and_stops_within_a_second(binding: Binding, sides: list[can.BusABC]) -> None:
+def test_the_daemon_runs_in_real_time_and_stops_within_a_second(binding: Binding, sides: list[can.BusABC]) -> None:
     daemon = Daemon(binding)
     frames = list(drive(binding, 1.0).frames())
     with daemon:

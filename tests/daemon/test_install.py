@@ -129,7 +129,7 @@ def test_what_the_service_cannot_read_is_not_installed(tmp_path: Path, monkeypat
         install(path, show=False, units=tmp_path)
 
 
-def test_it_is_written_as_an_instance_of_the_template(
+def test_the_unit_is_written_as_an_instance_of_the_template(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(installing, "_unreadable", lambda _path: ())

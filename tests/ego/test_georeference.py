@@ -240,7 +240,7 @@ def test_far_from_home_the_filter_keeps_what_it_knows(kind: str) -> None:
     steps=st.lists(st.tuples(st.sampled_from([0.01, 0.05, 0.31, 1.0, 2.5]), st.booleans()), min_size=5, max_size=60),
     seed=st.integers(0, 1000),
 )
-def test_whatever_is_lost_the_deviation_says_how_far_off_the_place_may_be(
+def test_the_reported_deviation_covers_the_position_error_after_any_outage(
     kind: str, steps: list[tuple[float, bool]], seed: int
 ) -> None:
     ins, random, time = Ins(told(kind, noise=3.0), age_limit=3.0), np.random.default_rng(seed), 0.0

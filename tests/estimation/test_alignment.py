@@ -37,7 +37,7 @@ def test_a_parabola_is_met_at_any_instant(seed: int) -> None:
     assert not aligned.limited.any()
 
 
-def test_it_is_the_papers_for_even_samples() -> None:
+def test_interpolation_equals_the_papers_for_even_samples() -> None:
     """tᵢ = tmᵢ + τ h: τ (τ − 1)/2, 1 − τ², τ (τ + 1)/2."""
     tau, step = 0.3, 0.025
     weights = lagrange(np.array([[-step, 0.0, step]]), np.eye(3)[None], np.array([tau * step]), 0.0).value

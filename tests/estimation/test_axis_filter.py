@@ -67,7 +67,7 @@ def textbook_predict(kf: KalmanFilter, model: AxisModel, dt: float) -> None:
 
 @settings(deadline=None, max_examples=100)
 @given(seed=SEEDS, model=MODELS, axes=st.integers(1, 5))
-def test_it_is_filterpys_filter_on_each_axis(seed: int, model: AxisModel, axes: int) -> None:
+def test_the_batched_filter_equals_filterpys_on_each_axis(seed: int, model: AxisModel, axes: int) -> None:
     """With time steps that vary, noise that does, and some axes measured only."""
     rng, size = np.random.default_rng(seed), states_of(model)
     mean, covariance = rng.normal(size=(axes, size)) * 5, random_covariance(rng, size, axes)
@@ -94,7 +94,7 @@ def test_it_is_filterpys_filter_on_each_axis(seed: int, model: AxisModel, axes: 
 
 @pytest.mark.parametrize("model", EACH_MODEL, ids=repr)
 @few_and_many_cycles
-def test_it_lasts_many_cycles(model: AxisModel, cycles: int) -> None:
+def test_the_axis_filter_stays_sound_over_many_cycles(model: AxisModel, cycles: int) -> None:
     rng = np.random.default_rng(1)
     axes = vague(model, 4)
     noise = np.array([0.01, 0.1, 1.0, 30.0])

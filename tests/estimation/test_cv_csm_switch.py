@@ -57,7 +57,7 @@ def test_a_steady_drive_takes_t2_and_a_manoeuvre_t1(dt: float) -> None:
 @pytest.mark.parametrize(
     ("dt", "jitter"), [(1.0, 0.001), (1.0, 0.2), (0.9, 0.0), (0.7, 0.05), (1.7, 0.1), (0.05, 0.01)]
 )
-def test_whatever_the_time_stamps_t1_and_t2_are_kept_to_a_sample(dt: float, jitter: float) -> None:
+def test_t1_and_t2_are_kept_to_a_sample_at_any_sampling(dt: float, jitter: float) -> None:
     """Real samples are neither even nor a whole number in an interval."""
     steps = dt + jitter * np.random.default_rng(5).uniform(-1.0, 1.0, round(75.0 / dt))
     watch, time = ManoeuvreWatch(1, SwitchRule()), np.cumsum(steps)
@@ -140,7 +140,7 @@ def test_in_the_plane_a_turn_at_constant_speed_is_a_manoeuvre() -> None:
     assert drive(tracks, circle, 1.0)[-1]
 
 
-def test_it_tells_the_filter_in_force() -> None:
+def test_the_switch_reports_the_filter_in_force() -> None:
     rng, tracks = np.random.default_rng(2), switch()
     steady, manoeuvre = AxisFilter(WhiteAxis(1, CV_NOISE)), AxisFilter(STATISTICAL)
     first = np.array([[0.0, 20.0, 0.0]])
@@ -204,7 +204,7 @@ def test_a_gap_is_one_comparison() -> None:
 
 
 @few_and_many_cycles
-def test_it_lasts_many_cycles(cycles: int) -> None:
+def test_the_switch_stays_sound_over_many_cycles(cycles: int) -> None:
     rounds = cycles // 1_500
     pieces = ((25.0, 0.0), (12.5, 2.0), (25.0, 0.0), (12.5, -2.0)) * rounds
     truth = motion(0.05, pieces, ((cycles * 0.05, 0.0),), (20.0, 0.0))

@@ -56,7 +56,9 @@ def assert_same(plane: FilterBank, bank: FilterBank) -> None:
 
 @settings(deadline=None, max_examples=40)
 @given(seed=SEEDS, model=st.sampled_from(MODELS), speeds=st.integers(0, 3), tracks=st.integers(1, 9))
-def test_it_is_the_bank_of_its_model(seed: int, model: Singer | CurrentStatistical, speeds: int, tracks: int) -> None:
+def test_the_plane_filter_equals_the_bank_of_its_model(
+    seed: int, model: Singer | CurrentStatistical, speeds: int, tracks: int
+) -> None:
     rng = np.random.default_rng(seed)
     plane, bank = both(model, rng, tracks)
     for _ in range(20):

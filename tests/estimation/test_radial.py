@@ -81,7 +81,7 @@ def oracle(mean: Floats, covariance: Floats) -> KalmanFilter:
 
 @settings(deadline=None, max_examples=30)
 @given(seed=SEEDS, floor=st.sampled_from((0.0, 0.03, 0.3)))
-def test_it_is_filterpys_filter_with_a_floor(seed: int, floor: float) -> None:
+def test_the_mlkf_equals_filterpys_filter_with_a_floor(seed: int, floor: float) -> None:
     rng = np.random.default_rng(seed)
     mean, covariance = 10.0 * rng.normal(size=(4, 3)), random_covariance(rng, 3, 4)
     mlkf = ModifiedLinearKalman(floor=floor)

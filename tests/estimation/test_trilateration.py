@@ -49,7 +49,7 @@ def test_two_sensors_anywhere_tell_the_motion_exactly(seed: int) -> None:
     np.testing.assert_allclose(result.state, state, rtol=1e-6, atol=1e-6)
 
 
-def test_it_is_the_papers_closed_form() -> None:
+def test_trilateration_equals_the_papers_closed_form() -> None:
     """(9) to (12) written out, sensors on the x axis, y forward, without the centripetal term."""
     x1, x2 = 0.8, -0.8
     r = np.array([[9.0, -4.0, 1.0], [9.6, -3.0, -2.0]])
@@ -191,7 +191,7 @@ def test_sensors_at_one_place_are_as_one() -> None:
     scale=st.sampled_from([1e-6, 1.0, 1e6]),
     centripetal=st.booleans(),
 )
-def test_whatever_is_measured_the_result_is_finite(
+def test_any_measurement_gives_a_finite_result(
     values: list[float], count: int, scale: float, centripetal: bool
 ) -> None:
     measured = np.array(values).reshape(1, 4, 3)[:, :count]

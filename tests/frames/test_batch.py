@@ -19,7 +19,7 @@ FRAMES = [
 ]
 
 
-def test_it_is_a_sequence_of_frames() -> None:
+def test_a_frame_batch_is_a_sequence_of_frames() -> None:
     instant = FrameBatch(TIME_NS, 1, PAYLOADS, {0x123})
     assert len(instant) == 3
     assert list(instant) == FRAMES

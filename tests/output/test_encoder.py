@@ -139,7 +139,7 @@ def test_tentative_obstacles_are_told_on_demand(tentative: bool, names: int) -> 
 
 @settings(deadline=None, max_examples=50)
 @given(st.data())
-def test_whatever_the_tracker_says_the_bus_gets_numbers_in_range(data: st.DataObject) -> None:
+def test_any_obstacles_are_encoded_as_numbers_in_range(data: st.DataObject) -> None:
     wild = st.floats(width=64) | st.sampled_from([math.nan, math.inf, -math.inf, 1e300])
     n = data.draw(st.integers(0, 6))
     names = ("x", "y", "vx", "vy", "ax", "ay", "sx", "sy", "svx", "svy", "age", "existence")

@@ -139,7 +139,7 @@ def test_a_near_obstacle_in_the_path_takes_the_slot_of_the_farthest_outside() ->
     assert table.assign([1, 2, 3], [OFF_PATH + 5.0, OFF_PATH + 90.0, 40.0]).slot == [0, -1, 1]
 
 
-def test_nobody_is_pushed_out_where_a_slot_comes_free_anyway() -> None:
+def test_no_obstacle_is_displaced_while_a_slot_becomes_free() -> None:
     table = OutputSlots(2)
     table.assign([1, 2], [OFF_PATH + 5.0, OFF_PATH + 90.0])
     assert table.assign([2, 3], [OFF_PATH + 90.0, 40.0]) == SlotAssignment([1, -1], [False, False], [0])

@@ -121,7 +121,7 @@ def test_the_drawings_are_those_of_the_paper(table_1: Result, table_2: Result) -
 
 
 @pytest.mark.slow
-def test_nobody_is_better_than_the_bound_who_starts_with_no_more() -> None:
+def test_no_method_is_better_than_the_bound_for_the_same_start() -> None:
     """Nor is the default, in any cell of both tables."""
     for experiment in EXPERIMENTS:
         rows = experiment.run(100, 1, lambda _: None).rows

@@ -141,7 +141,7 @@ def test_a_drive_turns_as_told() -> None:
     np.testing.assert_allclose(truth.state[100, 4:], rate * np.array([-truth.state[100, 3], truth.state[100, 2]]))
 
 
-def test_who_drives_straight_is_bound_as_a_fitted_line() -> None:
+def test_the_bound_of_straight_motion_is_that_of_a_fitted_line() -> None:
     truth = drive((0.0, 0.0), ())
     variances = bound(truth, 10.0, 1e4)  # a first velocity as good as unknown
     n = np.arange(3, 202)

@@ -32,7 +32,7 @@ def test_the_numbers_to_hold(done: tuple[Experiment, Result]) -> None:
     assert position(result, "IMM").here <= 4.7
 
 
-def test_nobody_is_better_than_the_bound(done: tuple[Experiment, Result]) -> None:
+def test_no_method_is_better_than_the_bound(done: tuple[Experiment, Result]) -> None:
     experiment, result = done
     for row in result.rows:
         assert row.bound is not None

@@ -82,7 +82,7 @@ def test_a_drive_goes_on_as_if_nothing_had_been(name: str) -> None:
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda each: str(each["kind"]))
-def test_whatever_the_estimator(estimator: dict[str, Any]) -> None:
+def test_a_restored_pipeline_continues_to_the_byte_with_every_estimator(estimator: dict[str, Any]) -> None:
     loaded = binding("demo").loaded
     tracker = TrackerSettings.model_validate({"estimator": estimator})
     of = bind(replace(loaded, config=loaded.config.model_copy(update={"tracker": tracker})))

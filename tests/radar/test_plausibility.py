@@ -95,7 +95,7 @@ def test_an_outlier_is_refused_and_the_object_goes_on() -> None:
     assert of[1].impossible == 1
 
 
-def test_who_is_told_there_again_is_believed() -> None:
+def test_an_object_reported_there_again_is_accepted() -> None:
     of = judged()
     assert refused(of, [50, 49, 80, 79, 78]) == [False, False, True, False, False]
 
@@ -123,7 +123,7 @@ def test_a_sensor_that_tells_neither_identity_nor_novelty_is_not_watched() -> No
 
 @settings(deadline=None, max_examples=50)
 @given(st.data())
-def test_who_moves_as_things_do_is_never_refused(data: st.DataObject) -> None:
+def test_plausible_motion_is_never_rejected(data: st.DataObject) -> None:
     """In any mix of slots, polar or not."""
     kind = data.draw(st.sampled_from(["toyota_rav4", "esr_ins"]))
     plausibility, counts, sensor = judged(kind)

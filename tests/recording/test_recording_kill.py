@@ -122,7 +122,7 @@ def told(log: bytes) -> list[str]:
     return [line.split()[2] for line in log.decode().splitlines()]
 
 
-def test_it_survives_a_kill_and_goes_on(config: Path, tmp_path: Path) -> None:
+def test_a_recording_survives_sigkill_and_continues(config: Path, tmp_path: Path) -> None:
     of, folder = bind(load_config(config)), tmp_path / "ring"
     frames = highway(of, 2.0)
     with heard(of) as killed, start(config, folder, tmp_path / "log") as service:

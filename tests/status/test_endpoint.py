@@ -110,7 +110,7 @@ def test_every_metric_has_its_help_and_its_own_name(tmp_path: Path, port: int) -
         assert name.startswith(("candaemon", "process_")), name
 
 
-def test_it_listens_on_the_loopback_alone_and_not_after_the_end(tmp_path: Path, port: int) -> None:
+def test_the_endpoint_listens_on_loopback_only_and_not_after_the_end(tmp_path: Path, port: int) -> None:
     binding = with_port(tmp_path, port)
     with Served(binding, observers(binding)):
         wait_until(lambda: is_open(port))

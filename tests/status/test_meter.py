@@ -164,7 +164,7 @@ def test_a_buss_counts_are_either_losses_or_not(name: str) -> None:
     assert counts.unsent == (name in UNSENT_CAUSES)
 
 
-def test_who_asks_a_loop_that_hangs_waits_no_longer_than_said() -> None:
+def test_a_query_of_a_hanging_loop_returns_within_its_time_limit() -> None:
     meter = ServiceMonitor(MetricsSettings())
     with pytest.raises(TimeoutError):
         meter.wait_for_figures(0.05)

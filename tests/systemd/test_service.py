@@ -89,7 +89,7 @@ def monotonic(unit: Unit, event: str) -> float:
 
 
 @pytest.mark.usefixtures("traffic")
-def test_it_starts_tells_its_status_and_stops_within_a_second(front: Unit) -> None:
+def test_the_service_starts_reports_its_status_and_stops_within_a_second(front: Unit) -> None:
     assert (front.show("ActiveState"), front.show("SubState")) == ("active", "running")
     wait_for_tracking(front)
     assert re.search(r'Status: "\d+ obstacles, 1 sensors, ego ok, \d+ lost"', output("systemctl", "status", front.name))
@@ -177,7 +177,7 @@ def test_a_wrong_configuration_is_not_tried_again(
     assert "front.yaml:1: buses" in front.journal("--priority=err")
 
 
-def test_it_is_started_again_after_a_signal_to_end_that_was_not_systemds(front: Unit) -> None:
+def test_systemd_restarts_after_a_termination_signal_that_was_not_its_own(front: Unit) -> None:
     pid = front.show("MainPID")
     output("kill", "-TERM", pid)
     wait_until(lambda: front.show("MainPID") not in (pid, "0"), 20.0, front.journal)

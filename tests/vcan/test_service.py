@@ -75,7 +75,7 @@ def test_a_link_that_flaps_neither_ends_the_service_nor_floods_the_log(service: 
     assert len([line for line in service.said.splitlines() if "bus 'radar' is" in line]) <= 10
 
 
-def test_it_stops_within_a_second(service: Service) -> None:
+def test_the_service_stops_within_a_second(service: Service) -> None:
     status, seconds = service.stop()
     assert status == 0
     assert seconds < 1.0
