@@ -15,6 +15,7 @@ def table() -> Result:
     return experiment.run(100, 11, lambda _: None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "position_limit", "velocity_limit"),
     [("cruise", 0.085, 0.087), ("brake", 0.235, 0.49), ("cut-in", 0.17, 0.49), ("turn", 0.165, 0.24)],

@@ -14,7 +14,7 @@ from candaemon.papers import registry
 from candaemon.papers.experiment import Advance, Experiment, Figure, Result, Row
 
 NAMES = [experiment.name for experiment in registry.EXPERIMENTS]
-LONG = {"001-table-1", "004-noise-sweep", "004-acceleration-sweep", "004-table-3", "004-table-4"}
+LONG = {"001-table-1", "004-noise-sweep", "004-acceleration-sweep", "004-table-3", "004-table-4", "004-table-5"}
 """Experiments of which even two runs take long."""
 LONGEST_LINE = 2000
 

@@ -55,6 +55,7 @@ def here(result: Result, method: str, case: str | None = None) -> Floats:
     )
 
 
+@pytest.mark.slow
 def test_figures_of_the_first_drive() -> None:
     recording = record(FIRST.truth[:, None], FIRST.variance(), FIRST.start, 8, np.random.default_rng(1))
     counted = slice(FIRST.counted, None)

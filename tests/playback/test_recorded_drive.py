@@ -87,7 +87,7 @@ class Result:
     predictions: list[dict[str, str]]
 
 
-@pytest.fixture(scope="module", params=LOGS)
+@pytest.fixture(scope="module", params=["toyota_rav4_ins", pytest.param("toyota_rav4", marks=pytest.mark.slow)])
 def result(request: pytest.FixtureRequest, drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Result:
     config, folder = str(request.param), tmp_path_factory.mktemp(request.param)
     return replayed(config, drive, folder)

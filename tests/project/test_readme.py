@@ -87,6 +87,7 @@ def test_the_ten_lines_are_a_radar(tmp_path: Path, capsys: pytest.CaptureFixture
     assert int(told["tracks.confirmed"]) >= 1
 
 
+@pytest.mark.slow
 def test_simulate_replay_evaluate_run_as_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -98,6 +99,7 @@ def test_simulate_replay_evaluate_run_as_written(
     assert "GOSPA" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_recorded_drive_is_replayed_as_written(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -175,6 +175,7 @@ def test_own_motion_is_a_finite_number() -> None:
     assert (faults.not_finite, faults.out_of_range, faults.refused) == (1, 1, 2)
 
 
+@pytest.mark.slow
 def test_a_real_drive_loses_nothing_to_every_check(drive: Path, tmp_path: Path) -> None:
     """Counter, rate, time-out, ranges and jumps at 70 m/s; of 38,400 radar frames each one is used."""
     text = (ROOT / "config" / "toyota_rav4_ins.yaml").read_text().replace("../dbc", str(ROOT / "dbc"))

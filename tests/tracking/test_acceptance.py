@@ -19,7 +19,7 @@ AUTOMOTIVE = {
 }
 """Largest RMSE of position (m) and velocity (m/s) of a point target."""
 DRAMAS = ("highway", "stop_and_go", "intersection", "guard_rail", "turning_ego")
-LONG = {"stop_and_go", "guard_rail"}
+LONG = {"highway", "stop_and_go", "guard_rail"}
 """Drives of which even one takes long."""
 
 
