@@ -212,7 +212,7 @@ class FilterBank(ABC):
         """Whether any model treats the directions along and across the travel differently."""
         return any(isinstance(model, LinearModel) and not model.isotropic for model in self._models)
 
-    def retreat(self, dt: float) -> None:
+    def retrodict(self, dt: float) -> None:
         """Take all tracks back by a short dt (s), for a measurement that comes late; what was learnt since is kept."""
         self.mean[:, :, :2] -= dt * self.mean[:, :, VELOCITY]
 
@@ -236,7 +236,7 @@ class FilterBank(ABC):
         weighted: Floats = (prior * nis).sum(axis=1)
         return weighted
 
-    def believed(self, rows: Indices, measurement: Measurement) -> Measurement:
+    def inflated(self, rows: Indices, measurement: Measurement) -> Measurement:
         """Return a measurement with the most noise that is believed of a sensor that keeps an object's id.
 
         As it says where its noise is not found out. Nothing is learnt.
@@ -245,7 +245,7 @@ class FilterBank(ABC):
             rows: the tracks of the ids, (m,).
             measurement: a detection each.
         """
-        return measurement if self._noise is None else self._noise.believed(rows, measurement)
+        return measurement if self._noise is None else self._noise.inflated(rows, measurement)
 
     def _corrected(
         self, rows: Indices, mean: Floats, covariance: Floats, measurement: Measurement

@@ -118,7 +118,7 @@ class SensorNoise:
         self._factors = {sensors[each]: factor for each, factor in self._factors.items() if each in sensors}
         self._state.factors = {each: factor.state for each, factor in self._factors.items()}
 
-    def believed(self, rows: Indices, measurement: Measurement) -> Measurement:
+    def inflated(self, rows: Indices, measurement: Measurement) -> Measurement:
         """Return the measurement with the most noise that is believed; nothing is learnt.
 
         Args:

@@ -48,7 +48,7 @@ class DriveScore:
         if detections is None or not update:
             return
         known = np.isfinite(update.nis)
-        self.nis.add(update.nis[known], update.freedom[known])
+        self.nis.add(update.nis[known], update.degrees_of_freedom[known])
         new = detections.new | self._passed_on(cycle)
         run = self._runs.update(detections.sensor, detections.time_ns, detections.object_id, new)
         self._run_of[detections.sensor, detections.time_ns] = run[update.detection]

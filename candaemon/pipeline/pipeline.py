@@ -30,7 +30,7 @@ from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import Mounting
 from candaemon.radar.scan import Scan
 from candaemon.tracking.groups import TrackerGroups
-from candaemon.tracking.obstacles import Obstacles, joined, none
+from candaemon.tracking.obstacles import Obstacles, concatenated, no_obstacles
 from candaemon.tracking.stationary import StationaryWatch
 from candaemon.tracking.tracker import Tracker
 
@@ -195,7 +195,7 @@ class Pipeline:
         pose = self.ego.pose(scan.time_ns)
         if pose is None:
             self._counts.without_ego += 1
-            yield self._report(none(scan.time_ns), _unknown_pose(scan.time_ns), now_ns, None, None)
+            yield self._report(no_obstacles(scan.time_ns), _unknown_pose(scan.time_ns), now_ns, None, None)
             return
         # sensor axes → local frame
         detections = self._mountings[scan.sensor].detections(scan, pose)
@@ -217,13 +217,13 @@ class Pipeline:
         time_ns = now_ns - self._latency_ns
         pose = self.ego.pose(time_ns)
         if pose is None:
-            return self._report(none(time_ns), _unknown_pose(time_ns), now_ns, None, None)
+            return self._report(no_obstacles(time_ns), _unknown_pose(time_ns), now_ns, None, None)
         return self._report(self._track(None, None, pose), pose, now_ns, None, None)
 
     def _track(self, tracker: Tracker | None, detections: Detections | None, pose: EgoPose) -> Obstacles:
         """Advance every group to the pose, the one tracker with detections."""
         obstacles = [each.step(detections if each is tracker else None, pose) for each in self.trackers]
-        return obstacles[0] if len(obstacles) == 1 else joined(obstacles)
+        return obstacles[0] if len(obstacles) == 1 else concatenated(obstacles)
 
     def _report(
         self, obstacles: Obstacles, pose: EgoPose, now_ns: int, detections: Detections | None, tracker: Tracker | None

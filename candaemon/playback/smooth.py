@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from candaemon.estimation.smoothing import FixedLag, Smoothed
 from candaemon.pipeline.cycle import Cycle
-from candaemon.tracking.smoother_history import joined, with_motion
+from candaemon.tracking.smoother_history import concatenated, with_motion
 from candaemon.tracking.tracker import Tracker
 
 
@@ -24,7 +24,7 @@ class CycleSmoother:
 
     def __init__(self, trackers: Sequence[Tracker], lag: float) -> None:
         for tracker in trackers:
-            tracker.leave_trail()
+            tracker.keep_smoother_history()
         self._trackers = trackers
         self._smoother = FixedLag(round(lag * 1e9))
         self._waiting: deque[Cycle] = deque()
@@ -34,7 +34,9 @@ class CycleSmoother:
         # so is a cycle for which the trackers made no step, own motion being unknown: it breaks no chain
         if not len(cycle.obstacles):
             return
-        trail = joined([tracker.trail for tracker in self._trackers if tracker.trail is not None])
+        trail = concatenated(
+            [tracker.smoother_history for tracker in self._trackers if tracker.smoother_history is not None]
+        )
         self._waiting.append(cycle)
         due = self._smoother.add(
             cycle.obstacles.time_ns, trail.id, trail.state, trail.covariance, trail.linked, trail.link

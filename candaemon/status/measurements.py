@@ -59,7 +59,7 @@ class NisAccumulator:
     def add(self, update: Update) -> None:
         """Take in what a scan updated; a track that began has no innovation."""
         known = np.isfinite(update.nis)
-        total, freedom = float(update.nis[known].sum()), int(update.freedom[known].sum())
+        total, freedom = float(update.nis[known].sum()), int(update.degrees_of_freedom[known].sum())
         self._samples += int(np.count_nonzero(known))
         self._sum += total
         self._freedom += freedom

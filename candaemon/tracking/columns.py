@@ -1,7 +1,7 @@
 """Reflections and obstacles as structures of arrays.
 
 A reflection is one detected point with a filter of its own; an obstacle is one vehicle, the reflections that move
-together. Rows keep their order of birth, so the first row of an obstacle is its oldest reflection.
+together. Rows keep the order of initiation, so the first row of an obstacle is its oldest reflection.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ class ObstacleTable(Table):
         id: identity.
         first_ns, last_ns: first and latest detection.
         history: bit 0 the latest scan, set where it was detected.
-        scans: scans since birth.
+        scans: scans since its initiation.
         confirmed: whether it ever was.
         leader: row of the reflection that carries the reference point.
         offset: reference point minus leader, along and across the travel, m.
-        direction: unit vector of travel, level frame.
-        beside_ns: time it has spent beside an older obstacle.
+        direction: unit vector of travel, local frame.
+        alongside_ns: time for which it has been a merge candidate: alongside of an older obstacle.
         sensors: bit k set where sensor k detected it.
     """
 
@@ -80,7 +80,7 @@ class ObstacleTable(Table):
     leader: Integers = field(default_factory=_integers)
     offset: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     direction: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    beside_ns: Integers = field(default_factory=_integers)
+    alongside_ns: Integers = field(default_factory=_integers)
     sensors: Integers = field(default_factory=_integers)
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""How tracks begin: as a reflection of a known obstacle, or as an obstacle of its own."""
+"""Track initiation: as one more reflection of a tracked obstacle, or as an obstacle of its own."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from candaemon.tracking.track_store import TrackStore
 
 
 class TrackInitiation:
-    """Begins reflections and obstacles.
+    """Initiates reflections and obstacles.
 
     Args:
         settings: of the tracker.
@@ -23,36 +23,36 @@ class TrackInitiation:
 
     def __init__(self, settings: TrackerSettings) -> None:
         self._merge = settings.reflections.merge
-        self._near = settings.reflections
+        self._extent = settings.reflections
         self._first_speed = settings.lifecycle.first_speed
 
-    def bear(self, free: Indices, detections: Detections, pose: EgoPose, tracks: TrackStore) -> None:
-        """Begin a reflection for each free detection, in their order.
+    def initiate(self, unassociated: Indices, detections: Detections, pose: EgoPose, tracks: TrackStore) -> None:
+        """Initiate a reflection for each unassociated detection, in their order.
 
         Args:
-            free: rows of the detections.
+            unassociated: rows of the detections.
             detections: the scan.
-            pose: own pose; what begins is taken to travel as the vehicle heads until its course is known.
-            tracks: what lives.
+            pose: ego pose; a new obstacle is taken to travel as the vehicle heads until its course is known.
+            tracks: to which they are added.
         """
         heading = np.array([np.cos(pose.heading), np.sin(pose.heading)])
         velocity, spread = self._first_velocity(detections, heading)
-        for row in free.tolist():
+        for row in unassociated.tolist():
             at = slice(row, row + 1)
             position, noise = detections.measurement.position[at], detections.measurement.noise[at]
-            owner, like = self._kin(row, detections, tracks) if self._merge else (-1, -1)
+            owner, nearest = self._parent(row, detections, tracks) if self._merge else (-1, -1)
             if owner < 0:
                 owner = tracks.add_obstacle(detections.time_ns, heading)
                 tracks.estimator.spawn(position, noise, velocity[at], spread[at])
             else:
-                tracks.estimator.clone(np.array([like]), position, noise)
+                tracks.estimator.clone(np.array([nearest]), position, noise)
             tracks.add_reflection(owner, detections.sensor, int(detections.object_id[row]), detections.time_ns)
 
     def _first_velocity(self, detections: Detections, heading: Floats) -> tuple[Floats, Floats]:
         """Return first velocities over ground (n, 2) and their covariances (n, 2, 2).
 
-        Before any speed is measured a target may do what traffic does: much along our own heading, little across it.
-        That guess is corrected by each speed that the sensor gives.
+        The prior is what traffic does: fast along the vehicle's heading, slow across it. Each speed that the sensor
+        measured updates it.
         """
         measurement, n = detections.measurement, len(detections)
         across = np.array([-heading[1], heading[0]])
@@ -72,30 +72,30 @@ class TrackInitiation:
             update_scalar(velocity, covariance, row, np.where(known, innovation, 0.0), speed.variance)
         return velocity, covariance
 
-    def _kin(self, row: int, detections: Detections, tracks: TrackStore) -> tuple[int, int]:
+    def _parent(self, row: int, detections: Detections, tracks: TrackStore) -> tuple[int, int]:
         """Return the obstacle that a detection is one more reflection of, and its nearest reflection; or −1, −1."""
         if not len(tracks.reflections):
             return -1, -1
-        near, measurement = self._near, detections.measurement
+        extent, measurement = self._extent, detections.measurement
         mean, _ = tracks.states()
         owner, direction = tracks.reflections.obstacle, tracks.direction
         place = to_travel_axes(measurement.position[row] - mean[:, :2], direction)
-        reach = to_travel_axes(measurement.position[row] - tracks.reference()[owner], direction)
+        reach = to_travel_axes(measurement.position[row] - tracks.reference_points()[owner], direction)
         close = (
-            (np.abs(place[:, 0]) < near.along)
-            & (np.abs(place[:, 1]) < near.across)
-            & (np.abs(reach[:, 0]) < near.extent)
-            & (np.abs(reach[:, 1]) < 2 * near.across)
+            (np.abs(place[:, 0]) < extent.along)
+            & (np.abs(place[:, 1]) < extent.across)
+            & (np.abs(reach[:, 0]) < extent.extent)
+            & (np.abs(reach[:, 1]) < 2 * extent.across)
         )
         if measurement.range_rate is not None and np.isfinite(measurement.range_rate[row]):
             rate, _ = line_of_sight(mean, measurement.origin, measurement.velocity)
-            close &= np.abs(rate - measurement.range_rate[row]) < near.speed
+            close &= np.abs(rate - measurement.range_rate[row]) < extent.speed
         for speed in measurement.projections:
             if np.isfinite(speed.value[row]):
                 differs = np.abs(mean[:, 2:4] @ speed.direction[row] - speed.value[row])
-                close &= differs < near.speed + 2 * np.sqrt(speed.variance[row])
+                close &= differs < extent.speed + 2 * np.sqrt(speed.variance[row])
         if not close.any():
             return -1, -1
-        distance = np.where(close, (place[:, 0] / near.along) ** 2 + (place[:, 1] / near.across) ** 2, np.inf)
-        like = int(distance.argmin())
-        return int(owner[like]), like
+        distance = np.where(close, (place[:, 0] / extent.along) ** 2 + (place[:, 1] / extent.across) ** 2, np.inf)
+        nearest = int(distance.argmin())
+        return int(owner[nearest]), nearest

@@ -1,4 +1,4 @@
-"""What the tracker tells: the obstacles of one cycle."""
+"""What the tracker reports: the obstacles of one cycle."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Obstacles:
         x, y: position of the reference point in vehicle axes, m.
         vx, vy: velocity over ground in vehicle axes, m/s.
         ax, ay: acceleration over ground in vehicle axes, m/s².
-        east, north: position in the local level frame, m.
-        ve, vn: velocity over ground in the level frame, m/s.
+        east, north: position in the local frame, m.
+        ve, vn: velocity over ground in the local frame, m/s.
         sx, sy, svx, svy: one standard deviation each, vehicle axes.
         age: s since the first detection.
         existence: 0 to 1, the share of recent scans in which it was seen.
@@ -69,7 +69,7 @@ class Obstacles:
 MOTION = ("x", "y", "vx", "vy", "ax", "ay", "east", "north", "ve", "vn", "sx", "sy", "svx", "svy")
 
 
-def joined(parts: Sequence[Obstacles]) -> Obstacles:
+def concatenated(parts: Sequence[Obstacles]) -> Obstacles:
     """Return the obstacles of several trackers as one; all hold for the same instant."""
     first_rows = np.cumsum([0, *(len(part) for part in parts[:-1])])
     columns = {
@@ -81,7 +81,7 @@ def joined(parts: Sequence[Obstacles]) -> Obstacles:
     return Obstacles(time_ns=parts[0].time_ns, used_row=used_row, **columns)
 
 
-def none(time_ns: int) -> Obstacles:
+def no_obstacles(time_ns: int) -> Obstacles:
     """Return no obstacles, at an instant."""
     empty: dict[str, Any] = dict.fromkeys((field.name for field in fields(Obstacles)), np.empty(0))
     for name in ("id", "sensors", "used_row", "used_sensor", "used_object"):

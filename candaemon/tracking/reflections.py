@@ -1,9 +1,9 @@
-"""Several reflections of one vehicle: who leads, where the reference point is, who joins and who parts.
+"""Several reflections of one vehicle: its reference point, its motion, and when obstacles merge or split.
 
-The reference point of an obstacle is its leading reflection, the oldest one that is still detected. When the lead
-passes on, the reference point stays where it is on the vehicle and then returns to the new leader slowly, so that
-neither position nor identity jumps. Velocity and acceleration are the mean of all reflections, weighted by how well
-each knows its velocity: a vehicle is rigid, and its reflections' noise is not shared.
+The reference point of an obstacle is its leading reflection, the oldest one that is still detected. At a hand-over to
+another reflection the reference point stays where it is on the vehicle and then returns to that reflection slowly, so
+that neither position nor identity jumps. Velocity and acceleration are the mean of all reflections, weighted by how
+well each knows its velocity: a vehicle is rigid, and its reflections' noise is not shared.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 
 @dataclass(frozen=True, slots=True)
 class RigidMotion:
-    """States [x, y, vx, vy, ax, ay] of k reference points, level frame, (k, 6), and covariances (k, 6, 6)."""
+    """States [x, y, vx, vy, ax, ay] of k reference points, local frame, (k, 6), and covariances (k, 6, 6)."""
 
     state: Floats
     covariance: Floats
@@ -37,7 +37,7 @@ class RigidMotion:
 
 
 def to_travel_axes(vectors: Floats, direction: Floats) -> Floats:
-    """Turn level-frame vectors (…, 2) into components along and across the direction (…, 2), positive to the left."""
+    """Turn local-frame vectors (…, 2) into components along and across the direction (…, 2), positive to the left."""
     along = vectors[..., 0] * direction[..., 0] + vectors[..., 1] * direction[..., 1]
     across = vectors[..., 1] * direction[..., 0] - vectors[..., 0] * direction[..., 1]
     return np.stack([along, across], axis=-1)
@@ -71,42 +71,42 @@ def rigid_motion(
     return RigidMotion(state, uncertain)
 
 
-def draw_back(obstacles: ObstacleTable, dt: float, settings: ReflectionSettings) -> None:
-    """Draw each reference point back to its leader over dt, s."""
+def decay_offsets(obstacles: ObstacleTable, dt: float, settings: ReflectionSettings) -> None:
+    """Let each reference point return to its leading reflection over dt, s, exponentially."""
     obstacles.offset *= exp(-dt / settings.return_time)
 
 
-def pass_the_lead(
+def hand_over_reference(
     obstacles: ObstacleTable, reflections: ReflectionTable, mean: Floats, time_ns: int, settings: ReflectionSettings
 ) -> None:
-    """Hand the lead on where the leader was not detected of late."""
+    """Hand over the reference point where its reflection has not been detected for the hand-over delay."""
     silent = time_ns - reflections.last_ns[obstacles.leader] > int(settings.patience * 1e9)
     if not silent.any():
         return
     detected = np.flatnonzero(reflections.last_ns == time_ns)[::-1]
-    heir = np.full(len(obstacles), -1, dtype=np.int64)
-    heir[reflections.obstacle[detected]] = detected  # reversed, so that the oldest one is written last
-    rows = np.flatnonzero(silent & (heir >= 0))
-    change_leader(obstacles, rows, heir[rows], mean)
+    successor = np.full(len(obstacles), -1, dtype=np.int64)
+    successor[reflections.obstacle[detected]] = detected  # reversed, so that the oldest one is written last
+    rows = np.flatnonzero(silent & (successor >= 0))
+    change_reference(obstacles, rows, successor[rows], mean)
 
 
-def change_leader(obstacles: ObstacleTable, rows: Indices, heirs: Integers, mean: Floats) -> None:
-    """Make other reflections lead, the reference points staying where they are."""
-    step = mean[obstacles.leader[rows], :2] - mean[heirs, :2]
+def change_reference(obstacles: ObstacleTable, rows: Indices, successors: Integers, mean: Floats) -> None:
+    """Give the reference points of the rows to other reflections without moving them."""
+    step = mean[obstacles.leader[rows], :2] - mean[successors, :2]
     obstacles.offset[rows] += to_travel_axes(step, obstacles.direction[rows])
-    obstacles.leader[rows] = heirs
+    obstacles.leader[rows] = successors
 
 
-def parted(
+def split_candidates(
     obstacles: ObstacleTable,
     reflections: ReflectionTable,
     mean: Floats,
     motion: RigidMotion,
     settings: ReflectionSettings,
 ) -> Booleans:
-    """Tell which reflections no longer move with their obstacle.
+    """Return which reflections no longer move with their obstacle, (n,).
 
-    The bounds are twice those for joining, so that a reflection at the edge does not come and go.
+    The bounds are twice those for merging, so that a reflection at the edge does not come and go.
     """
     if len(reflections) == len(obstacles):
         return np.zeros(len(reflections), dtype=np.bool_)
@@ -123,10 +123,10 @@ def parted(
     return away
 
 
-def beside_an_older(obstacles: ObstacleTable, motion: RigidMotion, settings: ReflectionSettings) -> Integers:
-    """Return for each obstacle the row of an older one that it is side by side with, or −1.
+def merge_candidates(obstacles: ObstacleTable, motion: RigidMotion, settings: ReflectionSettings) -> Integers:
+    """Return for each obstacle the row of an older one that it is alongside of and moves like, or −1.
 
-    Rows keep the order of birth, so an older obstacle has a smaller row.
+    Rows keep the order of initiation, so an older obstacle has a smaller row.
     """
     found = np.full(len(obstacles), -1, dtype=np.int64)
     reach = settings.along + settings.across
@@ -149,12 +149,12 @@ def beside_an_older(obstacles: ObstacleTable, motion: RigidMotion, settings: Ref
     return found
 
 
-def turn_to_course(obstacles: ObstacleTable, velocity: Floats, dt: float, settings: TravelSettings) -> None:
+def align_with_course(obstacles: ObstacleTable, velocity: Floats, dt: float, settings: TravelSettings) -> None:
     """Turn the directions of travel towards the courses over ground of what moves.
 
     Args:
         obstacles: whose directions turn.
-        velocity: over ground (k, 2), level frame, m/s.
+        velocity: over ground (k, 2), local frame, m/s.
         dt: s since the last turn.
         settings: how fast, and from which speed on.
     """

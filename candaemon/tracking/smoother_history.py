@@ -19,12 +19,12 @@ from candaemon.tracking.obstacles import Obstacles
 
 @dataclass(frozen=True, slots=True)
 class SmootherHistory:
-    """One step of a tracker; states are [x, y, vx, vy, ax, ay] of reference points, level frame, SI units.
+    """One step of a tracker; states are [x, y, vx, vy, ax, ay] of reference points, local frame, SI units.
 
     Attributes:
-        id: of the obstacles told, (k,).
-        state: as told (k, 6).
-        covariance: as told (k, 6, 6).
+        id: of the obstacles reported, (k,).
+        state: as reported (k, 6).
+        covariance: as reported (k, 6, 6).
         linked: identities of the obstacles that the step began with, (l,).
         link: their prediction to this step's instant, rows as `linked`.
     """
@@ -36,16 +36,16 @@ class SmootherHistory:
     link: Link
 
 
-def joined(trails: Sequence[SmootherHistory]) -> SmootherHistory:
-    """Return the trails of several trackers' same step as one."""
-    if len(trails) == 1:
-        return trails[0]
-    links = [trail.link for trail in trails]
+def concatenated(histories: Sequence[SmootherHistory]) -> SmootherHistory:
+    """Return the histories of several trackers' same step as one."""
+    if len(histories) == 1:
+        return histories[0]
+    links = [history.link for history in histories]
     return SmootherHistory(
-        np.concatenate([trail.id for trail in trails]),
-        np.concatenate([trail.state for trail in trails]),
-        np.concatenate([trail.covariance for trail in trails]),
-        np.concatenate([trail.linked for trail in trails]),
+        np.concatenate([history.id for history in histories]),
+        np.concatenate([history.state for history in histories]),
+        np.concatenate([history.covariance for history in histories]),
+        np.concatenate([history.linked for history in histories]),
         Link(
             np.concatenate([link.mean for link in links]),
             np.concatenate([link.covariance for link in links]),
@@ -60,7 +60,7 @@ def with_motion(obstacles: Obstacles, smoothed: Smoothed, pose: EgoPose) -> Obst
     Args:
         obstacles: of one cycle.
         smoothed: their motion, in the same order.
-        pose: own pose in that cycle.
+        pose: ego pose in that cycle.
     """
     state, turn = smoothed.mean, pose.rotation
     place = pose.to_vehicle(state[:, :2])

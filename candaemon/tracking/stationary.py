@@ -1,8 +1,8 @@
-"""What stands still, told to own motion that has biases to learn.
+"""Stationary obstacles, from whose detections ego motion learns its biases.
 
-A thing that stands shows own speed by its range rate, and a wrong yaw rate by its drift: where the heading turns too
-fast by e, a point at distance x ahead seems to move sideways by e·x. The drift is taken from the measured points
-themselves over a span of time, for a filter that expects little lateral motion hides just that.
+A stationary object shows the vehicle's speed by its range rate, and a wrong yaw rate by its drift: where the heading
+turns too fast by e, a point at distance x ahead seems to move sideways by e·x. The drift is taken from the measured
+points themselves over a span of time, since a filter that expects little lateral motion hides it.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class StationaryWatchState:
 
 
 class StationaryWatch:
-    """Watches the detections of standing obstacles.
+    """Watches the detections of stationary obstacles.
 
     Args:
         settings: what counts as stationary, and how long a drift is watched.
@@ -71,26 +71,26 @@ class StationaryWatch:
     def returns(
         self, detections: Detections, tracker: Tracker, obstacles: Obstacles, pose: EgoPose
     ) -> StationaryReturns | None:
-        """Return what this cycle's detections of standing obstacles say of own motion; None where none does."""
+        """Return what this cycle's detections of stationary obstacles say of ego motion; None where none does."""
         if detections.time_ns - self.state.pruned_ns > self._span_ns:
             self._prune(detections.time_ns)
         measurement, update, settings = detections.measurement, tracker.update, self._settings
-        own_speed = hypot(pose.ve, pose.vn)
-        if measurement.range_rate is None or update is None or own_speed < settings.least_own_speed:
+        ego_speed = hypot(pose.ve, pose.vn)
+        if measurement.range_rate is None or update is None or ego_speed < settings.least_own_speed:
             return None
-        standing = (
+        stationary = (
             (obstacles.state == CONFIRMED)
             & (np.abs(obstacles.vx) < settings.stationary_speed)
             & (np.abs(obstacles.vy) < settings.stationary_speed)
             & (obstacles.x > settings.least_distance)
         )
-        rows = np.flatnonzero(standing[obstacles.used_row])
+        rows = np.flatnonzero(stationary[obstacles.used_row])
         if not len(rows):
             return None
         seen = update.detection[rows]
         unit = measurement.position[seen] - measurement.origin
         unit = unit / np.hypot(unit[:, 0], unit[:, 1])[:, None]
-        cosine = unit @ (measurement.velocity / own_speed)
+        cosine = unit @ (measurement.velocity / ego_speed)
         ahead = cosine > settings.least_cosine
         old = obstacles.age[obstacles.used_row[rows]] > settings.least_age
         speeds = tuple(
@@ -111,7 +111,7 @@ class StationaryWatch:
         state.pruned_ns = time_ns
 
     def _drift(self, obstacle: int, i: int, detections: Detections, pose: EgoPose) -> tuple[float, float] | None:
-        """Follow one point; return its sideways motion, m, and distance × time, m·s, once it was watched for long."""
+        """Follow one point; return its sideways motion, m, and distance × time, m·s, once it was watched for a span."""
         key = (detections.sensor, int(detections.object_id[i]))
         position, now_ns = detections.measurement.position[i], detections.time_ns
         anchors = self.state.anchors

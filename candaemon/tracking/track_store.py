@@ -1,6 +1,6 @@
 """All tracks of a group of sensors: reflections, the obstacles that they make up, and their filter.
 
-The tables and the filter keep the same rows in the same order; whoever drops or appends rows does so here.
+The tables and the filter keep the same rows in the same order; rows are appended and deleted here alone.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from candaemon.radar.detections import Detections
 from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 from candaemon.tracking.estimator_factory import make_estimator
 from candaemon.tracking.identities import Identities
-from candaemon.tracking.reflections import RigidMotion, change_leader, draw_back, from_travel_axes, rigid_motion
+from candaemon.tracking.reflections import RigidMotion, change_reference, decay_offsets, from_travel_axes, rigid_motion
 
 
 @dataclass(slots=True)
@@ -106,33 +106,34 @@ class TrackStore:
         """Return the motion of the obstacles."""
         return rigid_motion(self.obstacles, self.reflections, *self.states())
 
-    def reference(self) -> Floats:
-        """Return the obstacles' reference points (k, 2), level frame, m."""
+    def reference_points(self) -> Floats:
+        """Return the obstacles' reference points (k, 2), local frame, m."""
         obstacles = self.obstacles
         return self.states()[0][obstacles.leader, :2] + from_travel_axes(obstacles.offset, obstacles.direction)
 
     def predict(self, dt: float) -> None:
         """Predict all tracks by dt, s.
 
-        The reference points' return to their leaders is a part of it: no smoother is to take it for something learnt.
+        The reference points' return to their leading reflections is a part of the prediction, so that a smoother does
+        not take it for a correction.
         """
         self.estimator.predict(dt, self.direction)
-        draw_back(self.obstacles, dt, self._settings)
+        decay_offsets(self.obstacles, dt, self._settings)
         self._moments = None
 
-    def retreat(self, dt: float) -> None:
-        """Take all tracks back by a short dt, s."""
-        self.estimator.retreat(dt)
+    def retrodict(self, dt: float) -> None:
+        """Retrodict all tracks by a short dt, s."""
+        self.estimator.retrodict(dt)
         self._moments = None
 
-    def linked(self, moved: bool) -> tuple[Integers, Link]:
-        """Return the obstacles' identities and what a smoother needs of their prediction; to be asked right after it.
+    def smoother_link(self, moved: bool) -> tuple[Integers, Link]:
+        """Return the obstacles' identities and what a smoother needs of their prediction; to be called right after it.
 
-        Where time has not moved on, as in a scan that comes after a younger one, the gain is the identity: what is
-        learnt of an obstacle is learnt of it before, and its chain does not break.
+        Where time has not moved on, as in a scan that comes after a younger one, the gain is the identity: a correction
+        of the state is one of the state before, and the smoother's chain does not break.
 
         Args:
-            moved: whether `predict` led here.
+            moved: whether the tracks were predicted.
         """
         motion, link = self.motion(), self.estimator.link
         gain = np.broadcast_to(np.eye(6), motion.covariance.shape)
@@ -146,14 +147,14 @@ class TrackStore:
         self._moments = None
         return nis
 
-    def note(self, tracks: Indices, rows: Indices, detections: Detections) -> None:
-        """Note which detections updated which reflections."""
+    def record(self, tracks: Indices, rows: Indices, detections: Detections) -> None:
+        """Record which detections updated which reflections."""
         reflections, obstacles, sensor = self.reflections, self.obstacles, detections.sensor
         keys = detections.object_id[rows]
         renamed = (reflections.object_id[tracks] != keys) | (reflections.sensor[tracks] != sensor)
         if renamed.any():
             for track, key in zip(tracks[renamed].tolist(), keys[renamed].tolist(), strict=True):
-                self.name(track, sensor, key)
+                self.assign_id(track, sensor, key)
         reflections.last_ns[tracks] = detections.time_ns
         owners = reflections.obstacle[tracks]
         obstacles.last_ns[owners] = detections.time_ns
@@ -173,29 +174,29 @@ class TrackStore:
         self._rows_of_scan[sensor] = ids, rows, len(set(keys)) == len(keys)
         return self._rows_of_scan[sensor][1:]
 
-    def name(self, track: int, sensor: int, key: int) -> None:
-        """Let a sensor's id stand for this reflection and no longer for another."""
+    def assign_id(self, track: int, sensor: int, key: int) -> None:
+        """Assign a sensor's object id to a reflection; it no longer stands for another."""
         self._rows_of_scan.clear()
         reflections = self.reflections
         row_of = self._state.row_of
         former = row_of.get((sensor, key))
         if former != track:
-            for name in self._outdated(track, sensor):
-                del row_of[name]
+            for replaced in self._replaced_ids(track, sensor):
+                del row_of[replaced]
         if former is not None and reflections.sensor[former] == sensor:
             reflections.object_id[former] = -1
         row_of[sensor, key] = track
         reflections.sensor[track], reflections.object_id[track] = sensor, key
 
-    def _outdated(self, track: int, sensor: int) -> list[tuple[int, int]]:
-        """Return the ids that no longer stand for a reflection once a sensor gives it another."""
+    def _replaced_ids(self, track: int, sensor: int) -> list[tuple[int, int]]:
+        """Return the ids that a reflection loses once a sensor gives it another."""
         if self.estimator.adapting:
-            return [name for name, row in self.row_of.items() if row == track and name[0] == sensor]
+            return [each for each, row in self.row_of.items() if row == track and each[0] == sensor]
         latest = int(self.reflections.sensor[track]), int(self.reflections.object_id[track])
         return [latest] if self.row_of.get(latest) == track else []
 
     def add_obstacle(self, time_ns: int, direction: Floats) -> int:
-        """Add an obstacle that the next reflection will lead; return its row.
+        """Append an obstacle that the next reflection will lead; return its row.
 
         Args:
             time_ns: of its first detection.
@@ -212,13 +213,13 @@ class TrackStore:
             leader=np.array([len(self.reflections)]),
             offset=np.zeros((1, 2)),
             direction=direction[None],
-            beside_ns=zero,
+            alongside_ns=zero,
             sensors=zero,
         )
         return len(self.obstacles) - 1
 
     def add_reflection(self, owner: int, sensor: int, key: int, time_ns: int) -> None:
-        """Add the reflection that the filter has just been given a row for, as one of an obstacle."""
+        """Append the reflection whose row the filter has just appended, as one of an obstacle."""
         track = len(self.reflections)
         self.reflections.append(
             sensor=np.array([sensor]),
@@ -226,7 +227,7 @@ class TrackStore:
             obstacle=np.array([owner]),
             last_ns=np.array([time_ns]),
         )
-        self.name(track, sensor, key)
+        self.assign_id(track, sensor, key)
         self.obstacles.last_ns[owner] = time_ns
         self.obstacles.history[owner] |= 1
         self.obstacles.sensors[owner] |= 1 << sensor
@@ -250,56 +251,56 @@ class TrackStore:
             seen_by |= (obstacles.sensors >> old & 1) << new
         obstacles.sensors = seen_by
         self.estimator.renumber_sensors(sensors)
-        over = seen_by == 0
-        if over.any():
-            self.drop(over[reflections.obstacle], over)
+        ended = seen_by == 0
+        if ended.any():
+            self.delete(ended[reflections.obstacle], ended)
 
-    def part(self, leaving: Indices) -> None:
-        """Give each leaving reflection an obstacle of its own, as old as the one it leaves, and not confirmed yet."""
+    def split(self, splitting: Indices) -> None:
+        """Give each of the reflections a tentative obstacle of its own, as old as the one that it leaves."""
         obstacles, reflections = self.obstacles, self.reflections
-        owner = reflections.obstacle[leaving]
+        owner = reflections.obstacle[splitting]
         first = len(obstacles)
         obstacles.append(
-            id=np.array([self._identities.new() for _ in leaving], dtype=np.int64),
+            id=np.array([self._identities.new() for _ in splitting], dtype=np.int64),
             first_ns=obstacles.first_ns[owner],
-            last_ns=reflections.last_ns[leaving],
-            history=np.ones(len(leaving), dtype=np.int64),
-            scans=np.zeros(len(leaving), dtype=np.int64),
-            confirmed=np.zeros(len(leaving), dtype=np.bool_),
-            leader=leaving.astype(np.int64),
-            offset=np.zeros((len(leaving), 2)),
+            last_ns=reflections.last_ns[splitting],
+            history=np.ones(len(splitting), dtype=np.int64),
+            scans=np.zeros(len(splitting), dtype=np.int64),
+            confirmed=np.zeros(len(splitting), dtype=np.bool_),
+            leader=splitting.astype(np.int64),
+            offset=np.zeros((len(splitting), 2)),
             direction=obstacles.direction[owner],
-            beside_ns=np.zeros(len(leaving), dtype=np.int64),
+            alongside_ns=np.zeros(len(splitting), dtype=np.int64),
             sensors=obstacles.sensors[owner],
         )
-        reflections.obstacle[leaving] = np.arange(first, len(obstacles))
+        reflections.obstacle[splitting] = np.arange(first, len(obstacles))
 
-    def absorb(self, young: int, old: int) -> None:
-        """Make one obstacle's reflections another's; the row that is left empty is to be dropped."""
+    def merge(self, young: int, old: int) -> None:
+        """Merge an obstacle into an older one; the row that is left without reflections is to be deleted."""
         obstacles = self.obstacles
         self.reflections.obstacle[self.reflections.obstacle == young] = old
         if obstacles.last_ns[young] > obstacles.last_ns[old]:
-            change_leader(obstacles, np.array([old]), obstacles.leader[[young]], self.states()[0])
+            change_reference(obstacles, np.array([old]), obstacles.leader[[young]], self.states()[0])
         obstacles.last_ns[old] = max(obstacles.last_ns[old], obstacles.last_ns[young])
         obstacles.history[old] |= obstacles.history[young]
         obstacles.sensors[old] |= obstacles.sensors[young]
 
-    def drop(self, lost: Booleans, over: Booleans) -> Indices:
-        """Forget reflections and obstacles.
+    def delete(self, lost: Booleans, ended: Booleans) -> Indices:
+        """Delete reflections and obstacles.
 
         Args:
-            lost: reflections (n,) to forget; all those of an obstacle that is over.
-            over: obstacles (k,) to forget.
+            lost: reflections (n,) to delete, among them all those of an ended obstacle.
+            ended: obstacles (k,) to delete.
 
         Returns:
             The new row of each reflection kept, by its old row.
         """
         new_row = np.cumsum(~lost) - 1
-        new_owner = np.cumsum(~over) - 1
+        new_owner = np.cumsum(~ended) - 1
         self.estimator.keep(~lost)
         self.reflections.keep(~lost)
         self.reflections.obstacle = new_owner[self.reflections.obstacle]
-        self.obstacles.keep(~over)
+        self.obstacles.keep(~ended)
         self.obstacles.leader = new_row[self.obstacles.leader]
         gone = lost.tolist()
         self._rows_of_scan.clear()

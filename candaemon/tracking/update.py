@@ -14,11 +14,11 @@ class TrackerCounts:
     Attributes:
         cycles: scans tracked.
         detections: detections given.
-        used: detections that updated or began a track.
+        used: detections that updated or initiated a track.
         crowded: detections dropped because `max_tracks` was reached.
-        obstacles: obstacles begun.
+        obstacles: obstacles initiated.
         confirmed: obstacles confirmed.
-        merged: obstacles that became part of another.
+        merged: obstacles merged into another.
         slot_jumps: detections whose sensor kept the id but that cannot be the track of that id.
     """
 
@@ -34,24 +34,24 @@ class TrackerCounts:
 
 @dataclass(frozen=True, slots=True)
 class Update:
-    """The detections that updated or began a track in the latest scan.
+    """The detections that updated or initiated a track in the latest scan.
 
     Attributes:
         detection: rows in the scan (m,).
         reflection: rows of the reflections they updated (m,).
-        nis: normalised innovation squared (m,); NaN where a track began.
-        freedom: degrees of freedom of each (m,).
+        nis: normalised innovation squared (m,); NaN where a track was initiated.
+        degrees_of_freedom: of each NIS (m,).
     """
 
     detection: Indices
     reflection: Indices
     nis: Floats
-    freedom: Integers
+    degrees_of_freedom: Integers
 
 
 @dataclass(frozen=True, slots=True)
 class Used:
-    """The same, as it is told.
+    """The detections used in a cycle, as they are reported.
 
     Attributes:
         reflection: rows of the reflections updated (m,).

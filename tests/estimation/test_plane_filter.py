@@ -79,7 +79,7 @@ def test_rows_come_and_go_and_move_as_the_banks() -> None:
         each.predict(0.05, np.tile(EAST, (6, 1)))
         each.clone(np.array([4, 1]), np.ones((2, 2)), spread)
         each.keep(np.array([True, False, True, True, False, True, True, True]))
-        each.retreat(0.02)
+        each.retrodict(0.02)
         each.spawn(np.zeros((1, 2)), spread[:1], np.ones((1, 2)), spread[1:])
         each.predict(0.05, np.tile(EAST, (7, 1)))
     assert len(plane) == len(bank) == 7

@@ -33,7 +33,7 @@ def pose(
     yaw_rate: float = 0.0,
     speed_variance: float = 0.0,
 ) -> EgoPose:
-    """Return a valid own pose at a time in s."""
+    """Return a valid ego pose at a time in s."""
     return EgoPose(ns(time), east, north, heading, ve, vn, yaw_rate, speed_variance, EgoStatus.VALID)
 
 
@@ -86,7 +86,7 @@ def random_covariance(rng: np.random.Generator, size: int, count: int = 1) -> Fl
 
 
 class Circle:
-    """A rear axle's centre at a steady speed (m/s) and yaw rate (rad/s), in the level frame from its first sample."""
+    """A rear axle's centre at a steady speed (m/s) and yaw rate (rad/s), in the local frame from its first sample."""
 
     def __init__(self, speed: float, rate: float, heading: float) -> None:
         self.speed, self.rate, self.start = speed, rate, heading
@@ -104,7 +104,7 @@ class Circle:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """One object of a scan: the sensor's id, where it is (m) and how it moves (m/s) over ground, level frame."""
+    """One object of a scan: the sensor's id, where it is (m) and how it moves (m/s) over ground, local frame."""
 
     key: int
     x: float
@@ -116,7 +116,7 @@ class Seen:
 
 
 class HandFed:
-    """A tracker whose scans are written by hand; own vehicle rests in the level frame's origin unless told.
+    """A tracker whose scans are written by hand; own vehicle rests in the local frame's origin unless told.
 
     Args:
         slack: s, as the tracker's.

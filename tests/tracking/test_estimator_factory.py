@@ -106,7 +106,7 @@ def test_a_clone_is_in_the_state_of_the_one_that_it_is_like() -> None:
         follow(bank, drives)
         bank.clone(np.array([1, 0]), np.ones((2, 2)), np.tile(0.1 * np.eye(2), (2, 1, 1)))
         seen_now, rows = seen(np.zeros((4, 2))), np.arange(4)
-        believed = bank.believed(rows, seen_now).noise
+        believed = bank.inflated(rows, seen_now).noise
         assert believed[0, 0, 0] > 2 * believed[1, 0, 0]
         np.testing.assert_array_equal(believed[2:], believed[[1, 0]])
         np.testing.assert_array_equal(bank.mean[2:, :, 2:], bank.mean[[1, 0], :, 2:])

@@ -15,7 +15,7 @@ from candaemon.estimation.smoothing import Smoothed
 from candaemon.pipeline.cycle import Cycle
 from candaemon.playback.smooth import CycleSmoother
 from candaemon.tracking.identities import Identities
-from candaemon.tracking.obstacles import MOTION, Obstacles, joined, none
+from candaemon.tracking.obstacles import MOTION, Obstacles, concatenated, no_obstacles
 from candaemon.tracking.smoother_history import with_motion
 from candaemon.tracking.tracker import Tracker
 from tests.support.builders import CYCLE, HandFed, Seen, assert_sane, ns, pose, times
@@ -88,11 +88,11 @@ def test_any_detections_leave_it_sane(scans: list[tuple[float, int, list[Seen]]]
 def test_what_nothing_was_learnt_of_is_told_as_before() -> None:
     """A trail's own states, told again in a vehicle that turns, are what the tracker told."""
     fed = hand_fed()
-    fed.tracker.leave_trail()
+    fed.tracker.keep_smoother_history()
     for t in times(1, 20):
         ego = pose(t, east=5.0 * t, north=-2.0, heading=0.7 + 0.1 * t)
         told = fed.scan(t, [Seen(0, 30.0 + 20 * t, 2 * t, 20.0, 2.0), Seen(1, 5.0, 60.0 - 5 * t, 0.0, -5.0)], ego=ego)
-        trail = fed.tracker.trail
+        trail = fed.tracker.smoother_history
         assert trail is not None
         again = with_motion(told, Smoothed(ego.time_ns, trail.id, trail.state, trail.covariance), ego)
         for name in MOTION:
@@ -101,11 +101,11 @@ def test_what_nothing_was_learnt_of_is_told_as_before() -> None:
 
 def test_a_trail_has_the_gain_of_the_reflection_that_leads() -> None:
     fed = hand_fed()
-    fed.tracker.leave_trail()
+    fed.tracker.keep_smoother_history()
     pairs = [Seen(key, 30.0 + 60 * (key // 2) + 2 * (key % 2), 0.0) for key in range(4)]
     for t in times(1, 20):
         fed.scan(t, pairs if t < 0.8 else [pairs[0], *pairs[2:]])
-    population, trail = fed.tracker._tracks, fed.tracker.trail
+    population, trail = fed.tracker._tracks, fed.tracker.smoother_history
     assert trail is not None
     assert population.estimator.link is not None
     assert len(trail.linked) < len(population.reflections)
@@ -134,7 +134,7 @@ def test_a_cycle_without_own_motion_does_not_break_a_chain() -> None:
             for k, t in enumerate(times(1, 60)):
                 yield fed.scan(t, [car(rng, t)])
                 if gaps and k % 10 == 0:
-                    yield none(ns(t) + 1)
+                    yield no_obstacles(ns(t) + 1)
 
         return smoothed([fed.tracker], told())
 
@@ -151,7 +151,7 @@ def test_groups_are_smoothed_as_each_alone() -> None:
         def told() -> Iterator[Obstacles]:
             for n, t in enumerate(times(1, 80)):
                 # one group's scan a cycle; the other one coasts, and the second group's car comes and goes
-                yield joined(
+                yield concatenated(
                     [
                         fed.scan(t, [car(rng, t, 3.5 * k)] if k == 0 or 10 < n < 50 else [])
                         if n % 2 == k

@@ -8,7 +8,7 @@ import pytest
 from candaemon.config.sensors import FieldOfView, Mount
 from candaemon.radar.mounting import SensorView
 from candaemon.tracking.identities import Identities
-from candaemon.tracking.obstacles import COASTING, CONFIRMED, TENTATIVE, joined
+from candaemon.tracking.obstacles import COASTING, CONFIRMED, TENTATIVE, concatenated
 from tests.support.builders import CYCLE, HandFed, Seen, assert_sane, car, place, pose, states, times
 
 
@@ -149,7 +149,7 @@ def test_trackers_that_share_a_source_of_identities_never_meet() -> None:
     pair = HandFed(identities=identities), HandFed(identities=identities)
     for t in times(0, 5):
         told = [fed.scan(t, [car(5, t, 40.0), car(6, t, 80.0, 3.5)]) for fed in pair]
-    both = joined(told)
+    both = concatenated(told)
     assert_sane(both)
     assert len(both) == 4
     assert both.used_row.tolist() == [0, 1, 2, 3]
@@ -242,6 +242,6 @@ def test_expected_positions_are_those_of_the_detections_used() -> None:
     assert update is not None
     exact = np.array([[40.0 + 20 * (t + 0.5), 0.0], [60.0 + 15 * (t + 0.5), 3.5]])
     np.testing.assert_allclose(places, exact[update.detection], atol=0.1)
-    assert (update.freedom == 3).all()
+    assert (update.degrees_of_freedom == 3).all()
     fed.coast(2.0)
     assert fed.tracker.expected_positions(0.5).shape == (0, 2)
