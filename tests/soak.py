@@ -24,7 +24,8 @@ from candaemon.binding.bind import bind
 from candaemon.can_io.open_port import PORTS
 from candaemon.can_io.port import Controller, PortRequest
 from candaemon.config.load import load_config
-from candaemon.daemon.daemon import Daemon, Observer
+from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.frames.frame import Frame
 from candaemon.recording.recorder import Recorder
 from candaemon.status.health_summary import StatusLogger
@@ -109,7 +110,7 @@ class Road(Observer):
         port = self.ports[request.index] = Played()
         return port
 
-    def turned(self, daemon: Daemon) -> None:
+    def on_iteration(self, daemon: DaemonView) -> None:
         """Go on by a step."""
         self.now_ns, frames = next(self._steps)
         self.put += len(frames)

@@ -25,34 +25,34 @@ WITHIN_S: Final = 60.0
 
 
 class LinkLog:
-    """Logs whether a bus is there when that changes; one that changes too often is told of later, as it is then.
+    """Logs when a bus goes up or down; of one that changes too often, only the state after a pause is logged.
 
     Args:
         name: of the bus in the configuration.
 
     Attributes:
-        told_up: what the log has been told; set where somebody else tells it.
+        logged_up: the state logged last; set where the caller logs it.
     """
 
     def __init__(self, name: str) -> None:
-        self.told_up = True
+        self.logged_up = True
         self._name = name
         self._times_s: deque[float] = deque(maxlen=MOST)
 
-    def tell(self, now_s: float, *, up: bool, error: str) -> None:
-        """Tell whether the bus is up, and why it is not; to be asked again now and then.
+    def update(self, now_s: float, *, up: bool, error: str) -> None:
+        """Log whether the bus is up, and why it is not, if that has changed; to be called again periodically.
 
         Args:
             now_s: monotonic s.
             up: whether it is.
             error: why it is down.
         """
-        if up == self.told_up:
+        if up == self.logged_up:
             return
         if len(self._times_s) == MOST and now_s - self._times_s[0] < WITHIN_S:
             return
         self._times_s.append(now_s)
-        self.told_up = up
+        self.logged_up = up
         if up:
             logger.info("bus '%s' is up", self._name)
         else:
@@ -85,8 +85,8 @@ class LiveBus:
 
     Args:
         request: which bus.
-        clock: gives nanoseconds; for `BusState.since_ns` alone.
-        selector: is told of the descriptor to read, with this bus as its data.
+        clock: gives nanoseconds; for `BusState.since_ns` only.
+        selector: gets the descriptor to read registered, with this bus as its data.
 
     Attributes:
         name: the bus's name in the configuration.
@@ -113,7 +113,7 @@ class LiveBus:
         self._waiting = TxQueue(settings.send_queue, settings.send_timeout)
         self._delay_s = settings.reopen_first
         self._next_s = 0.0
-        self._notices = LinkLog(request.name)
+        self._link_log = LinkLog(request.name)
 
     @property
     def waiting(self) -> int:
@@ -129,7 +129,7 @@ class LiveBus:
         try:
             self._adopt(open_port(self.request), now_s)
         except BusError as error:
-            self._notices.told_up = False  # whoever called tells it
+            self._link_log.logged_up = False  # the caller logs it
             self._stay_down(str(error), now_s)
             self._put_off(now_s)
             raise
@@ -144,7 +144,7 @@ class LiveBus:
             frames = port.receive(limit)
         except (BusError, *PORT_ERRORS) as error:
             self._go_down(error, now_s)
-            return self._last_words()
+            return self._take_remaining()
         if port.controller != self.state.controller:
             self._follow(port, now_s)
         elif frames and not self.state.up:
@@ -178,7 +178,7 @@ class LiveBus:
         if self._waiting:
             self.counts.send_dropped += self._waiting.expire(now_s)
             self._send_waiting(now_s)
-        frames = self._last_words()
+        frames = self._take_remaining()
         self._plan(now_s)
         return frames
 
@@ -187,7 +187,7 @@ class LiveBus:
         if self._port is not None:
             self._left += _last_frames(self._port, _LEFT_FRAMES)
         self.close()
-        return self._last_words()
+        return self._take_remaining()
 
     def close(self) -> None:
         """Close the bus; what waits to be sent is dropped."""
@@ -247,7 +247,7 @@ class LiveBus:
         except PORT_ERRORS as error:
             self._go_down(error, now_s)
             return 0
-        self._waiting.took(sent)
+        self._waiting.remove_first(sent)
         self.counts.sent += sent
         self._plan(now_s)
         return sent
@@ -297,7 +297,7 @@ class LiveBus:
 
     def _tell(self, now_s: float) -> None:
         """Let the log know whether the bus is there."""
-        self._notices.tell(now_s, up=self.state.up, error=self.state.error)
+        self._link_log.update(now_s, up=self.state.up, error=self.state.error)
 
     def _put_off(self, now_s: float) -> None:
         """Try again after a wait, and the next time after a longer one."""
@@ -305,7 +305,7 @@ class LiveBus:
         self._delay_s = min(2 * self._delay_s, self.request.settings.reopen_longest)
         self._plan(now_s)
 
-    def _last_words(self) -> list[Frame]:
+    def _take_remaining(self) -> list[Frame]:
         """Return what a bus that is gone had received, once."""
         frames, self._left = self._left, []
         self.counts.received += len(frames)

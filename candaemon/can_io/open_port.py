@@ -85,7 +85,7 @@ class BackgroundOpening:
         self._thread.start()
 
     def is_over(self) -> bool:
-        """Tell whether the bus is open, or could not be opened."""
+        """Return whether the bus is open, or could not be opened."""
         return not self._thread.is_alive()
 
     def port(self) -> Port:

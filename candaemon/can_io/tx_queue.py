@@ -1,4 +1,4 @@
-"""Frames that a bus had no room for: they wait, newer ones take their place, and none waits for ever."""
+"""Transmit queue of a bus that accepts no more frames: newer frames replace older ones, and each wait is bounded."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ class TxQueue:
         self._frames += frames
         self._until_s += [now_s + self._timeout_s] * len(frames)
         excess = max(len(self._frames) - self._capacity, 0)
-        self.took(excess)
+        self.remove_first(excess)
         return before + len(frames) - len(self._frames)
 
-    def took(self, number: int) -> None:
-        """Forget the first frames: they were sent."""
+    def remove_first(self, number: int) -> None:
+        """Remove the first frames: they were sent, or are dropped."""
         del self._frames[:number], self._until_s[:number]
 
     def expire(self, now_s: float) -> int:
@@ -67,7 +67,7 @@ class TxQueue:
     def clear(self) -> int:
         """Drop all; return how many."""
         dropped = len(self._frames)
-        self.took(dropped)
+        self.remove_first(dropped)
         return dropped
 
     def _keep(self, places: list[int]) -> None:

@@ -27,7 +27,8 @@ from candaemon.cli.arguments import SCENARIO, positive
 from candaemon.cli.console import console, say
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config, find_scenario
-from candaemon.daemon.daemon import CompletedCycle, Daemon, Observer
+from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.errors import BusError, ConfigError
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.text import print_sections, sections
@@ -184,9 +185,9 @@ class _Notes(Observer):
     def __init__(self, measured_ns: list[int]) -> None:
         self._measured_ns = measured_ns
 
-    def told(self, told: CompletedCycle) -> None:
+    def on_cycle(self, completed: CompletedCycle) -> None:
         """Keep a cycle's."""
-        self._measured_ns.append(told.cycle.obstacles.time_ns)
+        self._measured_ns.append(completed.cycle.obstacles.time_ns)
 
 
 def _virtual(channel: str) -> can.BusABC:

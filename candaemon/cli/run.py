@@ -14,7 +14,8 @@ from typing import Literal
 from candaemon.binding.bound import Binding
 from candaemon.cli.arguments import CONFIG, not_negative
 from candaemon.config.shipped import find_config
-from candaemon.daemon.daemon import Daemon, Observer
+from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import Observer
 from candaemon.daemon.process_signals import handle_signals
 from candaemon.daemon.reload import Reloader, load_service_config
 from candaemon.daemon.service_log import LogFormatObserver, configure_logging, log_uncaught_exceptions

@@ -1,4 +1,4 @@
-"""Tells a clock that was set from a process that was held up: both look like a gap in the frames' time."""
+"""Distinguishes a step of the system clock from a pause of the process: both look like a gap in the time stamps."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 _SET_NS = 100_000_000
-"""What the two clocks part by in a turn of the core loop only where one was set: time servers slew 0.5 ms a second."""
+"""Difference in one iteration of the core loop that only a step explains: time servers slew 0.5 ms a second."""
 _REMEMBERED_NS = 10_000_000_000
 """How long frames that were stamped before the clock was set may wait in a buffer."""
 
@@ -29,7 +29,7 @@ class ClockStepDetector:
         self._set_ns: int | None = None
 
     def was_set(self, now_ns: int) -> bool:
-        """Tell whether the clock was set of late; to be asked at each turn.
+        """Return whether the clock was set of late; to be called in each iteration.
 
         Args:
             now_ns: what it says, read after the frames whose time stamps are in question.

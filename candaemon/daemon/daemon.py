@@ -1,4 +1,4 @@
-"""The service: buses in, pipeline, buses out, until it is told to stop."""
+"""The service: buses in, pipeline, buses out, until it is stopped."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import logging
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from threading import Event
 from types import TracebackType
 from typing import Self, TypedDict
@@ -16,6 +15,7 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.live_buses import LiveBuses
 from candaemon.can_io.reorder import STEP_NS, ReorderBuffer
 from candaemon.daemon.clock_step import ClockStepDetector, since_boot_ns
+from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.daemon.reload import Reloader
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.cycle import Cycle
@@ -26,54 +26,7 @@ logger = logging.getLogger(__name__)
 
 
 _DRAIN_S = 0.3
-"""What the last cycle's frames may wait for a busy bus."""
-
-
-@dataclass(frozen=True, slots=True)
-class CompletedCycle:
-    """A cycle that was told.
-
-    Attributes:
-        cycle: with its obstacles and frames.
-        seconds: from the frame that closed the scan being taken up to the cycle's frames being handed to the bus.
-        latency: s from that frame's time stamp to the first obstacle frame being handed to the bus; NaN for a cycle
-            that no frame brought, or that sent none.
-    """
-
-    cycle: Cycle
-    seconds: float
-    latency: float
-
-
-class Observer:
-    """Sees what the core loop does, in its thread: no method may wait. What it does not override costs a call."""
-
-    def started(self, daemon: Daemon) -> None:
-        """Look at a daemon whose buses are open, before its first turn."""
-
-    def took(self, items: Sequence[Frame | Tick]) -> None:
-        """Look at what the pipeline is about to take, in order, with the times that it will see."""
-
-    def told(self, told: CompletedCycle) -> None:
-        """Look at a cycle whose frames were handed to the bus."""
-
-    def turned(self, daemon: Daemon) -> None:
-        """Look at the daemon after a turn of the loop, some 100 times a second at least."""
-
-    def marked(self, daemon: Daemon) -> None:
-        """Hear that the user marked this moment (SIGUSR1)."""
-
-    def reloading(self, daemon: Daemon) -> None:
-        """Hear that another configuration is being loaded."""
-
-    def reloaded(self, daemon: Daemon, error: str) -> None:
-        """Hear that a configuration took its place (`error` is empty), or was refused and why.
-
-        What the daemon holds, its pipeline among it, may be others than before.
-        """
-
-    def stopped(self, daemon: Daemon) -> None:
-        """Hear that the last cycle was sent; what is open must be flushed and closed within 0.5 s."""
+"""How long the last cycle's frames may wait for a busy bus."""
 
 
 class _Expected(TypedDict):
@@ -90,14 +43,14 @@ class Daemon:
         binding: the configuration, bound to its DBC files.
         clock: gives the time in ns, in the clock of the frames' time stamps.
         steady: gives the time in ns in a clock that nobody can set and that goes on while the machine sleeps.
-        observers: see what the core loop does, in its thread.
+        observers: called by the core loop, in its thread and in this order.
         reloader: loads the configuration when `reload` asks for it; None: nothing does.
 
     Attributes:
         pipeline: with its counts.
         buses: with theirs.
         sequence: with its counts of clock steps.
-        received: frames taken from the buses.
+        received: frames read from the buses.
         last: the latest cycle, None before the first.
     """
 
@@ -139,57 +92,57 @@ class Daemon:
     def run(self) -> None:
         """Serve until `stop` is called, then finish the open scans."""
         for observer in self._observers:
-            observer.started(self)
+            observer.on_start(self)
         _freeze()
         while not self._stopping.is_set():
-            self.turn()
+            self.run_once()
         self.finish()
         self.buses.drain(_DRAIN_S)
         for observer in self._observers:
-            observer.stopped(self)
+            observer.on_stop(self)
 
-    def turn(self) -> None:
-        """Take a step, then do what was asked for meanwhile; the observers see each turn."""
+    def run_once(self) -> None:
+        """Run one iteration of the core loop: a step, a mark or a reload requested meanwhile, the observers."""
         self.step(self.binding.settings.service.tick)
         self._mark()
         self._reload()
         for observer in self._observers:
-            observer.turned(self)
+            observer.on_iteration(self)
 
     def step(self, timeout_s: float) -> None:
-        """Take what has come, or after some silence the time, through the pipeline.
+        """Process the frames that have arrived, or a tick if none has.
 
         Args:
-            timeout_s: longest silence to wait for.
+            timeout_s: how long to wait for a frame.
         """
         now_ns = self._clock()  # before the buses are read, so that no tick overtakes a frame
         frames = self.buses.read(timeout_s)
-        self._allow_for_a_pause(frames)
+        self._distinguish_pause_from_clock_step(frames)
         self.received += len(frames)
         push = self.sequence.push
-        self._take([item for each in frames or (Tick(now_ns),) for item in push(each)])
+        self._process([item for each in frames or (Tick(now_ns),) for item in push(each)])
 
     def finish(self) -> None:
-        """Take what is held back and what is open through the pipeline."""
-        self._take(self.sequence.flush())
+        """Process what the reorder buffer holds, and close the open scans."""
+        self._process(self.sequence.flush())
         began_s = time.perf_counter()
         for cycle in self.pipeline.finish():
-            began_s = self._tell(cycle, began_s, by_frame=False)
+            began_s = self._send(cycle, began_s, by_frame=False)
 
     def stop(self) -> None:
         """Let `run` return soon; for signal handlers and other threads."""
         self._stopping.set()
 
     def mark(self) -> None:
-        """Let the observers hear that this moment is of interest; for signal handlers and other threads."""
+        """Request that the observers be notified of this moment; for signal handlers and other threads."""
         self._marking.set()
 
     def reload(self) -> None:
-        """Let the configuration be loaded again; for signal handlers and other threads."""
+        """Request that the configuration be loaded again; for signal handlers and other threads."""
         if self._reloader is not None:
             self._reloader.ask()
 
-    def _allow_for_a_pause(self, frames: Sequence[Frame]) -> None:
+    def _distinguish_pause_from_clock_step(self, frames: Sequence[Frame]) -> None:
         """Take a gap in time for a pause, not a step of the clock, where nobody set it: the process or machine slept.
 
         Obstacles end in a pause as in any silence; to go on with them as if no time had passed would be wrong.
@@ -201,42 +154,42 @@ class Daemon:
             _window_ns(self.binding), max_gap_ns=_clock_step_ns(self.binding) if was_set or are_ahead else None
         )
 
-    def _take(self, items: Sequence[Frame | Tick]) -> None:
-        """Take sequenced items through the pipeline; send and tell each cycle as it comes."""
+    def _process(self, items: Sequence[Frame | Tick]) -> None:
+        """Run ordered items through the pipeline; send and report each cycle as it comes."""
         for observer in self._observers:
-            observer.took(items)
+            observer.on_items(items)
         began_s = time.perf_counter()
         for cycle in self.pipeline.run(items):
             by_frame = any(len(item) > 1 and item[0] == cycle.time_ns for item in items)
-            began_s = self._tell(cycle, began_s, by_frame=by_frame)
+            began_s = self._send(cycle, began_s, by_frame=by_frame)
 
-    def _tell(self, cycle: Cycle, began_s: float, *, by_frame: bool) -> float:
-        """Send a cycle's frames; return when all is done, by which the next cycle is measured."""
+    def _send(self, cycle: Cycle, began_s: float, *, by_frame: bool) -> float:
+        """Send a cycle's frames and notify the observers; return the time, from which the next cycle is measured."""
         self.last = cycle
         latency = math.nan
         if cycle.frames:
             if by_frame:
                 latency = (self._clock() + self.sequence.offset_ns - cycle.time_ns) * 1e-9
             self.buses.send(cycle.frames[0].bus, cycle.frames)
-        told = CompletedCycle(cycle, time.perf_counter() - began_s, latency)
+        completed = CompletedCycle(cycle, time.perf_counter() - began_s, latency)
         for observer in self._observers:
-            observer.told(told)
+            observer.on_cycle(completed)
         return time.perf_counter()
 
     def _mark(self) -> None:
-        """Tell the observers of a moment that was marked."""
+        """Notify the observers of a moment that was marked."""
         if self._marking.is_set():
             self._marking.clear()
             for observer in self._observers:
-                observer.marked(self)
+                observer.on_mark(self)
 
     def _reload(self) -> None:
-        """Begin to load the configuration where that was asked for; put what was loaded in place, or refuse it."""
+        """Begin to load the configuration where that was requested; put what was loaded in force, or refuse it."""
         if self._reloader is None:
             return
         if self._reloader.begin():
             for observer in self._observers:
-                observer.reloading(self)
+                observer.on_reload_begin(self)
         loaded = self._reloader.outcome()
         if loaded is None:
             return
@@ -247,11 +200,11 @@ class Daemon:
             error = str(loaded)
             logger.error("reload refused, the former configuration stays: %s", error)
         for observer in self._observers:
-            observer.reloaded(self, error)
+            observer.on_reload_end(self, error)
 
     def _swap(self, pipeline: Pipeline) -> None:
-        """Go on with another pipeline, which takes over what it can use of the former one, and with its buses."""
-        self._take(self.sequence.flush())
+        """Go on with another pipeline, which takes over what it can of the former one's state, and with its buses."""
+        self._process(self.sequence.flush())
         former, binding = self.pipeline, pipeline.binding
         kept = hand_over(former, pipeline)
         self.buses.change(binding.settings.buses, **_expected(binding))
@@ -263,7 +216,7 @@ class Daemon:
 
 
 def _expected(binding: Binding) -> _Expected:
-    """Return what is taken from each bus, and how many frames a second that should be."""
+    """Return the identifiers wanted of each bus, and the frames/s expected of it."""
     return {
         "ids": {bus.name: bus.can_ids for bus in binding.buses},
         "rates": {bus.name: bus.rate for bus in binding.buses},
@@ -279,6 +232,6 @@ def _clock_step_ns(binding: Binding) -> int:
 
 
 def _freeze() -> None:
-    """Take what has been loaded out of the collector's sight, so that it need not look at it while frames wait."""
+    """Exempt what has been loaded from garbage collection: traversing it would hold up frames."""
     gc.collect()
     gc.freeze()

@@ -21,9 +21,9 @@ _UNKNOWN: Final = CandaemonError("the load has ended without a result; the log t
 
 
 class Reloader:
-    """Loads and binds a configuration in a thread, as often as it is asked to.
+    """Loads and binds a configuration in a thread, as often as it is requested.
 
-    The core loop asks `outcome` between two turns; what was asked for while a load went on is loaded after it.
+    The core loop calls `outcome` between two iterations; what was requested during a load is loaded after it.
 
     Args:
         load: gives the binding, or raises `CandaemonError`.
@@ -36,11 +36,11 @@ class Reloader:
         self._outcome: ReloadOutcome = _UNKNOWN
 
     def ask(self) -> None:
-        """Let the configuration be loaded; for signal handlers and other threads."""
+        """Request a load; for signal handlers and other threads."""
         self._wanted.set()
 
     def begin(self) -> bool:
-        """Begin to load if that was asked for and no load goes on; return whether one began."""
+        """Begin a load if one was requested and none is running; return whether one began."""
         if self._thread is not None or not self._wanted.is_set():
             return False
         self._wanted.clear()
@@ -51,7 +51,7 @@ class Reloader:
     def outcome(self) -> ReloadOutcome | None:
         """Return, once, what became of a load that has ended: a pipeline that has taken nothing, or why there is none.
 
-        None while there is nothing to tell.
+        None while there is no result.
         """
         if self._thread is None or self._thread.is_alive():
             return None

@@ -16,12 +16,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from types import TracebackType
-from typing import TYPE_CHECKING, Literal, TextIO, TypeAlias
+from typing import Literal, TextIO, TypeAlias
 
-from candaemon.daemon.daemon import Observer
-
-if TYPE_CHECKING:
-    from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import DaemonView, Observer
 
 logger = logging.getLogger(__name__)
 
@@ -72,14 +69,14 @@ class LogFormatObserver(Observer):
     def __init__(self, form: LogFormat | None) -> None:
         self._form = form
 
-    def reloaded(self, daemon: Daemon, error: str) -> None:
+    def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Take the form of the configuration that took its place."""
         if not error:
             configure_logging(self._form or daemon.binding.settings.service.log)
 
 
 def is_journal_stream(stream: TextIO) -> bool:
-    """Tell whether a stream is what systemd connected to the journal: `JOURNAL_STREAM` names its device and inode."""
+    """Return whether a stream is what systemd connected to the journal: `JOURNAL_STREAM` names its device and inode."""
     try:
         found = os.fstat(stream.fileno())
     except (OSError, ValueError):  # it has no file, or is closed
@@ -154,7 +151,7 @@ class RepetitionFilter(logging.Filter):
         self._kinds: OrderedDict[tuple[str, str, str], _Kind] = OrderedDict()
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Tell whether a record goes through."""
+        """Return whether a record goes through."""
         first = str(record.args[0]) if isinstance(record.args, tuple) and record.args else ""
         key, now_s = (record.name, str(record.msg), first), self._clock()
         kind = self._kinds.pop(key, None) or _Kind(now_s)

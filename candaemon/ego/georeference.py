@@ -55,11 +55,6 @@ class Georeference:
         """Return latitude and longitude (n,), rad, of points in the local frame (n,), m."""
         return self.plane.to_earth(east - self.east, north - self.north)
 
-    def to_level(self, latitude: Floats, longitude: Floats) -> tuple[Floats, Floats]:
-        """Return east and north in the local frame (n,), m, of places on earth (n,), rad."""
-        east, north = self.plane.project(latitude, longitude)
-        return east + self.east, north + self.north
-
 
 @dataclass(slots=True)
 class FixCounts:

@@ -69,7 +69,7 @@ def make_folder(path: Path) -> None:
 
 
 def _is_special(path: Path) -> bool:
-    """Tell whether something other than a regular file is there, which must not be replaced by one."""
+    """Return whether something other than a regular file is there, which must not be replaced by one."""
     return not _OTHERS.isdisjoint(path.absolute().parents) or (path.exists() and not path.is_file())
 
 

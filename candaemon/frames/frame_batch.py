@@ -1,4 +1,4 @@
-"""Frames of one instant, made only where somebody looks at them one by one."""
+"""Frames of one instant to be sent, made into `Frame`s only where they are needed one by one."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What is kept of the ring: the files around an event, and the configurations that were in force.
+"""The event archive: the ring's files around an event, and the configurations that were in force.
 
-A kept file is another link to the ring's own, so that keeping it costs no copy and a kill in the middle loses nothing
-of it; where the file system has no links, it is copied once it is complete.
+An archived file is a hard link to the ring's own: that costs no copy, and a kill in the middle loses nothing of it.
+Where the file system has no links, it is copied once it is complete.
 """
 
 from __future__ import annotations

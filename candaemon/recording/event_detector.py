@@ -1,23 +1,19 @@
-"""What happens that the recording should keep: chosen obstacles, and faults when they begin."""
+"""Detects the events to be archived: chosen obstacles, and faults when they begin."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from candaemon.binding.bound import Binding
-from candaemon.daemon.daemon import CompletedCycle
+from candaemon.daemon.observer import CompletedCycle, DaemonView
 from candaemon.ego.pose import EgoStatus
 from candaemon.recording.event_archive import Event
 
-if TYPE_CHECKING:
-    from candaemon.daemon.daemon import Daemon
-
 
 class EventDetector:
-    """Tells when something begins.
+    """Detects when an event begins.
 
     A fault that goes on is one event, and so is one that comes and goes: only after it has been away for the configured
     time does it begin anew. What has not worked yet since the start does not fail.
@@ -45,9 +41,9 @@ class EventDetector:
         """Take over what another one has seen: what lasts over a reload does not begin with it."""
         self._worked, self._lost, self._lasting_ns = former._worked, former._lost, former._lasting_ns
 
-    def told(self, told: CompletedCycle) -> Iterator[Event]:
+    def on_cycle(self, completed: CompletedCycle) -> Iterator[Event]:
         """Look at a cycle; yield what begins with it."""
-        cycle = told.cycle
+        cycle = completed.cycle
         now_ns = cycle.time_ns
         if cycle.detections is not None:
             self._last_scan_ns[cycle.detections.sensor] = now_ns
@@ -61,10 +57,10 @@ class EventDetector:
         self._moved |= valid
         if self._moved and not valid:
             yield from self._fails("motion", "", now_ns)
-        if told.seconds > self._late or told.latency > self._late:
+        if completed.seconds > self._late or completed.latency > self._late:
             yield from self._fails("late", "", now_ns)
 
-    def turned(self, daemon: Daemon, now_ns: int) -> Iterator[Event]:
+    def on_iteration(self, daemon: DaemonView, now_ns: int) -> Iterator[Event]:
         """Look at the buses and the trust in the sensors; yield what begins.
 
         Args:

@@ -1,7 +1,7 @@
-"""The recording of a running service: a ring of what the pipeline took, and what is kept of it.
+"""The recorder of a running service: a ring of the pipeline's input, and an archive of events.
 
-Recorded is what the pipeline takes, with the times that it sees, and what it knows at the beginning of each file. That
-is why a file from the middle of a drive replays to the same bytes that were sent from there on.
+Recorded are the frames and ticks that the pipeline processes, with the times that it sees, and its state at the start
+of each file. Hence a file from the middle of a drive replays to the same bytes that were sent from there on.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from candaemon._version import __version__
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.logs.stream import TICK_CHANNEL
 from candaemon.config.recording import RecordingSettings
-from candaemon.daemon.daemon import CompletedCycle, Observer
+from candaemon.daemon.observer import CompletedCycle, DaemonView, Observer
 from candaemon.files.atomic import make_folder
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
@@ -30,14 +29,11 @@ from candaemon.recording.event_detector import EventDetector
 from candaemon.recording.ring import MEGABYTE, SHARE_OF_A_FILE
 from candaemon.recording.writer_thread import WriterThread
 
-if TYPE_CHECKING:
-    from candaemon.daemon.daemon import Daemon
-
 logger = logging.getLogger(__name__)
 
 _CHUNK = 1 << 16  # bytes that are written at once
 _LOOK_S = 0.1  # between two looks at the buses
-_PATIENCE = 0.1  # of a file's length: how long the next one waits for a moment without frames
+_ROTATION_DELAY = 0.1  # of a file's length: how long the next one waits for a moment without frames
 _CLOSING_S = 0.4
 
 
@@ -88,16 +84,16 @@ class Recorder(Observer):
             "items": disk.written,
             "lost": disk.lost + self._left_out,
             "pauses": self._pauses,
-            "events": disk.kept,
-            "events_lost": disk.unkept,
+            "events": disk.events_archived,
+            "events_lost": disk.events_lost,
         }
 
-    def started(self, daemon: Daemon) -> None:
+    def on_start(self, daemon: DaemonView) -> None:
         """Begin with the pipeline of a daemon."""
         self._pipeline = daemon.pipeline
         logger.info("recorded into %s", self._folder)
 
-    def took(self, items: Sequence[Frame | Tick]) -> None:
+    def on_items(self, items: Sequence[Frame | Tick]) -> None:
         """Record what the pipeline is about to take."""
         if not items:
             return
@@ -114,37 +110,37 @@ class Recorder(Observer):
         if self._text_bytes >= _CHUNK:
             self._flush()
 
-    def told(self, told: CompletedCycle) -> None:
-        """Look for an event in a cycle."""
-        for event in self._watch.told(told):
+    def on_cycle(self, completed: CompletedCycle) -> None:
+        """Detect events in a cycle."""
+        for event in self._detector.on_cycle(completed):
             self._keep(event)
 
-    def turned(self, daemon: Daemon) -> None:
-        """Write what has waited for long enough, and look for an event elsewhere."""
+    def on_iteration(self, daemon: DaemonView) -> None:
+        """Write what has waited for long enough, and detect events on buses and sensors."""
         now_s = self._clock()
         if now_s >= self._flush_s:
             self._flush_s = now_s + self._settings.flush
             self._flush()
         if now_s >= self._look_s:
             self._look_s = now_s + _LOOK_S
-            for event in self._watch.turned(daemon, self._last_ns):
+            for event in self._detector.on_iteration(daemon, self._last_ns):
                 self._keep(event)
 
-    def marked(self, daemon: Daemon) -> None:  # noqa: ARG002  # an observer's signature
+    def on_mark(self, daemon: DaemonView) -> None:  # noqa: ARG002  # an observer's signature
         """Keep what lies around this moment: the user asks for it."""
         self._keep(Event("mark", "", self._last_ns))
 
-    def reloaded(self, daemon: Daemon, error: str) -> None:
+    def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Begin a file with the configuration that took its place."""
         if not error:
             self._flush()
-            watch = self._watch
+            former = self._detector
             self._adopt(Pipeline(daemon.pipeline.binding))
-            self._watch.go_on_from(watch)
+            self._detector.go_on_from(former)
             self._pipeline = daemon.pipeline
             self._reason = "reload"
 
-    def stopped(self, daemon: Daemon) -> None:  # noqa: ARG002  # an observer's signature
+    def on_stop(self, daemon: DaemonView) -> None:  # noqa: ARG002  # an observer's signature
         """Write what waits and close the files."""
         if not (self._paused or self._reason):
             self._text.append(candump_text([self._tick(self._last_ns, ENDED)], self._channels))
@@ -160,7 +156,7 @@ class Recorder(Observer):
         binding = fresh.binding
         self._pipeline = fresh
         self._snapshots = Snapshots(fresh)
-        self._watch = EventDetector(binding)
+        self._detector = EventDetector(binding)
         self._follows = ""
         channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
         self._channels = (*channels, TICK_CHANNEL)
@@ -176,7 +172,7 @@ class Recorder(Observer):
         return Frame(time_ns, len(self._channels) - 1, can_id, b"")
 
     def _is_due(self, items: Sequence[Frame | Tick]) -> bool:
-        """Tell whether a file is to begin before these items."""
+        """Return whether a file is to begin before these items."""
         if self._disk.refusals > self._refusals:
             self._refusals = self._disk.refusals
             self._pause()
@@ -186,7 +182,7 @@ class Recorder(Observer):
             return True
         late_ns = items[0][0] - self._begun_ns - self._file_ns
         # storing the state takes some ms: rather while nobody waits for a scan
-        return late_ns >= 0 and (len(items[-1]) == 1 or late_ns > _PATIENCE * self._file_ns)
+        return late_ns >= 0 and (len(items[-1]) == 1 or late_ns > _ROTATION_DELAY * self._file_ns)
 
     def _begin(self, time_ns: int) -> None:
         """Begin a file with what the pipeline knows."""
@@ -229,4 +225,4 @@ class Recorder(Observer):
         """Have an event kept."""
         if self._settings.events.kept:
             self._flush()
-            self._disk.keep(replace(event, note=self._note))
+            self._disk.archive(replace(event, note=self._note))

@@ -183,5 +183,5 @@ def _force(path: Path) -> None:
 
 
 def is_disk_full(error: OSError) -> bool:
-    """Tell whether a disk refuses because nothing fits any more."""
+    """Return whether a disk refuses because nothing fits any more."""
     return error.errno in (errno.ENOSPC, errno.EDQUOT)

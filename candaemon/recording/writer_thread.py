@@ -10,7 +10,7 @@ import fcntl
 import logging
 import os
 import time
-from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Lock, Thread
@@ -28,7 +28,50 @@ logger = logging.getLogger(__name__)
 _QUIET_S = 60.0  # between two warnings of a disk that refuses
 _EVENT_BYTES = 1000  # what an event takes of the memory while it waits, about
 
-_Work: TypeAlias = Callable[[], None]
+
+@dataclass(frozen=True, slots=True)
+class _Begin:
+    """Begin a file; the arguments of `WriterThread.begin`, and the name of the file."""
+
+    name: str
+    time_ns: int
+    state: bytes
+    binding: Binding
+    configuration: str
+    goes_on: bool
+
+    @property
+    def size(self) -> int:
+        """Bytes held until it is done."""
+        return len(self.state)
+
+
+@dataclass(frozen=True, slots=True)
+class _Write:
+    """Append lines to the file begun last."""
+
+    text: bytes
+    items: int
+
+    @property
+    def size(self) -> int:
+        """Bytes held until it is done."""
+        return len(self.text)
+
+
+@dataclass(frozen=True, slots=True)
+class _Archive:
+    """Archive an event."""
+
+    event: Event
+
+    @property
+    def size(self) -> int:
+        """Bytes held until it is done, about."""
+        return _EVENT_BYTES
+
+
+_Job: TypeAlias = _Begin | _Write | _Archive
 
 
 class WriterThread:
@@ -46,8 +89,8 @@ class WriterThread:
         lost: items that could not be written.
         written: items written.
         files, bytes: of the ring.
-        kept: events kept since the start.
-        unkept: events that could not be.
+        events_archived: events archived since the start.
+        events_lost: events that could not be.
     """
 
     def __init__(self, folder: Path, settings: RecordingSettings) -> None:
@@ -55,7 +98,7 @@ class WriterThread:
         self._claim = _claimed(folder)
         self._settings = settings
         self._most_waiting = round(settings.buffer * MEGABYTE)
-        self._work: SimpleQueue[_Work | None] = SimpleQueue()
+        self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
         self._waiting = 0
         self._lock = Lock()
         self._ring = Ring(folder, settings)
@@ -65,7 +108,7 @@ class WriterThread:
         self._refused = False
         self._warned_s = -_QUIET_S
         self._number = max((number_of(each.log) or 0 for each in self._ring.files), default=0)
-        self.refusals = self.lost = self.written = self.kept = self.unkept = 0
+        self.refusals = self.lost = self.written = self.events_archived = self.events_lost = 0
         self.files, self.bytes = self._size()
         self._thread = Thread(target=self._serve, name="recording", daemon=True)
         self._thread.start()
@@ -93,12 +136,7 @@ class WriterThread:
         """
         self._number += 1
         name = stem(time_ns, self._number)
-
-        def work() -> None:
-            if not (goes_on and self._refused):
-                self._begin(name, time_ns, state, binding, configuration)
-
-        self._put(len(state), work)
+        self._put(_Begin(name, time_ns, state, binding, configuration, goes_on))
         return f"{name}{LOG}"
 
     def write(self, text: bytes, items: int) -> bool:
@@ -110,39 +148,41 @@ class WriterThread:
         """
         if self._waiting + len(text) > self._most_waiting:
             return False
-        self._put(len(text), lambda: self._write(text, items))
+        self._put(_Write(text, items))
         return True
 
-    def keep(self, event: Event) -> None:
-        """Keep what lies around an event; it is lost, and counted, where too much waits already."""
+    def archive(self, event: Event) -> None:
+        """Archive the recording around an event; it is lost, and counted, where too much waits already."""
         if self._waiting + _EVENT_BYTES > self._most_waiting:
-            self.unkept += 1
+            self.events_lost += 1
         else:
-            self._put(_EVENT_BYTES, lambda: self._keep(event))
+            self._put(_Archive(event))
 
     def close(self, timeout_s: float) -> None:
         """Write what waits and end; what a disk has not taken after `timeout_s` s is given up."""
-        self._work.put(None)
+        self._jobs.put(None)
         self._thread.join(timeout_s)
         if self._thread.is_alive():
             logger.warning("%s: the disk is too slow; what came last is not recorded", self._folder)
 
-    def _put(self, size: int, work: _Work) -> None:
-        """Let the thread do some work that holds `size` bytes until it is done."""
+    def _put(self, job: _Job) -> None:
+        """Queue a job for the thread; its bytes count as waiting until it is done."""
         with self._lock:
-            self._waiting += size
-
-        def done() -> None:
-            work()
-            with self._lock:
-                self._waiting -= size
-
-        self._work.put(done)
+            self._waiting += job.size
+        self._jobs.put(job)
 
     def _serve(self) -> None:
-        """Do the work; the thread's function."""
-        while (work := self._work.get()) is not None:
-            work()
+        """Do the jobs in order; the thread's function."""
+        while (job := self._jobs.get()) is not None:
+            match job:
+                case _Begin():
+                    self._begin(job)
+                case _Write():
+                    self._write(job.text, job.items)
+                case _Archive():
+                    self._archive(job.event)
+            with self._lock:
+                self._waiting -= job.size
         try:
             self._ring.close()
             self._events.close()
@@ -150,12 +190,14 @@ class WriterThread:
             self._refuse(error)
         os.close(self._claim)
 
-    def _begin(self, name: str, time_ns: int, state: bytes, binding: Binding, configuration: str) -> None:
+    def _begin(self, job: _Begin) -> None:
+        if job.goes_on and self._refused:
+            return
         try:
             if self._full:
                 self._ring.drop_oldest()
-            file = self._ring.begin(name, time_ns, state, configuration)
-            self._kept_configuration = archive_configuration(self._folder, binding, configuration)
+            file = self._ring.begin(job.name, job.time_ns, job.state, job.configuration)
+            self._kept_configuration = archive_configuration(self._folder, job.binding, job.configuration)
             self._events.began(file)
             remove_unused_configurations(self._folder, frozenset(each.configuration for each in self._ring.files))
         except (OSError, InputError) as error:
@@ -179,7 +221,7 @@ class WriterThread:
             self.written += items
             self.files, self.bytes = self._size()
 
-    def _keep(self, event: Event) -> None:
+    def _archive(self, event: Event) -> None:
         if not self._ring.files:
             return
         here_ns = event.time_ns - self._ring.files[-1].begin_ns
@@ -187,10 +229,10 @@ class WriterThread:
         try:
             self._events.begin(event, files, self._kept_configuration)
         except (OSError, InputError) as error:
-            self.unkept += 1
+            self.events_lost += 1
             logger.warning("the event %s %s is not kept: %s", event.kind, event.about, error)
         else:
-            self.kept += 1
+            self.events_archived += 1
 
     def _refuse(self, error: OSError | InputError) -> None:
         """Stop writing until a file is begun again; say so at a limited rate."""

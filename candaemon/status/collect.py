@@ -1,4 +1,4 @@
-"""Gathers what a service tells of itself from where it is counted."""
+"""Takes the status snapshot from the counters of the daemon, the pipeline and the service monitor."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import time
 from collections.abc import Hashable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from candaemon._version import __version__
 from candaemon.binding.bound import BoundBus
+from candaemon.daemon.observer import DaemonView
 from candaemon.ego.pose import EgoStatus
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
@@ -29,9 +29,6 @@ from candaemon.status.snapshot import (
 )
 from candaemon.tracking.obstacles import STATE_NAMES
 
-if TYPE_CHECKING:
-    from candaemon.daemon.daemon import Daemon
-
 LOSS_CAUSES = ("kernel_lost", "queue_full", "malformed")
 """Causes of a live bus's frames being lost before the pipeline."""
 UNSENT_CAUSES = ("send_dropped", "send_failed")
@@ -41,24 +38,24 @@ UNUSABLE_CAUSES = (
 )  # fmt: skip
 """Causes of a sensor's frames not being used."""
 EGO_UNUSABLE_CAUSES = ("checksum", "repeated", "jumped", "too_fast", "not_finite", "out_of_range", "impossible")
-"""Causes of own motion's frames not being used, those too short aside."""
+"""Causes of ego-motion frames not being used, those too short aside."""
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 EGO_STATUS_NAMES = {status: status.name.lower().replace("_", " ") for status in EgoStatus}
-"""Words for how far own motion can be trusted."""
+"""Words for how far ego motion can be trusted."""
 
 CYCLES = "cycles"
 """Key of the counter of cycles; those of buses and sensors are (kind, name)."""
 
 
 def take_snapshot(
-    daemon: Daemon, measured: Measurements, now_s: float, recording: Mapping[str, int | float | str | bool] | None
+    daemon: DaemonView, measured: Measurements, now_s: float, recording: Mapping[str, int | float | str | bool] | None
 ) -> StatusSnapshot:
-    """Return all that a service tells.
+    """Return the status snapshot.
 
     Args:
-        daemon: between two turns of its loop.
-        measured: what is counted nowhere else.
+        daemon: between two iterations of its loop.
+        measured: measurements that no counter of the daemon holds.
         now_s: monotonic seconds.
         recording: what the recording counts, None where nothing is recorded.
     """
@@ -86,8 +83,8 @@ def take_snapshot(
     )
 
 
-def rate_counters(daemon: Daemon) -> dict[Hashable, int]:
-    """Return the counters whose rates are told: of cycles, each bus's frames and each sensor's scans."""
+def rate_counters(daemon: DaemonView) -> dict[Hashable, int]:
+    """Return the counters whose rates are reported: of cycles, each bus's frames and each sensor's scans."""
     pipeline = daemon.pipeline
     return {
         CYCLES: pipeline.counts.cycles,
@@ -150,7 +147,7 @@ def _cycles(pipeline: Pipeline, rate: float) -> CycleStatus:
     )
 
 
-def _bus(daemon: Daemon, bus: BoundBus, rate: float) -> BusStatus:
+def _bus(daemon: DaemonView, bus: BoundBus, rate: float) -> BusStatus:
     pipeline, live = daemon.pipeline, daemon.buses[bus.index]
     counts, taken = asdict(live.counts), pipeline.counts.buses[bus.index]
     return BusStatus(
@@ -172,7 +169,7 @@ def _bus(daemon: Daemon, bus: BoundBus, rate: float) -> BusStatus:
 
 
 def _unusable(pipeline: Pipeline, bus: int) -> dict[str, int]:
-    """Return the frames of a bus that sensors and own motion could not use, each under one cause."""
+    """Return the frames of a bus that sensors and ego motion could not use, each under one cause."""
     binding, counts = pipeline.binding, pipeline.counts
     found = dict.fromkeys((*UNUSABLE_CAUSES, *EGO_UNUSABLE_CAUSES), 0)
     found["short"] += counts.buses[bus].short

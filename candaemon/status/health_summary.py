@@ -1,4 +1,4 @@
-"""The service's word on itself: what systemd shows of it, and a line in the log at a limited rate."""
+"""The health summary: what `systemctl status` shows of the service, and a line in the log at a limited rate."""
 
 from __future__ import annotations
 
@@ -6,45 +6,41 @@ import logging
 import math
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
-from candaemon.daemon.daemon import Observer
+from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.status.collect import LOSS_CAUSES, UNSENT_CAUSES
 from candaemon.tracking.obstacles import TENTATIVE
-
-if TYPE_CHECKING:
-    from candaemon.daemon.daemon import Daemon
 
 logger = logging.getLogger(__name__)
 
 _SHORTEST_SILENCE_S = 1.0
 
 
-def obstacle_count(daemon: Daemon) -> int:
-    """Count the obstacles that the latest cycle told, those not confirmed yet aside."""
+def obstacle_count(daemon: DaemonView) -> int:
+    """Count the obstacles of the latest cycle without the tentative ones."""
     return 0 if daemon.last is None else int((daemon.last.obstacles.state > TENTATIVE).sum())
 
 
-def ego_motion(daemon: Daemon) -> str:
-    """Say how well own motion is known."""
+def ego_motion(daemon: DaemonView) -> str:
+    """Return the status of ego motion in words."""
     if daemon.last is None:
         return "unknown"
     return {"VALID": "ok"}.get(daemon.last.pose.status.name, daemon.last.pose.status.name.lower().replace("_", " "))
 
 
-def frame_counts(daemon: Daemon, causes: tuple[str, ...]) -> dict[str, int]:
+def frame_counts(daemon: DaemonView, causes: tuple[str, ...]) -> dict[str, int]:
     """Return how many frames of all buses were lost, or not sent, by cause."""
     each = [daemon.buses[k].counts for k in range(len(daemon.buses))]
     return {cause: sum(getattr(counts, cause) for counts in each) for cause in causes}
 
 
-def buses_down(daemon: Daemon) -> list[str]:
-    """List the buses that are not there."""
+def buses_down(daemon: DaemonView) -> list[str]:
+    """List the buses that are down."""
     return [daemon.buses[k].name for k in range(len(daemon.buses)) if not daemon.buses[k].state.up]
 
 
 class HealthSummary:
-    """Tells in a line how the service is; keeps which sensors are heard.
+    """Summarises the service's health in a line; remembers which sensors are active.
 
     Args:
         clock: monotonic seconds.
@@ -54,7 +50,7 @@ class HealthSummary:
         self._clock = clock
         self._scans: dict[str, tuple[int, float]] = {}
 
-    def brief(self, daemon: Daemon) -> str:
+    def brief(self, daemon: DaemonView) -> str:
         """Return such as `12 obstacles, 4 sensors, ego ok, 0 lost`; to be asked every second or so."""
         sensors = daemon.pipeline.binding.sensors
         heard = self._heard(daemon)
@@ -66,7 +62,7 @@ class HealthSummary:
         missing = buses_down(daemon)
         return line + (f"; down: {', '.join(missing)}" if missing else "")
 
-    def _heard(self, daemon: Daemon) -> int:
+    def _heard(self, daemon: DaemonView) -> int:
         """Count the sensors that have brought a scan of late."""
         now_s, heard = self._clock(), 0
         for sensor, assembler in zip(daemon.pipeline.binding.sensors, daemon.pipeline.assemblers, strict=True):
@@ -95,31 +91,31 @@ class StatusLogger(Observer):
         self._interval_s, self._due_s = 0.0, math.inf
         self._frames = self._cycles = 0
 
-    def started(self, daemon: Daemon) -> None:
+    def on_start(self, daemon: DaemonView) -> None:
         """Say what is served; begin to count the time."""
         binding = daemon.binding
         sensors, buses = (", ".join(each.name for each in some) for some in (binding.sensors, binding.buses))
         logger.info("serving %s: sensors %s; buses %s", binding.loaded.path, sensors, buses)
         self._set_interval(daemon)
 
-    def reloaded(self, daemon: Daemon, error: str) -> None:
+    def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Follow the configuration's interval."""
         if not error:
             self._set_interval(daemon)
 
-    def turned(self, daemon: Daemon) -> None:
+    def on_iteration(self, daemon: DaemonView) -> None:
         """Log a line if one is due; cheap if not."""
         now_s = self._clock()
         if now_s >= self._due_s:
             self._due_s = now_s + self._interval_s
             logger.info("%s", self._line(daemon, now_s))
 
-    def _set_interval(self, daemon: Daemon) -> None:
+    def _set_interval(self, daemon: DaemonView) -> None:
         asked_s, configured_s = self._asked_s, daemon.binding.settings.service.status_interval
         self._interval_s = configured_s if asked_s is None else asked_s
         self._due_s = self._clock() + self._interval_s if self._interval_s else math.inf
 
-    def _line(self, daemon: Daemon, now_s: float) -> str:
+    def _line(self, daemon: DaemonView, now_s: float) -> str:
         """Say what happened since the last line, and what was lost since the start."""
         pipeline = daemon.pipeline
         frames, cycles = sum(bus.frames for bus in pipeline.counts.buses), pipeline.counts.cycles
@@ -136,7 +132,7 @@ class StatusLogger(Observer):
         return line + (f"; down: {', '.join(missing)}" if missing else "")
 
 
-def _rare(daemon: Daemon) -> dict[str, int]:
+def _rare(daemon: DaemonView) -> dict[str, int]:
     """Return what is worth a word only where it happened."""
     pipeline, sequence = daemon.pipeline, daemon.sequence
     scans = [assembler.counts for assembler in pipeline.assemblers]

@@ -1,4 +1,4 @@
-"""What is measured of a running service and counted nowhere else."""
+"""Measurements of a running service that no counter holds: rates, NIS, time since each sensor's latest scan."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class CounterRates:
         self._later: tuple[float, Counters] | None = None
 
     def due(self, now_s: float) -> bool:
-        """Tell whether the counters are to be noted again."""
+        """Return whether the counters are to be noted again."""
         return self._later is None or now_s >= self._later[0] + RATE_S
 
     def note(self, now_s: float, counters: Counters) -> None:

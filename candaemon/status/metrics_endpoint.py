@@ -7,12 +7,11 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from candaemon.binding.bound import Binding
-from candaemon.daemon.daemon import Observer
+from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.errors import CandaemonError, InputError
 from candaemon.status.service_monitor import ServiceMonitor
 
 if TYPE_CHECKING:
-    from candaemon.daemon.daemon import Daemon
     from candaemon.status.metrics_http import MetricsServer
 
 logger = logging.getLogger(__name__)
@@ -36,16 +35,16 @@ class MetricsEndpoint(Observer):
         """The port that is served; None: none is."""
         return None if self._server is None else self._server.port
 
-    def started(self, daemon: Daemon) -> None:
+    def on_start(self, daemon: DaemonView) -> None:
         """Open the configured port; where it cannot be had, the obstacles are served without metrics."""
         self._follow(daemon.pipeline.binding)
 
-    def reloaded(self, daemon: Daemon, error: str) -> None:
+    def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Follow the port that is configured; where it cannot be had, stay at the one before."""
         if not error:
             self._follow(daemon.pipeline.binding)
 
-    def stopped(self, daemon: Daemon) -> None:  # noqa: ARG002 - the hook's signature
+    def on_stop(self, daemon: DaemonView) -> None:  # noqa: ARG002 - the hook's signature
         """Close the port."""
         self._close()
 

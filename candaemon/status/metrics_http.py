@@ -1,5 +1,6 @@
 """The HTTP server that Prometheus scrapes, bounded in all that a client could make it do.
 
+The answer is prometheus_client's `MetricsHandler`; its `start_http_server` limits neither clients, time nor rate.
 It listens on the loopback address alone, serves few clients at a time, closes a connection that takes long, and takes
 connections at a limited rate: what it costs the core loop stays small, whoever asks how often.
 """

@@ -1,4 +1,7 @@
-"""The figures as Prometheus's metrics. Loaded only where the endpoint is asked for: the library costs time to load."""
+"""The status snapshot as Prometheus's metric families.
+
+Loaded only where the endpoint is asked for: the library costs time to load.
+"""
 
 from __future__ import annotations
 

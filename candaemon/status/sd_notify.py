@@ -1,6 +1,6 @@
 """systemd's notification protocol, sd_notify(3): ready, status, watchdog, reloading, stopping.
 
-A datagram socket and lines of text are all there is to it; systemd promises to keep them as they are.
+A datagram socket and lines of text are all there is to it, and systemd keeps them stable: no library is needed.
 """
 
 from __future__ import annotations
@@ -10,13 +10,10 @@ import os
 import socket
 import time
 from collections.abc import Callable, MutableMapping
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
-from candaemon.daemon.daemon import Observer
+from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.status.health_summary import HealthSummary
-
-if TYPE_CHECKING:
-    from candaemon.daemon.daemon import Daemon
 
 logger = logging.getLogger(__name__)
 
@@ -24,10 +21,10 @@ _STATUS_S = 1.0
 
 
 class SystemdNotifier:
-    """Tells the service manager.
+    """Sends notifications to the service manager.
 
     Args:
-        address: of its datagram socket, `@` at the beginning of an abstract one; empty: nobody is told.
+        address: of its datagram socket, `@` at the beginning of an abstract one; empty: nothing is sent.
         watchdog_s: after which silence it ends the service; 0: never.
     """
 
@@ -59,7 +56,7 @@ class SystemdNotifier:
 
 
 class SystemdObserver(Observer):
-    """Keeps the service manager informed; feeds its watchdog by turns of the core loop and nothing else.
+    """Keeps the service manager informed; feeds its watchdog from iterations of the core loop and nothing else.
 
     Args:
         notifier: the way to it.
@@ -75,14 +72,14 @@ class SystemdObserver(Observer):
         self._owed: dict[str, str | int] = {}
         self._vitals = HealthSummary(clock)
 
-    def started(self, daemon: Daemon) -> None:
-        """Tell that the service is ready: a bus that is missing is looked for while it serves."""
+    def on_start(self, daemon: DaemonView) -> None:
+        """Notify that the service is ready: a missing bus is opened later, while it runs."""
         self._ready(self._vitals.brief(daemon))
 
-    def turned(self, daemon: Daemon) -> None:
-        """Feed the watchdog when half of its period has passed; tell the status when it has changed.
+    def on_iteration(self, daemon: DaemonView) -> None:
+        """Feed the watchdog when half of its period has passed; send the status when it has changed.
 
-        What found the manager's queue full is told again: the watchdog is fed with the next turn, the rest within 1 s.
+        What found the manager's queue full is sent again: the watchdog's in the next iteration, others within 1 s.
         """
         now_s = self._clock()
         if self._feed_s and now_s - self._fed_s >= self._feed_s and self._notifier.tell(WATCHDOG=1):
@@ -95,22 +92,22 @@ class SystemdObserver(Observer):
             if status != self._status and self._notifier.tell(STATUS=status):
                 self._status = status
 
-    def reloading(self, _daemon: Daemon) -> None:
-        """Tell that a configuration is being loaded."""
+    def on_reload_begin(self, _daemon: DaemonView) -> None:
+        """Notify that a configuration is being loaded."""
         self._notifier.tell(RELOADING=1, MONOTONIC_USEC=time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000)
 
-    def reloaded(self, daemon: Daemon, error: str) -> None:
-        """Tell that the reload has ended, either way."""
+    def on_reload_end(self, daemon: DaemonView, error: str) -> None:
+        """Notify that the reload has ended, either way."""
         status = self._vitals.brief(daemon)
         if error:
             status += f"; reload refused: {error.partition(chr(10))[0]}"
         self._ready(status)
 
-    def stopped(self, _daemon: Daemon) -> None:
-        """Tell that the service ends."""
+    def on_stop(self, _daemon: DaemonView) -> None:
+        """Notify that the service stops."""
         self._notifier.tell(STOPPING=1, STATUS="stopped")
 
     def _ready(self, status: str) -> None:
-        """Tell that the service is ready; the manager waits for that, and so it must not be lost."""
+        """Notify that the service is ready; the manager waits for that, and so it must not be lost."""
         ready: dict[str, str | int] = {"READY": 1, "STATUS": status}
         self._owed = {} if self._notifier.tell(**ready) else ready

@@ -1,4 +1,4 @@
-"""Measures what the core loop does, and tells all that is known of the service."""
+"""Measures the core loop, and gives the status snapshot to whoever asks for it."""
 
 from __future__ import annotations
 
@@ -7,18 +7,15 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from candaemon.config.metrics import MetricsSettings
-from candaemon.daemon.daemon import CompletedCycle, Observer
+from candaemon.daemon.observer import CompletedCycle, DaemonView, Observer
 from candaemon.frames.frame import Frame, Tick
 from candaemon.status.collect import rate_counters, take_snapshot
 from candaemon.status.histogram import Histogram
 from candaemon.status.measurements import Measurements, NisAccumulator, SensorActivity
 from candaemon.status.snapshot import StatusSnapshot
-
-if TYPE_CHECKING:
-    from candaemon.daemon.daemon import Daemon
 
 _MOST_WAITING = 16
 
@@ -29,8 +26,8 @@ RecordingCounts: TypeAlias = Callable[[], Mapping[str, int | float | str | bool]
 class ServiceMonitor(Observer):
     """Keeps what is counted nowhere else: durations, NIS, when a sensor's latest scan was, reloads.
 
-    A cycle costs some microseconds and nothing grows. The figures as a whole are gathered only when asked for, in the
-    core thread between two turns, so that they belong together.
+    A cycle costs some microseconds and nothing grows. The snapshot is taken only when asked for, in the
+    core thread between two iterations, so that they are consistent.
 
     Args:
         settings: buckets, and how far the NIS of late looks back.
@@ -52,20 +49,20 @@ class ServiceMonitor(Observer):
         self._sensors: tuple[SensorActivity, ...] = ()
         self._waiting: deque[Future[StatusSnapshot]] = deque(maxlen=_MOST_WAITING)
 
-    def started(self, daemon: Daemon) -> None:
+    def on_start(self, daemon: DaemonView) -> None:
         """Look at the daemon's sensors."""
         self._measured.started_s = self._clock()
         self._watch_sensors(daemon)
 
-    def took(self, items: Sequence[Frame | Tick]) -> None:
-        """Note what time it is for the pipeline."""
+    def on_items(self, items: Sequence[Frame | Tick]) -> None:
+        """Note the pipeline's time."""
         if items:
             self._measured.now_ns = items[-1][0]
 
-    def told(self, told: CompletedCycle) -> None:
+    def on_cycle(self, completed: CompletedCycle) -> None:
         """Measure a cycle."""
-        measured, cycle = self._measured, told.cycle
-        for histogram, seconds in ((measured.cycle_time, told.seconds), (measured.latency, told.latency)):
+        measured, cycle = self._measured, completed.cycle
+        for histogram, seconds in ((measured.cycle_time, completed.seconds), (measured.latency, completed.latency)):
             if not math.isnan(seconds):
                 histogram.add(seconds)
         for sensor in self._sensors:
@@ -74,14 +71,14 @@ class ServiceMonitor(Observer):
         if update is not None and cycle.detections is not None:
             self._sensors[cycle.detections.sensor].nis.add(update)
 
-    def turned(self, daemon: Daemon) -> None:
-        """Note the counters that rates are made of, and give the figures to who waits for them."""
+    def on_iteration(self, daemon: DaemonView) -> None:
+        """Note the counters that rates are derived from, and answer the threads that wait for a snapshot."""
         now_s = self._clock()
         if self._measured.rates.due(now_s):
             self._measured.rates.note(now_s, rate_counters(daemon))
         self._answer(daemon)
 
-    def reloaded(self, daemon: Daemon, error: str) -> None:
+    def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Count a reload; go on with the sensors that there are."""
         measured = self._measured
         measured.reload_error = error
@@ -95,36 +92,36 @@ class ServiceMonitor(Observer):
         self._settings = settings
         self._watch_sensors(daemon)
 
-    def stopped(self, daemon: Daemon) -> None:
-        """Give the figures to who still waits for them."""
+    def on_stop(self, daemon: DaemonView) -> None:
+        """Answer the threads that still wait for a snapshot."""
         self._answer(daemon)
 
-    def figures(self, daemon: Daemon) -> StatusSnapshot:
-        """Return all that the service tells; for the core thread."""
+    def figures(self, daemon: DaemonView) -> StatusSnapshot:
+        """Return the status snapshot; for the core thread."""
         recording = None if self._recording is None else self._recording()
         return take_snapshot(daemon, self._measured, self._clock(), recording)
 
     def wait_for_figures(self, timeout_s: float) -> StatusSnapshot:
-        """Ask the core loop for the figures, from another thread.
+        """Ask the core loop for the snapshot, from another thread.
 
         Args:
-            timeout_s: how long its next turn may take to come.
+            timeout_s: how long to wait for its next iteration.
 
         Raises:
-            TimeoutError: the core loop took no turn in time.
+            TimeoutError: the core loop did not iterate in time.
         """
         wanted: Future[StatusSnapshot] = Future()
         self._waiting.append(wanted)
         return wanted.result(timeout_s)
 
-    def _answer(self, daemon: Daemon) -> None:
-        """Give the figures to every thread that waits for them."""
+    def _answer(self, daemon: DaemonView) -> None:
+        """Give the snapshot to every thread that waits for it."""
         if self._waiting:
             figures = self.figures(daemon)
             while self._waiting:
                 self._waiting.popleft().set_result(figures)
 
-    def _watch_sensors(self, daemon: Daemon) -> None:
+    def _watch_sensors(self, daemon: DaemonView) -> None:
         """Watch the sensors there are; one that was there before keeps its NIS."""
         pipeline, before = daemon.pipeline, self._measured.sensors
         watches = {}

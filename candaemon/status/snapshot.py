@@ -1,4 +1,4 @@
-"""What a running service tells of itself at one instant: counted, timed, and how it is.
+"""Status snapshot of a running service: its counts, timings and states at one instant.
 
 `StatusSnapshot.tree` is what `candaemon status --json` prints and the status socket sends. Its keys are the attributes'
 names; they are stable: keys may be added, none changes its meaning. What there is none of is null.
@@ -20,7 +20,7 @@ QUANTILES = {"p50": 0.5, "p90": 0.9, "p99": 0.99}
 
 @dataclass(frozen=True, slots=True)
 class ServiceStatus:
-    """Who tells.
+    """The process and its configuration.
 
     Attributes:
         name: of the configuration, or the instance's where it has none.
@@ -28,7 +28,7 @@ class ServiceStatus:
         config: the file.
         version: of candaemon.
         pid: of the process.
-        time: when this was told, s since 1970.
+        time: when the snapshot was taken, s since 1970.
         uptime: s since the buses were opened.
         cpu: s of processor time used so far, all threads.
         memory: bytes resident; None where the system does not say.
@@ -62,7 +62,7 @@ class BusStatus:
         rate: frames/s received of late.
         received: frames taken from it.
         sent: frames sent.
-        taken: frames by who took them: `used` by sensors and own motion, `spare` known but not asked for, `unknown`.
+        taken: frames by their receiver: `used` by sensors and ego motion, `spare` known but not asked for, `unknown`.
         dropped: frames lost or unusable, by cause.
         unsent: frames not sent, by cause.
         events: what else happened on it: reconnections, error frames, bus-off …
@@ -82,7 +82,7 @@ class BusStatus:
 
 @dataclass(frozen=True, slots=True)
 class EgoMotionStatus:
-    """Own motion.
+    """Ego motion.
 
     Attributes:
         status: how far it can be trusted: lost, dead reckoning, valid …; `unknown` before the first cycle.
@@ -119,7 +119,7 @@ class SensorStatus:
         bus: its bus.
         rate: scans/s of late.
         age: s since its latest scan, in the clock of the frames; None before the first.
-        lost: whether it has missed so many cycles that it is told as lost.
+        lost: whether it has missed so many cycles that it is reported as lost.
         trust: from 0 to 1, share of its late frames that could be used.
         frames: frames by what became of them.
         counts: what else is counted of it: scans, frames missing, objects rejected …
@@ -141,9 +141,9 @@ class CycleStatus:
     """The cycles.
 
     Attributes:
-        told: times that obstacles were told.
+        told: times that obstacles were reported.
         coasting: those of them without a scan, because every sensor was silent.
-        without_ego: scans dropped because own motion was not known yet.
+        without_ego: scans dropped because ego motion was not known yet.
         rate: cycles/s of late.
         frames: frames made for the output bus.
         saturated: output values that had to be brought into their signal's range.
@@ -178,10 +178,10 @@ class ClockStatus:
 
 @dataclass(frozen=True, slots=True)
 class StatusSnapshot:
-    """All that a service tells.
+    """The whole status of a service.
 
     Attributes:
-        service: who tells.
+        service: the process and its configuration.
         own_motion: how far it can be trusted.
         tracks: obstacles at this instant by state.
         tracking: what the trackers did, all groups together.

@@ -34,7 +34,7 @@ def running_instances() -> dict[str, Path]:
 
 
 def is_listening(path: Path) -> bool:
-    """Tell whether a process listens at a socket; one that died leaves its file behind."""
+    """Return whether a process listens at a socket; one that died leaves its file behind."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         probe.setblocking(False)
         try:

@@ -1,7 +1,7 @@
-"""The status socket: what the service tells of itself, a line of JSON a second, to whoever connects.
+"""The status socket: the status snapshot, a line of JSON a second, for whoever connects.
 
-It is served in the core thread, between two turns, without waiting: a client that does not read is dropped when the
-kernel's buffer for it is full. It takes no requests, so it is open to every user of the machine.
+It is served in the core thread, between two iterations, without waiting: a client that does not read is dropped when
+the kernel's buffer for it is full. It takes no requests, so it is open to every user of the machine.
 """
 
 from __future__ import annotations
@@ -15,15 +15,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from candaemon.daemon.daemon import Observer
+from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.status.service_monitor import ServiceMonitor
 from candaemon.status.snapshot import StatusSnapshot
 from candaemon.status.socket_paths import is_listening, socket_path
-
-if TYPE_CHECKING:
-    from candaemon.daemon.daemon import Daemon
 
 logger = logging.getLogger(__name__)
 
@@ -56,7 +52,7 @@ class StatusSocket(Observer):
         self._clients: list[socket.socket] = []
         self._look_s = self._line_s = 0.0
 
-    def started(self, daemon: Daemon) -> None:
+    def on_start(self, daemon: DaemonView) -> None:
         """Make the socket, in the place that the environment gives."""
         path = socket_path(daemon.pipeline.binding.loaded.path)
         if path is None:
@@ -72,7 +68,7 @@ class StatusSocket(Observer):
             return
         self.path = path
 
-    def turned(self, daemon: Daemon) -> None:
+    def on_iteration(self, daemon: DaemonView) -> None:
         """Let clients in, and send what is due."""
         now_s = self._clock()
         if self._listener is None or now_s < self._look_s:
@@ -89,7 +85,7 @@ class StatusSocket(Observer):
                     self._clients.remove(client)
                     client.close()
 
-    def stopped(self, daemon: Daemon) -> None:  # noqa: ARG002 - the hook's signature
+    def on_stop(self, daemon: DaemonView) -> None:  # noqa: ARG002 - the hook's signature
         """Hang up and remove the socket."""
         while self._clients:
             self._clients.pop().close()

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
-from candaemon.daemon.daemon import CompletedCycle, Daemon, Observer
+from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.daemon.process_signals import handle_signals
 
 
@@ -22,9 +23,9 @@ class Cycles(Observer):
     def __init__(self) -> None:
         self.told_at: list[tuple[int, float]] = []
 
-    def told(self, told: CompletedCycle) -> None:
+    def on_cycle(self, completed: CompletedCycle) -> None:
         """Keep a cycle's times."""
-        self.told_at.append((told.cycle.time_ns, told.seconds))
+        self.told_at.append((completed.cycle.time_ns, completed.seconds))
 
 
 def main(config: str) -> None:

@@ -183,14 +183,14 @@ def test_a_bus_that_flutters_does_not_fill_the_log(caplog: pytest.LogCaptureFixt
     notices = LinkLog("radar")
     with caplog.at_level(logging.INFO):
         for k in range(6001):  # ten times a second for five minutes, ending down
-            notices.tell(k * 0.1, up=k % 2 == 1, error="bus-off")
+            notices.update(k * 0.1, up=k % 2 == 1, error="bus-off")
         assert len(caplog.messages) <= 10 * MOST + MOST
         assert sum("bus-off" in text for text in caplog.messages) >= 5 * MOST // 2
-        notices.tell(700.0, up=False, error="bus-off")
+        notices.update(700.0, up=False, error="bus-off")
         assert caplog.messages[-1] == "bus 'radar' is down: bus-off"
         before = len(caplog.messages)
-        notices.tell(701.0, up=False, error="bus-off")
-        notices.tell(702.0, up=True, error="")
+        notices.update(701.0, up=False, error="bus-off")
+        notices.update(702.0, up=True, error="")
     assert caplog.messages[before:] == ["bus 'radar' is up"]
 
 

@@ -45,7 +45,7 @@ def test_every_frame_is_sent_or_dropped_once_and_the_newest_wins(
         assert set(waiting.values()) <= {cycle}
         assert all(cycle - each.data[0] <= 3.5 for each in queue.frames)
         sent += queue.frames[:room]
-        queue.took(min(room, len(queue)))
+        queue.remove_first(min(room, len(queue)))
         assert len(sent) + dropped + len(queue) == put
     order = [each.data[0] for each in sent]
     assert order == sorted(order)

@@ -69,7 +69,7 @@ class Turned:
         self.come: list[Frame] = []
         self.taken: list[Frame | Tick] = []
         monkeypatch.setattr(self.daemon.buses, "read", lambda _timeout_s: self.come)
-        monkeypatch.setattr(self.daemon, "_take", self.taken.extend)
+        monkeypatch.setattr(self.daemon, "_process", self.taken.extend)
 
     def turn(self, *ages_ns: int) -> None:
         """Take a turn in which frames of these ages have come."""

@@ -18,7 +18,8 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.python_can import to_frame, to_message
 from candaemon.cli.demo import DemoDrive
 from candaemon.config.load import load_config
-from candaemon.daemon.daemon import CompletedCycle, Daemon, Observer
+from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.errors import ConfigError
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.writers import TrackWriter
@@ -70,9 +71,9 @@ class Cycles(Observer):
         self.cycles = cycles
         self.latencies: list[float] = []
 
-    def told(self, told: CompletedCycle) -> None:
-        self.cycles.append(told.cycle)
-        self.latencies.append(told.latency)
+    def on_cycle(self, completed: CompletedCycle) -> None:
+        self.cycles.append(completed.cycle)
+        self.latencies.append(completed.latency)
 
 
 class Fed:

@@ -107,11 +107,11 @@ def test_the_status_line_comes_at_its_rate(caplog: pytest.LogCaptureFixture) -> 
     status, silent = StatusLogger(1.0, lambda: now_s), StatusLogger(0.0, lambda: now_s)
     with caplog.at_level(logging.INFO):
         for line in (status, silent):
-            line.started(daemon)
+            line.on_start(daemon)
         for _ in range(1000):
             now_s += 0.01
-            status.turned(daemon)
-            silent.turned(daemon)
+            status.on_iteration(daemon)
+            silent.on_iteration(daemon)
     lines = [message for message in caplog.messages if "frames/s" in message]
     assert 9 <= len(lines) <= 10
     assert "own motion unknown" in lines[0]
@@ -122,11 +122,11 @@ def test_the_status_line_follows_the_configuration(caplog: pytest.LogCaptureFixt
     now_s = 0.0
     daemon = Daemon(binding("demo"))
     status = StatusLogger(None, lambda: now_s)
-    status.started(daemon)
+    status.on_start(daemon)
     with caplog.at_level(logging.INFO):
         for _ in range(121):
             now_s += 1.0
-            status.turned(daemon)
+            status.on_iteration(daemon)
     assert len(caplog.messages) == 121 // int(binding("demo").settings.service.status_interval)
 
 
@@ -134,12 +134,12 @@ def test_what_was_lost_is_told_with_its_cause(caplog: pytest.LogCaptureFixture) 
     now_s = 0.0
     daemon = Daemon(binding("demo"))
     status = StatusLogger(1.0, lambda: now_s)
-    status.started(daemon)
+    status.on_start(daemon)
     daemon.buses[0].counts.kernel_lost = 5
     daemon.buses[0].counts.malformed = 2
     daemon.buses[2].counts.send_dropped = 7
     daemon.sequence.backward_steps = 1
     with caplog.at_level(logging.INFO):
         now_s = 1.0
-        status.turned(daemon)
+        status.on_iteration(daemon)
     assert "7 (kernel lost 5, malformed 2) lost, 7 (send dropped 7) unsent, 1 steps of the clock" in caplog.messages[0]

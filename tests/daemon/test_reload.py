@@ -12,7 +12,8 @@ import pytest
 
 from candaemon.can_io.python_can import to_message
 from candaemon.daemon import reload as service_reload
-from candaemon.daemon.daemon import CompletedCycle, Daemon, Observer
+from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import CompletedCycle, DaemonView, Observer
 from candaemon.daemon.reload import Reloader, load_service_config
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
@@ -33,19 +34,19 @@ class Diary(Observer):
         self.marks = 0
         self.stopped_after = -1
 
-    def told(self, told: CompletedCycle) -> None:
-        self.cycles.append(told.cycle)
+    def on_cycle(self, completed: CompletedCycle) -> None:
+        self.cycles.append(completed.cycle)
 
-    def reloading(self, _daemon: Daemon) -> None:
+    def on_reload_begin(self, _daemon: DaemonView) -> None:
         self.begun += 1
 
-    def reloaded(self, _daemon: Daemon, error: str) -> None:
+    def on_reload_end(self, _daemon: DaemonView, error: str) -> None:
         self.reloads.append(error)
 
-    def marked(self, _daemon: Daemon) -> None:
+    def on_mark(self, _daemon: DaemonView) -> None:
         self.marks += 1
 
-    def stopped(self, _daemon: Daemon) -> None:
+    def on_stop(self, _daemon: DaemonView) -> None:
         self.stopped_after = len(self.cycles)
 
 
@@ -86,7 +87,7 @@ class Vehicle:
             self.now_ns = frame.time_ns
             self.sent += 1
             while self.daemon.received < self.sent:
-                self.daemon.turn()
+                self.daemon.run_once()
             if end_ns < self.now_ns:
                 break
 
@@ -98,7 +99,7 @@ class Vehicle:
         while len(self.diary.reloads) < wanted:
             assert time.monotonic() < deadline
             self.drive(0.01)
-            self.daemon.turn()
+            self.daemon.run_once()
 
     @property
     def confirmed(self) -> set[int]:
@@ -152,7 +153,7 @@ def test_a_file_that_has_gone_is_refused(vehicle: Vehicle) -> None:
 
 def test_a_reload_asked_for_during_another_comes_after_it(vehicle: Vehicle) -> None:
     vehicle.daemon.reload()
-    vehicle.daemon.turn()
+    vehicle.daemon.run_once()
     assert vehicle.diary.begun == 1
     vehicle.reload(times=2)
     assert vehicle.diary.begun == 2
@@ -175,8 +176,8 @@ def test_a_changed_bus_is_opened_anew_and_the_others_stay_open(vehicle: Vehicle)
 
 def test_a_mark_reaches_the_observers_once(vehicle: Vehicle) -> None:
     vehicle.daemon.mark()
-    vehicle.daemon.turn()
-    vehicle.daemon.turn()
+    vehicle.daemon.run_once()
+    vehicle.daemon.run_once()
     assert vehicle.diary.marks == 1
 
 

@@ -51,7 +51,7 @@ class Fed:
         self.settings = RecordingSettings.model_validate(settings)
         self.recording = Recorder(self.settings, folder, of, clock=lambda: self.now_s)
         self.daemon = cast("Daemon", _Daemon(of))
-        self.recording.started(self.daemon)
+        self.recording.on_start(self.daemon)
 
     def feed(self, seconds: float, rate: int = 2000) -> None:
         """Give frames for some time, in turns of 10 ms."""
@@ -60,8 +60,8 @@ class Fed:
             step_ns = SECOND_NS // rate
             data = bytes(range(8))
             frames = [Frame(begin_ns + k * step_ns, 0, 0x500 + k % 64, data) for k in range(rate // 100)]
-            self.recording.took(frames)
-            self.recording.turned(self.daemon)
+            self.recording.on_items(frames)
+            self.recording.on_iteration(self.daemon)
             self.frames += len(frames)
             self.now_s += 0.01
 
@@ -69,7 +69,7 @@ class Fed:
         return dict(self.recording.figures())
 
     def stop(self) -> dict[str, Any]:
-        self.recording.stopped(self.daemon)
+        self.recording.on_stop(self.daemon)
         return self.figures()
 
 
@@ -227,7 +227,7 @@ def test_kept_events_are_bounded_and_whole(
         disk.begin(second * SECOND_NS, b"state", of, "digest")
         assert disk.write(LINE * second, second)
         if second % 5 == 0:
-            disk.keep(Event("mark", f"no {second}/a", second * SECOND_NS + SECOND_NS // 2))
+            disk.archive(Event("mark", f"no {second}/a", second * SECOND_NS + SECOND_NS // 2))
     disk.close(5.0)
     kept = sorted((tmp_path / "events").iterdir())
     assert [event.name.split("Z-")[1] for event in kept] == ["mark-no_20_a", "mark-no_25_a", "mark-no_30_a"]
@@ -237,7 +237,7 @@ def test_kept_events_are_bounded_and_whole(
         assert [log.read_bytes() for log in logs_in(event)] == [LINE * n for n in expected]
         assert all(log.with_suffix(".state").read_bytes() == b"state" for log in logs_in(event))
         assert list((event / "configuration").rglob("demo.yaml"))
-    assert disk.kept == 6
+    assert disk.events_archived == 6
 
 
 def test_events_take_no_more_than_their_share(of: Binding, tmp_path: Path) -> None:
@@ -246,7 +246,7 @@ def test_events_take_no_more_than_their_share(of: Binding, tmp_path: Path) -> No
     for second in range(1, 9):
         disk.begin(second * SECOND_NS, b"state", of, "digest")
         assert disk.write(LINE * 500, 500)
-        disk.keep(Event("mark", "", second * SECOND_NS + 1))
+        disk.archive(Event("mark", "", second * SECOND_NS + 1))
     disk.close(5.0)
     files = [file for file in (tmp_path / "events").rglob("*") if file.is_file()]
     inodes = {file.stat().st_ino: file.stat().st_size for file in files}
@@ -257,7 +257,7 @@ def test_events_take_no_more_than_their_share(of: Binding, tmp_path: Path) -> No
 def test_nothing_is_kept_where_no_event_may_be(of: Binding, tmp_path: Path) -> None:
     fed = Fed(of, tmp_path, events={"kept": 0})
     fed.feed(0.1)
-    fed.recording.marked(fed.daemon)
+    fed.recording.on_mark(fed.daemon)
     assert fed.stop()["events"] == 0
     assert not (tmp_path / "events").exists()
 
@@ -265,8 +265,8 @@ def test_nothing_is_kept_where_no_event_may_be(of: Binding, tmp_path: Path) -> N
 def test_ticks_alone_are_recorded(of: Binding, tmp_path: Path) -> None:
     fed = Fed(of, tmp_path)
     for k in range(10):
-        fed.recording.took([Tick(SECOND_NS + k)])
-        fed.recording.took([])
+        fed.recording.on_items([Tick(SECOND_NS + k)])
+        fed.recording.on_items([])
     fed.stop()
     (log,) = logs_in(tmp_path)
     lines = log.read_text().splitlines()

@@ -49,7 +49,7 @@ def begin(disk: WriterThread, of: Binding, second: int) -> None:
 
 
 def mark(disk: WriterThread, second: int) -> None:
-    disk.keep(Event("mark", str(second), second * SECOND_NS + 1))
+    disk.archive(Event("mark", str(second), second * SECOND_NS + 1))
 
 
 def until_idle(disk: WriterThread, written: int) -> None:
@@ -68,7 +68,7 @@ def test_an_event_that_gives_way_while_it_is_open_costs_nothing_else(of: Binding
         if second in {3, 4, 5}:
             mark(disk, second)
     disk.close(5.0)
-    assert (disk.written, disk.lost, disk.refusals, disk.kept) == (8, 0, 0, 3)
+    assert (disk.written, disk.lost, disk.refusals, disk.events_archived) == (8, 0, 0, 3)
     (event,) = (tmp_path / "events").iterdir()
     assert event.name.endswith("mark-5")
     assert [number_of(log) for log in logs_in(event)] == [4, 5, 6, 7, 8]
@@ -88,7 +88,7 @@ def test_events_removed_by_hand_cost_nothing_else(
             begin(disk, of, second)
         mark(disk, 5)
         disk.close(5.0)
-    assert (disk.written, disk.lost, disk.refusals, disk.kept) == (5, 0, 0, 2)
+    assert (disk.written, disk.lost, disk.refusals, disk.events_archived) == (5, 0, 0, 2)
     assert ["not kept any further" in text for text in caplog.messages] == [True]
     assert [event.name[-6:] for event in (tmp_path / "events").iterdir()] == ["mark-5"]
 
@@ -161,10 +161,10 @@ def test_events_wait_for_a_disk_that_hangs_in_bounds(
     begin(disk, of, 1)
     for second in range(200):
         mark(disk, second)
-    assert 100 <= disk.unkept < 110
+    assert 100 <= disk.events_lost < 110
     released.set()
     disk.close(5.0)
-    assert disk.kept + disk.unkept == 200
+    assert disk.events_archived + disk.events_lost == 200
 
 
 def test_a_file_that_goes_leaves_no_log_without_its_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -212,14 +212,14 @@ def test_a_reload_makes_no_event_of_what_was_lost_before(of: Binding) -> None:
     bus = SimpleNamespace(name="radar", counts=PortCounts(), state=BusState(True, 0))
     daemon = cast("Daemon", SimpleNamespace(buses=[bus], pipeline=Pipeline(of)))
     watch = EventDetector(of)
-    assert not list(watch.turned(daemon, 0))
+    assert not list(watch.on_iteration(daemon, 0))
     bus.counts.kernel_lost = 7
-    assert [event.kind for event in watch.turned(daemon, 1)] == ["lost"]
+    assert [event.kind for event in watch.on_iteration(daemon, 1)] == ["lost"]
     later_ns = 1000 * SECOND_NS
     after = EventDetector(of)
     after.go_on_from(watch)
-    assert not list(after.turned(daemon, later_ns))
+    assert not list(after.on_iteration(daemon, later_ns))
     bus.counts.kernel_lost += 1
-    assert [event.kind for event in after.turned(daemon, later_ns)] == ["lost"]
+    assert [event.kind for event in after.on_iteration(daemon, later_ns)] == ["lost"]
     bus.state = BusState(False, 0, "gone")
-    assert [event.kind for event in after.turned(daemon, later_ns)] == ["bus"]
+    assert [event.kind for event in after.on_iteration(daemon, later_ns)] == ["bus"]

@@ -97,7 +97,7 @@ def test_a_mark_keeps_what_lies_around_it(of: Binding, tmp_path: Path) -> None:
         frames = highway(of, 3.0)
         runs.feed(frames[: len(frames) // 2])
         runs.daemon.mark()
-        runs.daemon.turn()
+        runs.daemon.run_once()
         marked_ns = runs.now_ns
         runs.feed(frames[len(frames) // 2 :])
         runs.stop()
@@ -143,7 +143,7 @@ def test_a_reload_begins_a_file_of_its_own(of: Binding, tmp_path: Path) -> None:
         runs.feed(frames[: len(frames) // 2 + 7])
         runs.daemon.reload()
         while runs.daemon.binding is not other:
-            runs.daemon.turn()
+            runs.daemon.run_once()
         before = len(runs.sent.frames)
         runs.feed(frames[len(frames) // 2 + 7 :])
         runs.stop()

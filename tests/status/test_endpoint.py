@@ -17,7 +17,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
 from candaemon.binding.bound import Binding
-from candaemon.daemon.daemon import Observer
+from candaemon.daemon.observer import Observer
 from candaemon.status import metrics_http as scrape
 from candaemon.status.metrics_endpoint import MetricsEndpoint
 from candaemon.status.service_monitor import ServiceMonitor
@@ -162,13 +162,13 @@ def test_a_reload_moves_the_port_or_keeps_it_where_it_cannot(
     endpoint = MetricsEndpoint(meter)
     ports = []
     with Served(first, [meter]) as served, socket.socket() as other:
-        endpoint.started(served.daemon)
+        endpoint.on_start(served.daemon)
         other.bind(("127.0.0.1", 0))
         other.listen()
         taken, none = with_port(tmp_path, other.getsockname()[1]), bound(tmp_path)
         for binding, error in ((taken, ""), (none, "mine.yaml:1: refused"), (none, "")):
             served.daemon.pipeline.binding = binding
-            endpoint.reloaded(served.daemon, error)
+            endpoint.on_reload_end(served.daemon, error)
             ports.append(endpoint.port)
     assert ports == [port, port, None]
     assert "in use" in caplog.text

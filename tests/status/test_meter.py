@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from candaemon.can_io.port import PortCounts
 from candaemon.config.metrics import MetricsSettings
-from candaemon.daemon.daemon import CompletedCycle, Observer
+from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.ego.motion_plausibility import MotionFaults
 from candaemon.errors import ConfigError
 from candaemon.pipeline.cycle import Cycle
@@ -37,8 +37,8 @@ class Kept(Observer):
     def __init__(self) -> None:
         self.told_all: list[CompletedCycle] = []
 
-    def told(self, told: CompletedCycle) -> None:
-        self.told_all.append(told)
+    def on_cycle(self, completed: CompletedCycle) -> None:
+        self.told_all.append(completed)
 
     @property
     def last(self) -> Cycle:
@@ -184,9 +184,9 @@ def test_a_reload_is_counted_and_keeps_what_was_measured(tmp_path: Path) -> None
     with Served(binding, [meter]) as served:
         served.feed(drive(binding, 1.0))
         before = meter.wait_for_figures(5.0)
-        meter.reloaded(served.daemon, "mine.yaml:3: no such bus")
+        meter.on_reload_end(served.daemon, "mine.yaml:3: no such bus")
         refused = meter.wait_for_figures(5.0).service
-        meter.reloaded(served.daemon, "")
+        meter.on_reload_end(served.daemon, "")
         after = meter.wait_for_figures(5.0)
     assert (refused.reloads, refused.refused, refused.reload_error) == (0, 1, "mine.yaml:3: no such bus")
     assert (after.service.reloads, after.service.refused, after.service.reload_error) == (1, 1, "")

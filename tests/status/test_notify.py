@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from candaemon.binding.bound import Binding
-from candaemon.daemon.daemon import Daemon, Observer
+from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.daemon.reload import Reloader
 from candaemon.errors import ConfigError
 from candaemon.status.sd_notify import SystemdNotifier, SystemdObserver
@@ -58,13 +59,13 @@ class Steps:
 
     def turn(self, seconds: float) -> None:
         self.now_s += seconds
-        self.supervision.turned(self.daemon)
+        self.supervision.on_iteration(self.daemon)
 
 
 class Stop(Observer):
     """Stops the daemon when it has turned once."""
 
-    def turned(self, daemon: Daemon) -> None:
+    def on_iteration(self, daemon: DaemonView) -> None:
         daemon.stop()
 
 
@@ -113,7 +114,7 @@ def test_what_finds_the_managers_queue_full_is_told_again(manager: Manager, noti
     steps = Steps(notifier)
     while notifier.tell(STATUS="of another"):
         pass
-    steps.supervision.started(steps.daemon)
+    steps.supervision.on_start(steps.daemon)
     steps.turn(1.5)  # the watchdog is due
     assert all(message == {"STATUS": "of another"} for message in manager.heard())
     steps.turn(0.01)
@@ -127,7 +128,7 @@ def test_what_finds_the_managers_queue_full_is_told_again(manager: Manager, noti
 
 def test_a_missing_bus_does_not_hold_ready_back_but_is_told(manager: Manager, notifier: SystemdNotifier) -> None:
     steps = Steps(notifier)
-    steps.supervision.started(steps.daemon)  # whose buses nobody has opened
+    steps.supervision.on_start(steps.daemon)  # whose buses nobody has opened
     assert manager.heard()[0]["STATUS"].endswith("0 lost; down: radar, ins, obstacles")
 
 
@@ -156,7 +157,7 @@ def test_a_reload_is_told_from_its_begin_to_its_end(manager: Manager, notifier: 
         return binding("demo")
 
     class StopReloaded(Observer):
-        def reloaded(self, daemon: Daemon, error: str) -> None:  # noqa: ARG002  # the hook's signature
+        def on_reload_end(self, daemon: DaemonView, error: str) -> None:  # noqa: ARG002  # the hook's signature
             daemon.stop()
 
     supervision = SystemdObserver(notifier)

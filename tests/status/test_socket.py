@@ -81,15 +81,15 @@ def test_a_client_that_never_reads_is_dropped_and_holds_nobody_up(binding: Bindi
     meter = ServiceMonitor(binding.settings.service.metrics)
     told_by = StatusSocket(meter, clock=lambda: now_s)
     daemon = Served(binding, []).daemon
-    meter.started(daemon)
-    told_by.started(daemon)
+    meter.on_start(daemon)
+    told_by.on_start(daemon)
     with socket.socket(socket.AF_UNIX) as deaf, connected(runtime / "status.sock") as stream:
         deaf.connect(str(runtime / "status.sock"))
         longest_s = 0.0
         for _ in range(300):
             now_s += 1.0
             began_s = time.monotonic()
-            told_by.turned(daemon)
+            told_by.on_iteration(daemon)
             longest_s = max(longest_s, time.monotonic() - began_s)
             assert told(stream)["service"]["instance"] == "mine"
         received = 0
@@ -97,7 +97,7 @@ def test_a_client_that_never_reads_is_dropped_and_holds_nobody_up(binding: Bindi
             received += len(chunk)
     assert longest_s < 0.5
     assert received < 1 << 20
-    told_by.stopped(daemon)
+    told_by.on_stop(daemon)
 
 
 def test_clients_are_bounded_and_one_too_many_is_told_so(binding: Binding, runtime: Path) -> None:

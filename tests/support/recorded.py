@@ -11,7 +11,8 @@ import can
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.python_can import to_message
-from candaemon.daemon.daemon import CompletedCycle, Daemon, Observer
+from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.frames.frame import Frame
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.simulation.scenario_file import load_scenario
@@ -27,8 +28,8 @@ class Sent(Observer):
     def __init__(self) -> None:
         self.frames: list[Frame] = []
 
-    def told(self, told: CompletedCycle) -> None:
-        self.frames += told.cycle.frames
+    def on_cycle(self, completed: CompletedCycle) -> None:
+        self.frames += completed.cycle.frames
 
 
 class Driven:
@@ -65,11 +66,11 @@ class Driven:
         """Stop as SIGTERM would."""
         self.daemon.finish()
         for observer in self.observers:
-            observer.stopped(self.daemon)
+            observer.on_stop(self.daemon)
 
     def _turned(self) -> None:
         for observer in self.observers:
-            observer.turned(self.daemon)
+            observer.on_iteration(self.daemon)
 
 
 @contextmanager
@@ -85,7 +86,7 @@ def driven(of: Binding, *observers: Observer) -> Iterator[Driven]:
         runs = Driven(of, sides, observers)
         closing.enter_context(runs.daemon)
         for observer in runs.observers:
-            observer.started(runs.daemon)
+            observer.on_start(runs.daemon)
         yield runs
 
 

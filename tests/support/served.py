@@ -19,7 +19,8 @@ from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.can_io.python_can import to_message
 from candaemon.config.load import load_config
-from candaemon.daemon.daemon import Daemon, Observer
+from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import Observer
 from candaemon.frames.frame import Frame
 from candaemon.simulation.scenario_file import load_scenario
 from candaemon.simulation.simulate import simulate
