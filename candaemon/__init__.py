@@ -60,9 +60,9 @@ if TYPE_CHECKING:
     from candaemon.playback.replay import ReplayRequest as ReplayRequest
     from candaemon.playback.replay import replay as replay
     from candaemon.playback.summary import summarise as summarise
-    from candaemon.simulation.scenario_file import load_scenario as load_scenario
+    from candaemon.simulation.drive_files import record as record
+    from candaemon.simulation.scenario import load_scenario as load_scenario
     from candaemon.simulation.simulate import simulate as simulate
-    from candaemon.simulation.write import record as record
     from candaemon.tracking.obstacles import Obstacles as Obstacles
     from candaemon.tracking.tracker import Tracker as Tracker
 
@@ -93,9 +93,9 @@ _NAMES = {
     "candaemon.pipeline.pipeline": ("Pipeline",),
     "candaemon.playback.replay": ("ReplayRequest", "Replayed", "replay"),
     "candaemon.playback.summary": ("summarise",),
-    "candaemon.simulation.scenario_file": ("load_scenario",),
+    "candaemon.simulation.scenario": ("load_scenario",),
     "candaemon.simulation.simulate": ("simulate",),
-    "candaemon.simulation.write": ("record",),
+    "candaemon.simulation.drive_files": ("record",),
     "candaemon.tracking.obstacles": ("Obstacles",),
     "candaemon.tracking.tracker": ("Tracker",),
 }

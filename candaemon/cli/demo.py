@@ -31,14 +31,13 @@ from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.errors import BusError, ConfigError
 from candaemon.evaluation.metrics import evaluate
-from candaemon.evaluation.text import print_sections, sections
-from candaemon.evaluation.writers import TrackWriter
+from candaemon.evaluation.printing import print_sections, sections
+from candaemon.evaluation.tables import TrackWriter
 from candaemon.frames.frame import Frame
 from candaemon.output.decoder import FIRST_STATE, DecodedCycle, OutputDecoder
-from candaemon.simulation.scenario import Scenario
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.drive_files import write_truth
+from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import Simulation, simulate
-from candaemon.simulation.write import write_truth
 from candaemon.tracking.obstacles import STATE_NAMES
 
 if TYPE_CHECKING:

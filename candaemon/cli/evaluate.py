@@ -7,7 +7,7 @@ from pathlib import Path
 
 from candaemon.cli import console
 from candaemon.evaluation.metrics import evaluate
-from candaemon.evaluation.text import print_evaluation
+from candaemon.evaluation.printing import print_evaluation
 from candaemon.files.atomic import atomic_write
 
 

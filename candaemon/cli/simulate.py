@@ -10,9 +10,9 @@ from candaemon.cli import console
 from candaemon.cli.arguments import CONFIG, LOG_FORMATS, SCENARIO
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config, find_scenario
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.drive_files import record
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
-from candaemon.simulation.write import record
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,15 +1,23 @@
-"""How good a drive's tracks are without a truth: predictions, NIS, what stands, duplicates."""
+"""How good a drive's tracks are without a truth: predictions, NIS, stationary objects, duplicates.
+
+Predictions are compared with what the radar itself measures later. All figures are fed cycle by cycle with arrays, keep
+bounded memory, and can be asked for their result at any time.
+"""
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, nan, sqrt
 
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.evaluation.chi_square import chi2_quantile
 from candaemon.evaluation.duplicates import DuplicateScore
-from candaemon.evaluation.prediction import NisScore, PredictionScore, StationarySpeed
-from candaemon.evaluation.runs import ObjectRuns
+from candaemon.evaluation.object_runs import Ended, ObjectRuns, RunSums
 from candaemon.pipeline.cycle import Cycle
 from candaemon.tracking.obstacles import TENTATIVE
 
@@ -86,3 +94,240 @@ class DriveScore:
         run = self._run_of.get((sensor, time_ns))
         if run is not None and len(run) == len(x):
             self.predictions.predict(sensor, time_ns, horizon, run, x, y)
+
+
+@dataclass(frozen=True, slots=True)
+class PredictionError:
+    """How far off the predictions of one horizon were.
+
+    Attributes:
+        horizon: s.
+        x: RMSE along the vehicle's x axis, m; NaN without samples.
+        y: RMSE along its y axis, m.
+        samples: predictions compared.
+    """
+
+    horizon: float
+    x: float
+    y: float
+    samples: int
+
+
+class _Stream:
+    """One sensor's recent scans and the predictions that wait for a later one."""
+
+    def __init__(self, cycle_ns: int, horizons_ns: Sequence[int]) -> None:
+        self.tolerance_ns = cycle_ns // 2
+        self.times: list[int] = []
+        self.scans: list[tuple[Integers, Floats, Floats]] = []
+        # one scan's predictions a cycle; room for twice as many before the oldest is given up
+        self.waiting: tuple[deque[tuple[int, Integers, Floats, Floats]], ...] = tuple(
+            deque(maxlen=2 * ceil(ahead / cycle_ns) + 16) for ahead in horizons_ns
+        )
+
+    def nearest(self, time_ns: int) -> tuple[Integers, Floats, Floats] | None:
+        """Return the scan nearest to an instant, if it is within half a cycle."""
+        after = bisect_left(self.times, time_ns)
+        best = min(
+            (k for k in (after - 1, after) if 0 <= k < len(self.times)), key=lambda k: abs(self.times[k] - time_ns)
+        )
+        return self.scans[best] if abs(self.times[best] - time_ns) <= self.tolerance_ns else None
+
+
+class PredictionScore:
+    """Compares predicted places of a sensor's object with where the sensor itself sees that object later.
+
+    The scan nearest to the due time within half a cycle is taken. An object is identified by its run (`ObjectRuns`): a
+    prediction is void where its run ended in between, and only runs of `minimum_run` and more count, wherever in the
+    run the prediction was made.
+
+    Args:
+        horizons: s ahead, each a row of the result.
+        cycles: nominal cycle time of each sensor, s, by its index.
+        minimum_run: s.
+    """
+
+    def __init__(self, horizons: Sequence[float], cycles: Sequence[float], *, minimum_run: float = 3.0) -> None:
+        self._horizons = tuple(horizons)
+        self._horizons_ns = tuple(round(horizon * 1e9) for horizon in horizons)
+        # a prediction may be told up to a second after it was due
+        self._keep_ns = max(self._horizons_ns, default=0) + 1_000_000_000
+        self._minimum_ns = round(minimum_run * 1e9)
+        self._streams = tuple(_Stream(round(cycle * 1e9), self._horizons_ns) for cycle in cycles)
+        self._runs = RunSums(3 * len(self._horizons), self._keep_ns)
+        self._totals = np.zeros(3 * len(self._horizons))
+
+    def measure(self, sensor: int, time_ns: int, run: Integers, x: Floats, y: Floats) -> None:
+        """Take in one scan.
+
+        Args:
+            sensor: index.
+            time_ns: its measurement time; a step back forgets the sensor's scans and open predictions.
+            run: run of each object, shape (n,), each once.
+            x: m forward in the vehicle axes of that instant, shape (n,).
+            y: m to the left, shape (n,).
+        """
+        stream = self._streams[sensor]
+        times, scans = stream.times, stream.scans
+        if times and time_ns <= times[-1]:
+            times.clear()
+            scans.clear()
+            for queue in stream.waiting:
+                queue.clear()
+        order = np.argsort(run)
+        times.append(time_ns)
+        scans.append((run[order], x[order], y[order]))
+        self._totals += self._total(self._runs.touch(time_ns, run))
+        if time_ns - times[0] > 2 * self._keep_ns:
+            old = bisect_left(times, time_ns - self._keep_ns)
+            del times[:old], scans[:old]
+        for horizon in range(len(self._horizons)):
+            self._settle(stream, horizon)
+
+    def predict(self, sensor: int, time_ns: int, horizon: int, run: Integers, x: Floats, y: Floats) -> None:
+        """Take in predictions, in the order of their times; they may come after the scan that they are compared with.
+
+        Args:
+            sensor: index.
+            time_ns: the instant they were made at; due one horizon later.
+            horizon: index into `horizons`.
+            run: run of the predicted object at `time_ns`, shape (n,), each once.
+            x: m forward in the vehicle axes of the due instant, shape (n,).
+            y: m to the left, shape (n,).
+        """
+        stream = self._streams[sensor]
+        stream.waiting[horizon].append((time_ns + self._horizons_ns[horizon], run, x, y))
+        self._settle(stream, horizon)
+
+    def result(self) -> tuple[PredictionError, ...]:
+        """Return the errors so far, a row a horizon, with those of the open runs that are long enough by now."""
+        count, x, y = (self._totals + self._total(self._runs.open())).reshape(-1, 3).T
+        return tuple(
+            PredictionError(horizon, sqrt(sx / n) if n else nan, sqrt(sy / n) if n else nan, int(n))
+            for horizon, n, sx, sy in zip(self._horizons, count.tolist(), x.tolist(), y.tolist(), strict=True)
+        )
+
+    def _total(self, ended: Ended) -> Floats:
+        """Return the sums of the runs that are long enough."""
+        total: Floats = ended.sums[ended.last_ns - ended.first_ns >= self._minimum_ns].sum(axis=0)
+        return total
+
+    def _settle(self, stream: _Stream, horizon: int) -> None:
+        """Compare the predictions whose due time lies within the scans seen."""
+        queue, times = stream.waiting[horizon], stream.times
+        while queue and times and queue[0][0] <= times[-1]:
+            due_ns, run, x, y = queue.popleft()
+            scan = stream.nearest(due_ns)
+            if scan is None or not len(scan[0]):
+                continue
+            seen, seen_x, seen_y = scan
+            at = np.minimum(np.searchsorted(seen, run), len(seen) - 1)
+            same = np.flatnonzero((seen[at] == run) & np.isfinite(x) & np.isfinite(y))
+            at = at[same]
+            errors = np.stack((np.ones(len(same)), (x[same] - seen_x[at]) ** 2, (y[same] - seen_y[at]) ** 2), axis=1)
+            self._runs.add(run[same], 3 * horizon, errors)
+
+
+@dataclass(frozen=True, slots=True)
+class StationaryError:
+    """Speed over ground of what stands still.
+
+    Attributes:
+        runs: stationary runs.
+        samples: their obstacle samples.
+        vx: RMS of the obstacles' vx, m/s; NaN without samples.
+        speed: RMS of their speed in the plane, m/s.
+    """
+
+    runs: int
+    samples: int
+    vx: float
+    speed: float
+
+
+class StationarySpeed:
+    """RMS speed over ground of obstacles whose sensor object stands still.
+
+    A run is stationary if the median of |range rate + own speed along the line of sight| is below `threshold`, that is,
+    if more than half of its samples are.
+
+    Args:
+        threshold: m/s.
+        minimum_samples: shorter runs are too short to tell, and left out.
+    """
+
+    def __init__(self, *, threshold: float = 1.0, minimum_samples: int = 20) -> None:
+        self._threshold = threshold
+        self._minimum = minimum_samples
+        self._runs = RunSums(5, 1_000_000_000)
+        self._totals = np.zeros(4)
+
+    def add(self, time_ns: int, run: Integers, closing: Floats, vx: Floats, vy: Floats) -> None:
+        """Take in one scan, each array of shape (n,).
+
+        Args:
+            time_ns: its measurement time.
+            run: run of each object, each once.
+            closing: range rate + own speed along the line of sight, m/s: the object's own, along that line.
+            vx: velocity over ground of the object's obstacle along x, m/s; NaN where it has no confirmed one.
+            vy: the same along y.
+        """
+        self._totals += self._total(self._runs.touch(time_ns, run))
+        told = np.isfinite(vx) & np.isfinite(vy)
+        along = np.where(told, vx, 0.0) ** 2
+        across = np.where(told, vy, 0.0) ** 2
+        slow = np.abs(closing) < self._threshold
+        self._runs.add(run, 0, np.stack((np.isfinite(closing), slow, told, along, along + across), axis=1))
+
+    def result(self) -> StationaryError:
+        """Return the figures so far, the open runs among them."""
+        runs, samples, along, plane = (self._totals + self._total(self._runs.open())).tolist()
+        if not samples:
+            return StationaryError(int(runs), 0, nan, nan)
+        return StationaryError(int(runs), int(samples), sqrt(along / samples), sqrt(plane / samples))
+
+    def _total(self, ended: Ended) -> Floats:
+        """Return runs, samples and sums of squares of the stationary runs among these."""
+        count, slow = ended.sums[:, 0], ended.sums[:, 1]
+        still = ended.sums[(count >= self._minimum) & (2 * slow > count)]
+        return np.array([len(still), *still[:, 2:].sum(axis=0)])
+
+
+class NisScore:
+    """Normalised innovation squared: its mean against its expectation, and how often it is within the 95 % quantile."""
+
+    def __init__(self) -> None:
+        self._samples = 0
+        self._sum = 0.0
+        self._dof = 0
+        self._inside = 0
+
+    def add(self, nis: Floats, dof: Integers) -> None:
+        """Take in innovations, shape (n,): each one's square, normalised, and its degrees of freedom (1 or more)."""
+        if not len(nis):
+            return
+        limits = np.array([0.0, *(chi2_quantile(0.95, k) for k in range(1, int(dof.max()) + 1))])
+        self._samples += len(nis)
+        self._sum += float(nis.sum())
+        self._dof += int(dof.sum())
+        self._inside += int((nis <= limits[dof]).sum())
+
+    @property
+    def samples(self) -> int:
+        """Innovations taken in."""
+        return self._samples
+
+    @property
+    def mean(self) -> float:
+        """Mean NIS; NaN without samples."""
+        return self._sum / self._samples if self._samples else nan
+
+    @property
+    def expected(self) -> float:
+        """Mean number of degrees of freedom: what the mean NIS of a consistent filter tends to."""
+        return self._dof / self._samples if self._samples else nan
+
+    @property
+    def coverage(self) -> float:
+        """Share of innovations within their 95 % quantile; 0.95 for a consistent filter."""
+        return self._inside / self._samples if self._samples else nan

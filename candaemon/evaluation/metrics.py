@@ -16,9 +16,9 @@ import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.errors import InputError
+from candaemon.evaluation.chi_square import chi2_quantile
 from candaemon.evaluation.duplicates import duplicated
 from candaemon.evaluation.matching import Gospa, MatchedCycle, assign, covered, cycles, gospa, resample
-from candaemon.evaluation.prediction import chi2_quantile
 from candaemon.evaluation.results import (
     ActorResult,
     Consistency,
@@ -69,7 +69,7 @@ def compare(tracks: TrackTable, truth: TrackTable, options: Options = _DEFAULTS)
     """
     times_ns, skipped = _instants(tracks, truth, round(options.max_gap * 1e9))
     at_tracks = resample(truth, times_ns, round(options.max_gap * 1e9))
-    tally = _Tally(tracks, at_tracks, options)
+    tally = _Accumulator(tracks, at_tracks, options)
     for cycle in cycles(tracks, at_tracks, times_ns):
         tally.add(cycle)
     return tally.evaluation(truth, len(times_ns), skipped)
@@ -103,7 +103,7 @@ def _step(times_ns: Integers) -> float:
 
 
 @dataclass(slots=True)
-class _Life:
+class _ActorHistory:
     """What is counted of one actor while the cycles go by."""
 
     visible: int = 0
@@ -133,13 +133,13 @@ class _Life:
 
 
 @dataclass(slots=True)
-class _Tally:
+class _Accumulator:
     """Goes through the cycles in order and collects what they tell."""
 
     tracks: TrackTable
     truth: TrackTable
     options: Options
-    lives: dict[int, _Life] = field(default_factory=lambda: defaultdict(_Life))
+    lives: dict[int, _ActorHistory] = field(default_factory=lambda: defaultdict(_ActorHistory))
     previous: dict[int, int] = field(default_factory=dict)
     pairs: list[tuple[Integers, Integers]] = field(default_factory=list)
     scores: list[Gospa] = field(default_factory=list)
@@ -223,7 +223,7 @@ class _Tally:
         return settled
 
     @staticmethod
-    def _actor(identity: int, life: _Life, first_ns: int, errors: Errors) -> ActorResult:
+    def _actor(identity: int, life: _ActorHistory, first_ns: int, errors: Errors) -> ActorResult:
         """Return what became of one visible actor."""
         return ActorResult(
             id=identity,

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-
-import numpy as np
 
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.read import LogBlock, frames_of, read_log_blocks
@@ -18,20 +15,17 @@ from candaemon.can_io.logs.stream import LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.can_io.reorder import ItemBlock, ReorderBuffer, ReorderCounts
 from candaemon.config.ego import InsSettings
-from candaemon.ego.georeference import Georeference
 from candaemon.evaluation.drive_score import DriveScore
-from candaemon.evaluation.tables import EARTH_COLUMNS
-from candaemon.evaluation.writers import PredictionWriter, TrackWriter
+from candaemon.evaluation.tables import PredictionWriter, TrackWriter, track_columns
 from candaemon.frames.frame import Frame, Tick
 from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import begun, fingerprint
-from candaemon.playback.recorded import runs
-from candaemon.playback.smooth import CycleSmoother
-from candaemon.tracking.obstacles import MOTION, Obstacles
+from candaemon.playback.cycle_smoothing import CycleSmoother
+from candaemon.playback.predictions import PredictionQueue
+from candaemon.playback.recording_files import runs
 
-_PATIENCE_NS = 2_000_000_000
 HORIZONS = (0.5, 1.0)
 """Default horizons of predictions, s."""
 
@@ -194,7 +188,7 @@ class _Outputs:
         self._score = score
         smooth = request.smooth if request.tracks else None
         self._smoother = CycleSmoother(pipeline.trackers, smooth) if smooth is not None else None
-        self._predictions = Predictions(pipeline, request.horizons, writers.predictions, score)
+        self._predictions = PredictionQueue(pipeline, request.horizons, writers.predictions, score)
 
     def take(self, cycle: Cycle) -> None:
         """Take one cycle."""
@@ -216,100 +210,3 @@ class _Outputs:
             if self._writers.tracks is not None:
                 columns = track_columns(cycle.obstacles, self._names, cycle.georeference)
                 self._writers.tracks.write_cycle(cycle.obstacles.time_ns, columns)
-
-
-def track_columns(
-    obstacles: Obstacles, sensors: Sequence[str], placement: Georeference | None = None
-) -> dict[str, Sequence[object] | np.ndarray]:
-    """Return obstacles as columns of the table of tracks; with latitude and longitude where a placement gives them."""
-    used: list[list[tuple[str, int]]] = [[] for _ in range(len(obstacles))]
-    columns = (obstacles.used_row, obstacles.used_sensor, obstacles.used_object)
-    for row, sensor, key in zip(*(column.tolist() for column in columns), strict=True):
-        used[row].append((sensors[sensor], key))
-    earth: dict[str, np.ndarray] = {}
-    if placement is not None:
-        places = np.degrees(placement.to_earth(obstacles.east, obstacles.north))
-        earth = dict(zip(EARTH_COLUMNS, places, strict=True))
-    return {
-        "id": obstacles.id,
-        "state": obstacles.state,
-        **{name: getattr(obstacles, name) for name in MOTION},
-        "age": obstacles.age,
-        "objects": used,
-        **earth,
-    }
-
-
-@dataclass(frozen=True, slots=True)
-class _Waiting:
-    """Predictions of one cycle: (m, 2) positions in the level frame for each horizon."""
-
-    time_ns: int
-    sensor: int
-    ids: np.ndarray[tuple[int], np.dtype[np.int64]]
-    objects: np.ndarray[tuple[int], np.dtype[np.int64]]
-    positions: list[np.ndarray[tuple[int, int], np.dtype[np.float64]]]
-
-
-class Predictions:
-    """Expects each used detection's reflection some time ahead, and tells it when own motion until then is known.
-
-    Args:
-        pipeline: whose trackers expect and whose own motion is taken as known.
-        horizons: s.
-        writer: of the table; None: only scored.
-        score: takes them too.
-    """
-
-    def __init__(
-        self,
-        pipeline: Pipeline,
-        horizons: Sequence[float],
-        writer: PredictionWriter | None,
-        score: DriveScore,
-    ) -> None:
-        self._pipeline = pipeline
-        self._horizons = tuple(horizons)
-        self._horizons_ns = [round(horizon * 1e9) for horizon in horizons]
-        self._writer = writer
-        self._score = score
-        self._waiting: deque[_Waiting] = deque()
-
-    def add(self, cycle: Cycle) -> None:
-        """Take one cycle and tell the predictions whose time has come."""
-        tracker, detections = cycle.tracker, cycle.detections
-        if tracker is not None and detections is not None and tracker.update is not None:
-            obstacles = cycle.obstacles
-            self._waiting.append(
-                _Waiting(
-                    obstacles.time_ns,
-                    detections.sensor,
-                    obstacles.id[obstacles.used_row],
-                    detections.object_id[tracker.update.detection],
-                    [tracker.expected_positions(horizon) for horizon in self._horizons],
-                )
-            )
-        known_ns = self._pipeline.ego.known_until_ns
-        # own motion that has gone silent is not waited for longer than this: the queue stays bounded
-        latest_ns = max(known_ns, cycle.obstacles.time_ns - _PATIENCE_NS)
-        while self._waiting and self._waiting[0].time_ns + max(self._horizons_ns) <= latest_ns:
-            self._tell(self._waiting.popleft(), known_ns)
-
-    def finish(self) -> None:
-        """Tell what own motion allows; what is due after its last sample can not be told."""
-        known_ns = self._pipeline.ego.known_until_ns
-        while self._waiting:
-            self._tell(self._waiting.popleft(), known_ns)
-
-    def _tell(self, waiting: _Waiting, known_ns: int) -> None:
-        for k, (horizon, horizon_ns) in enumerate(zip(self._horizons, self._horizons_ns, strict=True)):
-            due_ns = waiting.time_ns + horizon_ns
-            pose = self._pipeline.ego.pose(due_ns) if due_ns <= known_ns else None
-            if pose is None:
-                continue
-            place = pose.to_vehicle(waiting.positions[k])
-            self._score.expect(waiting.sensor, waiting.time_ns, k, place[:, 0], place[:, 1])
-            if self._writer is not None:
-                self._writer.write_cycle(
-                    waiting.time_ns, horizon, waiting.ids, waiting.objects, place[:, 0], place[:, 1]
-                )

@@ -21,7 +21,7 @@ from candaemon.binding.bound import Binding
 from candaemon.config.recording import EventSettings
 from candaemon.errors import InputError
 from candaemon.files.atomic import atomic_write
-from candaemon.playback.recorded import CONFIGURATIONS, EVENTS, STATE, logs_in, number_of, utc
+from candaemon.playback.recording_files import CONFIGURATIONS, EVENTS, STATE, logs_in, number_of, utc
 from candaemon.recording.ring import MEGABYTE, RingFile
 
 logger = logging.getLogger(__name__)

@@ -23,7 +23,7 @@ from candaemon.files.atomic import make_folder
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import Snapshots
-from candaemon.playback.recorded import ENDED
+from candaemon.playback.recording_files import ENDED
 from candaemon.recording.event_archive import Event
 from candaemon.recording.event_detector import EventDetector
 from candaemon.recording.ring import MEGABYTE, SHARE_OF_A_FILE

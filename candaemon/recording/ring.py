@@ -17,7 +17,7 @@ from candaemon.config.recording import RecordingSettings
 from candaemon.errors import InputError
 from candaemon.files.atomic import atomic_write, make_folder
 from candaemon.pipeline.saved_state.fingerprint import digest
-from candaemon.playback.recorded import LOG, STATE, header_beside, logs_in, number_of
+from candaemon.playback.recording_files import LOG, STATE, header_beside, logs_in, number_of
 
 MEGABYTE = 1_000_000
 SHARE_OF_A_FILE = 1 / 8

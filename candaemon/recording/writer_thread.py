@@ -19,7 +19,7 @@ from typing import TypeAlias
 from candaemon.binding.bound import Binding
 from candaemon.config.recording import RecordingSettings
 from candaemon.errors import InputError
-from candaemon.playback.recorded import LOG, number_of, stem
+from candaemon.playback.recording_files import LOG, number_of, stem
 from candaemon.recording.event_archive import Event, EventArchive, archive_configuration, remove_unused_configurations
 from candaemon.recording.ring import MEGABYTE, Ring, is_disk_full
 

@@ -1,16 +1,20 @@
-"""A scenario's settings: who drives how, what stands by the road, what the sensors make of it.
+"""A scenario's settings and their YAML file: who drives how, what stands by the road, what the sensors make of it.
 
-A scenario is told in *its own axes*: the vehicle axes of the ego at time 0 (x forward, y left, at rest over
+A scenario is given in *its own axes*: the vehicle axes of the ego at time 0 (x forward, y left, at rest over
 ground). `ego.start` places them on earth. Speeds and accelerations are over ground.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from candaemon.config.base import Settings
+from candaemon.config.load import join_problems
+from candaemon.config.settings import Location
+from candaemon.config.yaml_text import read_yaml
 
 
 class LaneChange(Settings):
@@ -249,3 +253,44 @@ class Scenario(Settings):
         if twice:
             raise ValueError(f"two actors are named '{twice[0]}'; give each a name of its own")
         return self
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Load and check a scenario.
+
+    Args:
+        path: the YAML file.
+
+    Raises:
+        ConfigError: naming every problem with file, line, key, what was found and what was expected.
+
+    """
+    path = Path(path)
+    data, lines = read_yaml(path)
+    try:
+        return Scenario.model_validate(data, strict=True)
+    except ValidationError as error:
+        problems = []
+        for details in error.errors():
+            location: Location = tuple(details["loc"])
+            depth = len(location)
+            while depth and location[:depth] not in lines:
+                depth -= 1
+            what = (
+                details["ctx"]["error"] if details["type"] == "value_error" else _told(details["type"], details["msg"])
+            )
+            found = f"; found {details['input']!r}" if isinstance(details["input"], str | int | float) else ""
+            key = ".".join(str(step) for step in location) or "the file"
+            problems.append((lines.get(location[:depth], 1), f"{key}: {what}{found}"))
+        raise join_problems(path, sorted(problems)) from None
+
+
+def _told(kind: str, message: str) -> str:
+    """Say what was expected."""
+    match kind:
+        case "missing":
+            return "missing; add it"
+        case "extra_forbidden":
+            return "a scenario has no such key here; check its spelling, or remove it"
+        case _:
+            return message.replace("Input should be", "expected")

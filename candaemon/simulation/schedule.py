@@ -8,8 +8,8 @@ import numpy as np
 
 from candaemon.arrays import Indices
 from candaemon.config.sensors import SensorSettings
+from candaemon.simulation.random_streams import stream
 from candaemon.simulation.scenario import Scenario, Transmission
-from candaemon.simulation.streams import stream
 
 _MICROSECOND = 1_000
 _LARGEST_BURST = 0.4

@@ -10,10 +10,10 @@ import numpy as np
 from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices
 from candaemon.config.sensors import SensorSettings
 from candaemon.simulation.lfm_fsk import LfmFskReceiver
-from candaemon.simulation.outline import VisibleReflections, hidden, in_view, seen_from
+from candaemon.simulation.random_streams import stream
 from candaemon.simulation.scenario import MeasurementEffects
 from candaemon.simulation.scene import Points, Pose, Scene, SceneState
-from candaemon.simulation.streams import stream
+from candaemon.simulation.visibility import VisibleReflections, hidden, in_view, seen_from
 
 NOISY = ("x", "y", "range", "azimuth", "range_rate", "vx", "vy", "ax")
 """Quantities that are drawn with noise."""

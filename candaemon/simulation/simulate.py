@@ -13,12 +13,12 @@ from candaemon.binding.bound import Binding, BoundSensor
 from candaemon.binding.location import SettingLocation
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import Frame
-from candaemon.simulation.frames import SensorEncoder
-from candaemon.simulation.own_frames import OwnEncoder
+from candaemon.simulation.ego_frames import EgoEncoder
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scene import Scene, SceneState
 from candaemon.simulation.schedule import scan_times, start_ns
-from candaemon.simulation.slot_report import Report, Reporter
+from candaemon.simulation.sensor_frames import SensorEncoder
+from candaemon.simulation.slot_reports import SlotReport, SlotReporter
 from candaemon.simulation.truth import Truth, TruthCycle
 
 
@@ -56,14 +56,14 @@ class Simulation:
         """Yield all frames of all buses in order of time, made scan by scan."""
         streams = [self._scans(sensor) for sensor in self._binding.sensors]
         if self._binding.ego is not None:
-            ego = OwnEncoder(self._binding.ego, self.scenario, seed=self.seed, source=len(self._binding.sensors))
+            ego = EgoEncoder(self._binding.ego, self.scenario, seed=self.seed, source=len(self._binding.sensors))
             streams.append(ego.frames(self._scene))
         return heapq.merge(*streams, key=itemgetter(0))
 
-    def reports(self, sensor: int) -> Iterator[tuple[int, Report]]:
+    def reports(self, sensor: int) -> Iterator[tuple[int, SlotReport]]:
         """Yield what one sensor reports: the measurement's instant (ns, log time) and its occupied slots."""
         settings = self._settings[sensor]
-        reporter = Reporter(self._scene, settings, self.scenario, seed=self.seed, source=sensor)
+        reporter = SlotReporter(self._scene, settings, self.scenario, seed=self.seed, source=sensor)
         times = self._times(sensor)
         for instant, time_ns in zip(self._instants(times), times.tolist(), strict=True):
             yield time_ns, reporter.report(instant)

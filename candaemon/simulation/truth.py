@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from candaemon.arrays import Booleans
 from candaemon.config.sensors import SensorSettings
-from candaemon.simulation.outline import VisibleReflections, hidden, in_view, reference_offsets, seen_from
 from candaemon.simulation.scene import Points, Scene, SceneState
+from candaemon.simulation.visibility import VisibleReflections, hidden, in_view, reference_offsets, seen_from
 
 _MARGIN = 20.0
 """m beyond the longest range of a sensor up to which stationary objects are told."""

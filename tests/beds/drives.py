@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from candaemon.frames.frame import EXTENDED
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.bound import binding
 from tests.support.paths import ROOT

@@ -10,7 +10,7 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.config.load import load_config
 from candaemon.playback.replay import ReplayRequest, replay
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
 
 from . import naive

@@ -20,8 +20,7 @@ from can.interfaces.udp_multicast.utils import pack_message
 from candaemon.binding.bind import bind
 from candaemon.can_io.python_can import to_message
 from candaemon.config.load import load_config
-from candaemon.simulation.scenario import OwnMotion
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import OwnMotion, load_scenario
 from candaemon.simulation.simulate import simulate
 
 from .live_wire import OWN_MOTION_SHARE, ROOT, SLOTS, Wire

@@ -22,13 +22,13 @@ from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.errors import ConfigError
 from candaemon.evaluation.metrics import evaluate
-from candaemon.evaluation.writers import TrackWriter
+from candaemon.evaluation.tables import TrackWriter
 from candaemon.frames.frame import Frame
 from candaemon.output.decoder import DecodedCycle, OutputDecoder
 from candaemon.pipeline.cycle import Cycle
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.drive_files import write_truth
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import Simulation, simulate
-from candaemon.simulation.write import write_truth
 from candaemon.tracking.obstacles import COASTING
 from tests.support.paths import ROOT
 

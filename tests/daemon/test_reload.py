@@ -17,7 +17,7 @@ from candaemon.daemon.observer import CompletedCycle, DaemonView, Observer
 from candaemon.daemon.reload import Reloader, load_service_config
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.paths import ROOT
 

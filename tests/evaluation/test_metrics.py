@@ -17,10 +17,9 @@ from candaemon.arrays import Floats
 from candaemon.errors import InputError
 from candaemon.evaluation.matching import assign, gospa, resample
 from candaemon.evaluation.metrics import compare, evaluate
+from candaemon.evaluation.printing import print_evaluation
 from candaemon.evaluation.results import Evaluation, Options
-from candaemon.evaluation.tables import NUMBERS, STATES, TrackTable
-from candaemon.evaluation.text import print_evaluation
-from candaemon.evaluation.writers import TrackWriter
+from candaemon.evaluation.tables import NUMBERS, STATES, TrackTable, TrackWriter
 
 CYCLE = 0.05
 Row = tuple[float, int, str, dict[str, float]]

@@ -12,8 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.errors import InputError
-from candaemon.evaluation.tables import COLUMNS, STATES, format_time, parse_time, read_tracks, read_truth
-from candaemon.evaluation.writers import PredictionWriter, TrackWriter
+from candaemon.evaluation.tables import (
+    COLUMNS,
+    STATES,
+    PredictionWriter,
+    TrackWriter,
+    format_time,
+    parse_time,
+    read_tracks,
+    read_truth,
+)
 
 HEADER = ",".join(COLUMNS) + "\n"
 ROW = "1533226488.434433,7,confirmed,10.5,-1,20,0,0,0,,,,,0.1,0.1,0.2,0.2,1.5,0:3;1:12\n"

@@ -10,7 +10,7 @@ from hashlib import sha256
 from candaemon.errors import InputError
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import Snapshots, fingerprint
-from candaemon.playback.recorded import runs
+from candaemon.playback.recording_files import runs
 
 from .campaign import binding
 from .drawn import Drawn

@@ -14,7 +14,7 @@ from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.frames.frame import Frame
 from candaemon.frames.frame_block import FrameBlock, joined_blocks
 from candaemon.protection.checksums import FrameProtector
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
 
 from .mutations import mutated, sealed

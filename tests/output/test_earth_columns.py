@@ -23,12 +23,10 @@ from candaemon.cli.main import main
 from candaemon.config.load import load_config
 from candaemon.errors import ConfigError
 from candaemon.evaluation.metrics import evaluate
-from candaemon.evaluation.tables import COLUMNS, read_tracks
-from candaemon.evaluation.writers import TrackWriter
+from candaemon.evaluation.tables import COLUMNS, TrackWriter, read_tracks, track_columns
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.playback.replay import track_columns
 from candaemon.simulation.simulate import simulate
 from tests.support.paths import ROOT
 from tests.support.simulated import scenario

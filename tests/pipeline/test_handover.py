@@ -17,7 +17,7 @@ from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.handover import Kept, hand_over
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.paths import ROOT
 

@@ -15,8 +15,7 @@ from candaemon.ego.pose import EgoStatus
 from candaemon.frames.frame import EXTENDED, Frame, Tick
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.simulation.scenario import Scenario
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import simulate
 from candaemon.tracking.obstacles import COASTING, CONFIRMED
 from tests.support.bound import binding

@@ -31,7 +31,7 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import Snapshots, begun, dump, header_of, restore
 from candaemon.pipeline.saved_state.places import FUNCTIONS
 from candaemon.pipeline.saved_state.skeleton import Skeleton
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.bound import binding
 from tests.support.paths import ROOT

@@ -24,7 +24,7 @@ from candaemon.protection.monitor import GuardPlan
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.assembly import ScanAssembler
 from candaemon.radar.scan import ScanCounts
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.pipeline.test_pipeline import drive as simulated
 from tests.pipeline.test_pipeline import status

@@ -29,8 +29,7 @@ from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.radar.counter_assembler import CounterAssembler
-from candaemon.simulation.scenario import Scenario
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.bound import binding
 from tests.support.paths import ROOT

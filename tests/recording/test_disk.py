@@ -18,7 +18,7 @@ from candaemon.daemon.daemon import Daemon
 from candaemon.errors import InputError
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.playback.recorded import header_beside, logs_in, number_of
+from candaemon.playback.recording_files import header_beside, logs_in, number_of
 from candaemon.recording.event_archive import Event
 from candaemon.recording.recorder import Recorder
 from candaemon.recording.ring import Ring

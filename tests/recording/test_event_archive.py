@@ -18,7 +18,7 @@ from candaemon.can_io.port import BusState, PortCounts
 from candaemon.config.recording import EventSettings, RecordingSettings
 from candaemon.errors import InputError
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.playback.recorded import logs_in, number_of, stem
+from candaemon.playback.recording_files import logs_in, number_of, stem
 from candaemon.recording.event_archive import Event
 from candaemon.recording.event_detector import EventDetector
 from candaemon.recording.ring import Ring

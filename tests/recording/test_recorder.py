@@ -16,7 +16,7 @@ from candaemon.config.load import load_config
 from candaemon.config.recording import RecordingSettings
 from candaemon.daemon.reload import Reloader
 from candaemon.errors import InputError
-from candaemon.playback.recorded import header_beside, logs_in
+from candaemon.playback.recording_files import header_beside, logs_in
 from candaemon.recording.recorder import Recorder
 from tests.support.bound import binding
 from tests.support.recorded import as_log, driven, highway, replayed

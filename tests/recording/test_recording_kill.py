@@ -20,7 +20,7 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.python_can import to_message
 from candaemon.config.load import load_config
 from candaemon.frames.frame import Frame
-from candaemon.playback.recorded import logs_in
+from candaemon.playback.recording_files import logs_in
 from tests.beds.service import Service, config_on
 from tests.support.recorded import highway, replayed
 

@@ -20,8 +20,7 @@ from candaemon.config.sensors import LfmFskSettings
 from candaemon.config.settings import Config
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.lfm_fsk import LfmFsk, LfmFskReceiver, Peaks
-from candaemon.simulation.scenario import Scenario
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.paths import ROOT
 

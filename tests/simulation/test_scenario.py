@@ -12,8 +12,7 @@ from pydantic import ValidationError
 
 from candaemon.errors import ConfigError
 from candaemon.simulation.actor_motion import Trajectory, trajectory
-from candaemon.simulation.scenario import Scenario, Segment
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import Scenario, Segment, load_scenario
 from candaemon.simulation.scene import Scene
 from tests.support.paths import ROOT
 

@@ -15,17 +15,15 @@ from candaemon.config.load import load_config
 from candaemon.ego.factory import make_ego
 from candaemon.ego.motion import EgoMotion
 from candaemon.errors import ConfigError
-from candaemon.evaluation.tables import read_truth
-from candaemon.evaluation.writers import TrackWriter
+from candaemon.evaluation.tables import TrackWriter, read_truth
 from candaemon.frames.frame import Frame
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.scan import Scan
-from candaemon.simulation.scenario import Scenario
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.scene import Scene
 from candaemon.simulation.schedule import start_ns
 from candaemon.simulation.simulate import Simulation, simulate
-from candaemon.simulation.slot_report import Report
+from candaemon.simulation.slot_reports import SlotReport
 from tests.support.paths import ROOT
 
 CONFIGS = ("esr_ins", "gm_lrr", "tesla_continental", "ars408", "toyota_rav4", "toyota_rav4_ins")
@@ -267,7 +265,7 @@ def test_a_missed_object_is_moved_on_if_asked() -> None:
 
 
 def test_slots_are_reused_without_an_empty_cycle_between() -> None:
-    reports: list[Report] = [report for _, report in simulate(drive("guard_rail"), bound("gm_lrr")).reports(0)]
+    reports: list[SlotReport] = [report for _, report in simulate(drive("guard_rail"), bound("gm_lrr")).reports(0)]
     reused = 0
     for before, here in pairwise(reports):
         was = dict(zip(before.slot.tolist(), before.owner.tolist(), strict=True))

@@ -15,7 +15,7 @@ from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.frames.frame import Frame
 from candaemon.playback.replay import ReplayRequest, replay
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.paths import ROOT
 

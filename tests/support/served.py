@@ -22,7 +22,7 @@ from candaemon.config.load import load_config
 from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import Observer
 from candaemon.frames.frame import Frame
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.paths import ROOT
 

@@ -9,11 +9,9 @@ from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.results import Evaluation
-from candaemon.evaluation.writers import TrackWriter
+from candaemon.evaluation.tables import TrackWriter, track_columns
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.playback.replay import track_columns
-from candaemon.simulation.scenario import Scenario
-from candaemon.simulation.scenario_file import load_scenario
+from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.paths import ROOT
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from candaemon.arrays import Floats
 from candaemon.estimation.smoothing import Smoothed
 from candaemon.pipeline.cycle import Cycle
-from candaemon.playback.smooth import CycleSmoother
+from candaemon.playback.cycle_smoothing import CycleSmoother
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import MOTION, Obstacles, concatenated, no_obstacles
 from candaemon.tracking.smoother_history import with_motion

@@ -12,7 +12,7 @@ import pytest
 
 from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
-from candaemon.playback.recorded import logs_in
+from candaemon.playback.recording_files import logs_in
 from tests.beds.can_utils import candump, canplayer, cansend
 from tests.beds.fixtures import Start
 from tests.beds.links import Link

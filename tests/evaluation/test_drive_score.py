@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from candaemon.arrays import Booleans, Integers
+from candaemon.evaluation.chi_square import chi2_quantile
+from candaemon.evaluation.drive_score import NisScore, PredictionScore, StationarySpeed
 from candaemon.evaluation.duplicates import DuplicateScore, duplicated
-from candaemon.evaluation.prediction import NisScore, PredictionScore, StationarySpeed, chi2_quantile
-from candaemon.evaluation.runs import ObjectRuns
+from candaemon.evaluation.object_runs import ObjectRuns
 
 CYCLE_NS = 50_000_000
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.write import open_log_writer
-from candaemon.evaluation.writers import TrackWriter
+from candaemon.evaluation.tables import TrackWriter
 from candaemon.simulation.simulate import Simulation
 
 _CHUNK = 4096

@@ -11,10 +11,10 @@ from candaemon.binding.location import SettingLocation
 from candaemon.config.sensors import HeaderScan
 from candaemon.frames.frame import Frame
 from candaemon.simulation.message_writer import MessageWriter
+from candaemon.simulation.random_streams import stream
 from candaemon.simulation.scenario import Transmission
 from candaemon.simulation.schedule import stamps
-from candaemon.simulation.slot_report import Report
-from candaemon.simulation.streams import stream
+from candaemon.simulation.slot_reports import SlotReport
 
 
 class SensorEncoder:
@@ -57,7 +57,7 @@ class SensorEncoder:
         """Values so far that did not fit their signal."""
         return self._writer.saturated
 
-    def frames(self, report: Report, index: int, measured_ns: int) -> list[Frame]:
+    def frames(self, report: SlotReport, index: int, measured_ns: int) -> list[Frame]:
         """Return the frames of one scan in order of time, lost ones left out.
 
         Args:
@@ -80,7 +80,7 @@ class SensorEncoder:
             if keep
         ]
 
-    def _objects(self, report: Report, index: int) -> list[tuple[int, bytes]]:
+    def _objects(self, report: SlotReport, index: int) -> list[tuple[int, bytes]]:
         """Return the object messages, first those of the first part."""
         held = report.slot
         count = len(held)

@@ -23,7 +23,7 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import Snapshots, fingerprint
 from candaemon.pipeline.saved_state.fingerprint import differences
 from candaemon.pipeline.saved_state.packing import packed, unpacked
-from candaemon.playback.recorded import Run, runs, stem, utc
+from candaemon.playback.recording_files import Run, runs, stem, utc
 from candaemon.playback.replay import ReplayRequest, replay
 from tests.support.bound import binding
 from tests.support.recorded import as_log, highway, replayed

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.simulation.radar_slots import RadarSlots
+from candaemon.simulation.slot_reports import RadarSlots
 
 scan = st.dictionaries(st.integers(0, 12), st.tuples(st.floats(0, 100), st.booleans(), st.booleans()), max_size=10)
 
