@@ -13,10 +13,6 @@ Note: TypeAlias = Callable[[object], None]
 _KEY = "benchmark"
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "benchmark: prints times, and holds what a busy machine cannot break")
-
-
 @pytest.fixture
 def note(record_property: Callable[[str, object], None]) -> Note:
     return lambda result: record_property(_KEY, str(result))
