@@ -13,7 +13,7 @@ from candaemon.binding.bound import Binding, BoundSensor
 from candaemon.binding.location import SettingLocation
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import Frame
-from candaemon.simulation.ego_frames import EgoEncoder
+from candaemon.simulation.ego_sensors import EgoEncoder
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scene import Scene, SceneState
 from candaemon.simulation.schedule import scan_times, start_ns
