@@ -141,12 +141,12 @@ def soak(count: int) -> dict[str, Any]:
         PORTS["virtual"] = road.open
         os.environ["RUNTIME_DIRECTORY"] = folder
         recording = Recorder(binding.settings.service.recording, Path(folder, "recording"), binding)
-        meter = ServiceMonitor(binding.settings.service.metrics, recording=recording.figures)
+        meter = ServiceMonitor(binding.settings.service.metrics, recording=recording.counts)
         observers = [recording, meter, StatusSocket(meter), StatusLogger(None), road]
         began_s = time.monotonic()
         with Daemon(binding, clock=lambda: road.now_ns, observers=observers) as daemon:
             daemon.run()
-            told = meter.figures(daemon).tree()
+            told = meter.snapshot(daemon).tree()
     return {
         "frames": road.put,
         "hours": road.now_ns / 3.6e12,

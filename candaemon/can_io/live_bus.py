@@ -62,7 +62,7 @@ class LinkLog:
 _CHECK_S = 1.0
 _OPENING_S = 0.01
 _RETRY_S = 0.001
-"""Time of a short frame at 100 kbit/s: a full transmit queue does not tell when it has room again."""
+"""Time of a short frame at 100 kbit/s: a full transmit queue does not signal when it has room again."""
 
 _LAST_FRAMES = 1_000_000  # of a bus that is gone: no more come
 _LEFT_FRAMES = 20_000  # of a bus that is not: a flood on it must not hold the others up
@@ -322,7 +322,7 @@ class LiveBus:
 
 
 def _last_frames(port: Port, limit: int) -> list[Frame]:
-    """Return what a bus had received before it went: a socket tells its errors first, down and then deleted."""
+    """Return what a bus had received before it went: a socket reports its errors first, down and then deleted."""
     for _ in range(_ERRORS_BEFORE_FRAMES):
         with suppress(BusError, *PORT_ERRORS):
             return port.receive(limit)

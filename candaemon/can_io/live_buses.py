@@ -1,7 +1,7 @@
 """Live buses, all in the thread that calls: read, sent to, and opened again without end.
 
 Reading waits on the descriptors of all buses at once. A bus that goes away is opened again in the background; until
-then what is sent to it counts as `send_failed`. Nothing here ends because a bus does; its state and its counts tell.
+then what is sent to it counts as `send_failed`. A failed bus ends nothing here; its state and its counts report it.
 """
 
 from __future__ import annotations

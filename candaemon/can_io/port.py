@@ -1,4 +1,4 @@
-"""What an open connection to a CAN bus is: what `live` reads from and sends to, what it counts and tells."""
+"""The interface of an open connection to a CAN bus: the port protocol, its counts and its state."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class PortCounts:
     Attributes:
         received: data frames handed on.
         sent: frames that the bus took.
-        kernel_lost: frames that the receive buffer had no room for, as the kernel tells it; error frames among them.
+        kernel_lost: frames that the receive buffer had no room for, as the kernel reports it; error frames among them.
         queue_full: frames dropped behind a driver because the daemon did not take them in time.
         malformed: messages that no CAN frame can be.
         send_dropped: frames given up because a newer state came, or the bus took none for too long.
         send_failed: frames not sent because the bus was down.
         remote: remote frames, skipped.
-        error_frames: error frames of the controller; the counts below say what they told.
+        error_frames: error frames of the controller; the counts below say what they reported.
         controller_overflows: times that the controller's own buffers overflowed; it does not say how many frames went.
         error_warning: times that the controller warned of its error counters.
         error_passive: times that it became error passive.

@@ -16,7 +16,7 @@ _ID_29 = 0x1FFF_FFFF
 _ID_11 = 0x7FF
 _CLASSIC = 8
 _NS_EXACT = 4_000_000.0
-"""Seconds up to which a float tells one nanosecond from the next."""
+"""Seconds up to which a float resolves nanoseconds."""
 _SECONDS_HELD = 9.2e9
 """Seconds whose nanoseconds fit 64 bits."""
 
@@ -139,7 +139,7 @@ class PythonCanPort:
 
     def _take(self, message: can.Message, frames: list[Frame]) -> None:
         """Append a data message's frame; count another."""
-        if message.is_error_frame:  # what it tells is each interface's own
+        if message.is_error_frame:  # its content differs by interface
             self._counts.error_frames += 1
         elif message.is_remote_frame:
             self._counts.remote += 1

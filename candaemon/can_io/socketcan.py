@@ -1,6 +1,6 @@
-"""SocketCAN, through a raw socket of our own: what python-can's interface leaves out is why.
+"""SocketCAN through a raw socket, for what python-can's interface lacks.
 
-The kernel filters by identifier, stamps each frame as it is received, keeps frames while the daemon is busy and tells
+The kernel filters by identifier, stamps each frame as it is received, keeps frames while the daemon is busy and reports
 how many it had no room for; the controller's error frames come too. Many frames are taken in one system call.
 """
 
@@ -41,7 +41,7 @@ _ACTIVE = 0x40
 
 
 def count_error_frame(can_id: int, data: bytes, counts: PortCounts, before: Controller) -> Controller:
-    """Count what an error frame tells.
+    """Count what an error frame reports.
 
     Args:
         can_id: with the classes of error in its bits.
@@ -133,7 +133,7 @@ _SIOCGIFINDEX: Final = 0x8933
 _IFF_UP: Final = 0x01
 _IFF_RUNNING: Final = 0x40
 _CARRIER_S: Final = 1.5
-"""The kernel tells that a carrier has changed up to a second late."""
+"""The kernel reports a change of carrier up to a second late."""
 
 _REMOTE_FLAG: Final = 0x4000_0000
 _FD_SWITCH: Final = 0x01  # CANFD_BRS: the payload has the data bit rate
@@ -142,7 +142,7 @@ _CLASSIC: Final = struct.Struct("=IB3x8s")
 _FD: Final = struct.Struct("=IBB2x64s")
 
 _BATCH: Final = 64
-_PATIENCE: Final = 4
+_ERROR_FRAME_FACTOR: Final = 4
 """How many times the limit is read where what comes are error frames, which no limit counts."""
 
 _STAMPS_SPACE: Final = struct.calcsize("@Nii6l0N")
@@ -202,7 +202,7 @@ class SocketCanPort:
         """
         frames: list[Frame] = []
         before = self.controller
-        for _ in range(1 + _PATIENCE * limit // _BATCH):
+        for _ in range(1 + _ERROR_FRAME_FACTOR * limit // _BATCH):
             try:
                 number = self._datagrams.receive(self._socket.fileno(), _BATCH)
             except OSError:
@@ -244,7 +244,7 @@ class SocketCanPort:
         flags = self._ask(_SIOCGIFFLAGS)
         if not flags & _IFF_UP:
             raise OSError(errno.ENETDOWN, os.strerror(errno.ENETDOWN))
-        self._heed_carrier(bool(flags & _IFF_RUNNING), time.monotonic())
+        self._follow_carrier(bool(flags & _IFF_RUNNING), time.monotonic())
         self._count_lost(self._lost_in_all())
 
     def close(self) -> None:
@@ -252,8 +252,8 @@ class SocketCanPort:
         self._count_lost(self._lost_in_all())
         self._socket.close()
 
-    def _heed_carrier(self, there: bool, now_s: float) -> None:
-        """Learn from the carrier that the controller is off the bus, or back, where no error frame told of it.
+    def _follow_carrier(self, there: bool, now_s: float) -> None:
+        """Learn from the carrier that the controller is off the bus, or back, where no error frame reported it.
 
         It may have gone before the socket was there, and an error frame may have found no room.
 
@@ -274,7 +274,7 @@ class SocketCanPort:
         """Return how many frames this socket had no room for."""
         try:
             return int(_MEMORY.unpack(self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMORY.size))[0])
-        except (OSError, struct.error):  # a kernel before 4.12, which tells it with the next frame only
+        except (OSError, struct.error):  # a kernel before 4.12, which reports it with the next frame only
             return self._lost
 
     def _count_lost(self, in_all: int) -> None:

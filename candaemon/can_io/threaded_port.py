@@ -42,7 +42,7 @@ class ThreadedPort:
         capacity: frames that wait at most.
 
     Attributes:
-        controller: not told; always active.
+        controller: unknown, so always active.
     """
 
     controller: Controller = "active"

@@ -4,7 +4,7 @@ At 8,000 frames/s it takes half of the CPU time that python-can's takes a frame,
 python-can's loses without a trace.
 
 A frame is a datagram: a msgpack map of what python-can's `Message` holds. The kernel stamps each when it comes, and
-tells with the next one how many found no room in the receive buffer.
+reports with the next one how many found no room in the receive buffer.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ class UdpMulticastPort:
         self._opened.close()
 
     def _count_lost(self, control: list[tuple[int, int, bytes]]) -> None:
-        """Count the datagrams that found no room before this one; the kernel tells of them once there were any."""
+        """Count the datagrams that found no room before this one; the kernel reports them once there were any."""
         for _, kind, data in control:
             if kind == _SO_RXQ_OVFL:
                 (dropped,) = _DROPS.unpack(data)
@@ -158,7 +158,7 @@ class UdpMulticastPort:
 
 
 def _time_ns(control: list[tuple[int, int, bytes]]) -> int:
-    """Return when a datagram came, ns; the kernel tells it first, where it was asked to."""
+    """Return when a datagram came, ns; the first control message, where the kernel was asked for it."""
     if not control:
         return time.time_ns()
     seconds, nanoseconds = _STAMP.unpack(control[0][2])

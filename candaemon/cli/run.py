@@ -91,7 +91,7 @@ def _observers(binding: Binding, request: ServeRequest, notifier: SystemdNotifie
     """Yield what the command line, the configuration and systemd ask for; each after those that it reads."""
     recording = _recording(binding, request)
     meter = ServiceMonitor(
-        binding.settings.service.metrics, recording=recording.figures if recording is not None else None
+        binding.settings.service.metrics, recording=recording.counts if recording is not None else None
     )
     if recording is not None:
         yield recording

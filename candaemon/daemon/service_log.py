@@ -135,7 +135,7 @@ class _Kind:
 
 
 class RepetitionFilter(logging.Filter):
-    """Lets a few records of a kind through in a span of time; the first of the next span tells how many were left out.
+    """Lets a few records of a kind through in a span of time; the first of the next span says how many were left out.
 
     Of a kind are records with the same logger, text and first argument, such as what becomes of one bus.
 

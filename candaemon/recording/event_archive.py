@@ -40,7 +40,7 @@ class Event:
         kind: `mark`, `obstacle` or the kind of a fault.
         about: which bus, sensor or obstacle; empty where the kind says it.
         time_ns: when.
-        note: what else `event.json` tells.
+        note: further entries of `event.json`.
     """
 
     kind: str

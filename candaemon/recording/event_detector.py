@@ -81,7 +81,7 @@ class EventDetector:
                 yield from self._fails("trust", name, now_ns)
 
     def _fails(self, fault: str, about: str, now_ns: int) -> Iterator[Event]:
-        """Yield a fault if it begins and is asked for."""
+        """Yield a fault if it begins and is configured."""
         if fault in self._asked:
             yield from self._lasts(fault, about, now_ns)
 

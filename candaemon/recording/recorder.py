@@ -74,7 +74,7 @@ class Recorder(Observer):
         self._flush_s = self._look_s = self._retry_s = 0.0
         self._adopt(Pipeline(binding))
 
-    def figures(self) -> Mapping[str, int | float | str | bool]:
+    def counts(self) -> Mapping[str, int | float | str | bool]:
         """Return what the recording did, for metrics and status."""
         disk = self._disk
         return {

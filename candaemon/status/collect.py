@@ -185,11 +185,11 @@ def _unusable(pipeline: Pipeline, bus: int) -> dict[str, int]:
 
 def _sensors(pipeline: Pipeline, measured: Measurements, rates: Mapping[Hashable, float]) -> dict[str, SensorStatus]:
     binding = pipeline.binding
-    figures = {}
+    statuses = {}
     for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True):
         watch = measured.sensors[sensor.name]
         age = None if watch.last_ns is None else (measured.now_ns - watch.last_ns) * 1e-9
-        figures[sensor.name] = SensorStatus(
+        statuses[sensor.name] = SensorStatus(
             bus=binding.buses[sensor.bus].name,
             rate=rates["sensor", sensor.name],
             age=age,
@@ -201,6 +201,6 @@ def _sensors(pipeline: Pipeline, measured: Measurements, rates: Mapping[Hashable
                 for each in fields(assembler.counts)
                 if each.name not in {"used", *UNUSABLE_CAUSES}
             },
-            nis=watch.nis.figures(),
+            nis=watch.nis.status(),
         )
-    return figures
+    return statuses

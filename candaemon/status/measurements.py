@@ -66,7 +66,7 @@ class NisAccumulator:
         self._late_sum = self._kept * self._late_sum + total
         self._late_freedom = self._kept * self._late_freedom + freedom
 
-    def figures(self) -> NisStatus:
+    def status(self) -> NisStatus:
         """Return what they come to."""
         ratio = self._late_sum / self._late_freedom if self._late_freedom > 0.0 else None
         return NisStatus(self._samples, self._sum, self._freedom, ratio)

@@ -20,10 +20,10 @@ _TURN_S = 1.0
 
 
 class MetricsEndpoint(Observer):
-    """Serves what a meter tells at `service.metrics.port`; without one it does nothing and loads nothing.
+    """Serves the metrics at `service.metrics.port`; without one it does nothing and loads nothing.
 
     Args:
-        meter: gives the figures; it observes the same daemon.
+        meter: takes the snapshots; it observes the same daemon.
     """
 
     def __init__(self, meter: ServiceMonitor) -> None:
@@ -73,7 +73,7 @@ class MetricsEndpoint(Observer):
         from candaemon.status.metrics_http import MetricsServer  # noqa: PLC0415 - loads what only few services need
 
         try:
-            return MetricsServer(port, partial(self._meter.wait_for_figures, _TURN_S))
+            return MetricsServer(port, partial(self._meter.wait_for_snapshot, _TURN_S))
         except OSError as error:
             loaded = binding.loaded
             raise InputError(

@@ -40,11 +40,11 @@ Ask: TypeAlias = Callable[[], StatusSnapshot]
 
 
 class MetricsServer(ThreadingMixIn, TCPServer):
-    """Serves figures, each client in a thread of its own.
+    """Serves the metrics, each client in a thread of its own.
 
     Args:
         port: on the loopback address; 0 takes any.
-        ask: gives the figures of the moment; raises TimeoutError where there are none in time.
+        ask: gives the snapshot of the moment; raises TimeoutError where there are none in time.
 
     Raises:
         OSError: the port cannot be had.
@@ -121,11 +121,11 @@ class _Handler(MetricsHandler):
     def do_GET(self) -> None:  # noqa: N802 - the base class's
         """Send the metrics, or say that the core loop gives none."""
         try:
-            figures = self._ask()
+            snapshot = self._ask()
         except TimeoutError:
             self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, "the core loop takes no turn")
             return
         registry = CollectorRegistry()
-        registry.register(SnapshotCollector(figures))
+        registry.register(SnapshotCollector(snapshot))
         self.registry = registry
         super().do_GET()

@@ -1,6 +1,6 @@
 """The status snapshot as Prometheus's metric families.
 
-Loaded only where the endpoint is asked for: the library costs time to load.
+Loaded only where the endpoint is configured: the library costs time to load.
 """
 
 from __future__ import annotations
@@ -27,34 +27,34 @@ Labelled: TypeAlias = tuple[Sequence[str], float]
 
 
 class SnapshotCollector(Collector):
-    """Gives a registry one set of figures.
+    """Gives a registry the metric families of one snapshot.
 
     Args:
-        figures: of the moment.
+        snapshot: of the moment.
     """
 
-    def __init__(self, figures: StatusSnapshot) -> None:
-        self._figures = figures
+    def __init__(self, snapshot: StatusSnapshot) -> None:
+        self._snapshot = snapshot
 
     def collect(self) -> Iterator[Metric]:
         """Yield each metric."""
-        figures = self._figures
-        yield from _of_process(figures)
-        yield from _of_buses(figures.buses)
-        yield from _of_sensors(figures.sensors)
-        yield from _of_tracking(figures)
+        snapshot = self._snapshot
+        yield from _of_process(snapshot)
+        yield from _of_buses(snapshot.buses)
+        yield from _of_sensors(snapshot.sensors)
+        yield from _of_tracking(snapshot)
         yield _histogram(
-            "candaemon_cycle_seconds", "From a scan's last frame taken to its obstacles sent", figures.cycle_time
+            "candaemon_cycle_seconds", "From a scan's last frame taken to its obstacles sent", snapshot.cycle_time
         )
         yield _histogram(
             "candaemon_latency_seconds",
             "From that frame's time stamp to the first obstacle frame sent",
-            figures.latency,
+            snapshot.latency,
         )
 
 
-def _of_process(figures: StatusSnapshot) -> Iterator[Metric]:
-    service = figures.service
+def _of_process(snapshot: StatusSnapshot) -> Iterator[Metric]:
+    service = snapshot.service
     about = {"version": service.version, "instance": service.instance, "name": service.name, "config": service.config}
     yield InfoMetricFamily("candaemon", "Which service this is", about)
     yield GaugeMetricFamily("process_start_time_seconds", "Start, since 1970", service.time - service.uptime)
@@ -106,11 +106,11 @@ def _of_sensors(sensors: Mapping[str, SensorStatus]) -> Iterator[Metric]:
     yield _counter("candaemon_nis_freedom", "Sum of their degrees of freedom", of, each(lambda s: s.nis.freedom))
 
 
-def _of_tracking(figures: StatusSnapshot) -> Iterator[Metric]:
-    cycles, clock = figures.cycles, figures.clock
-    yield _gauge("candaemon_tracks", "Obstacles by state", ("state",), _by((), figures.tracks))
-    yield _counter("candaemon_tracking", "What the trackers did", ("event",), _by((), figures.tracking))
-    motion = figures.own_motion
+def _of_tracking(snapshot: StatusSnapshot) -> Iterator[Metric]:
+    cycles, clock = snapshot.cycles, snapshot.clock
+    yield _gauge("candaemon_tracks", "Obstacles by state", ("state",), _by((), snapshot.tracks))
+    yield _counter("candaemon_tracking", "What the trackers did", ("event",), _by((), snapshot.tracking))
+    motion = snapshot.own_motion
     status = [((name,), float(name == motion.status)) for name in EGO_STATUS_NAMES.values()]
     yield _gauge("candaemon_own_motion", "1 at how far it can be trusted", ("status",), status)
     yield _counter("candaemon_own_motion_events", "Its frames not used", ("event",), _by((), motion.counts))
@@ -120,7 +120,7 @@ def _of_tracking(figures: StatusSnapshot) -> Iterator[Metric]:
     yield CounterMetricFamily("candaemon_values_saturated", "Output values beyond their signal", cycles.saturated)
     steps = {"back": clock.backward_steps, "ahead": clock.forward_steps}
     yield _counter("candaemon_clock_steps", "Times that the clock was set", ("direction",), _by((), steps))
-    for name, value in (figures.recording or {}).items():
+    for name, value in (snapshot.recording or {}).items():
         if not isinstance(value, str):
             yield GaugeMetricFamily(f"candaemon_recording_{name}", "What the recording counts", float(value))
 

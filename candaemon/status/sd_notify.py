@@ -40,7 +40,7 @@ class SystemdNotifier:
         watched = period_us.isdecimal() and pid in ("", str(os.getpid()))
         return cls(address, int(period_us) * 1e-6 if watched else 0.0)
 
-    def tell(self, **fields: str | int) -> bool:
+    def notify(self, **fields: str | int) -> bool:
         """Send fields such as `READY=1`; return whether they went out. Does not wait and does not raise."""
         if not self._address:
             return False
@@ -82,19 +82,19 @@ class SystemdObserver(Observer):
         What found the manager's queue full is sent again: the watchdog's in the next iteration, others within 1 s.
         """
         now_s = self._clock()
-        if self._feed_s and now_s - self._fed_s >= self._feed_s and self._notifier.tell(WATCHDOG=1):
+        if self._feed_s and now_s - self._fed_s >= self._feed_s and self._notifier.notify(WATCHDOG=1):
             self._fed_s = now_s
         if now_s - self._status_s >= _STATUS_S:
             self._status_s = now_s
-            if self._owed and self._notifier.tell(**self._owed):
+            if self._owed and self._notifier.notify(**self._owed):
                 self._owed = {}
             status = self._vitals.brief(daemon)
-            if status != self._status and self._notifier.tell(STATUS=status):
+            if status != self._status and self._notifier.notify(STATUS=status):
                 self._status = status
 
     def on_reload_begin(self, _daemon: DaemonView) -> None:
         """Notify that a configuration is being loaded."""
-        self._notifier.tell(RELOADING=1, MONOTONIC_USEC=time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000)
+        self._notifier.notify(RELOADING=1, MONOTONIC_USEC=time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000)
 
     def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Notify that the reload has ended, either way."""
@@ -105,9 +105,9 @@ class SystemdObserver(Observer):
 
     def on_stop(self, _daemon: DaemonView) -> None:
         """Notify that the service stops."""
-        self._notifier.tell(STOPPING=1, STATUS="stopped")
+        self._notifier.notify(STOPPING=1, STATUS="stopped")
 
     def _ready(self, status: str) -> None:
         """Notify that the service is ready; the manager waits for that, and so it must not be lost."""
         ready: dict[str, str | int] = {"READY": 1, "STATUS": status}
-        self._owed = {} if self._notifier.tell(**ready) else ready
+        self._owed = {} if self._notifier.notify(**ready) else ready

@@ -96,12 +96,12 @@ class ServiceMonitor(Observer):
         """Answer the threads that still wait for a snapshot."""
         self._answer(daemon)
 
-    def figures(self, daemon: DaemonView) -> StatusSnapshot:
+    def snapshot(self, daemon: DaemonView) -> StatusSnapshot:
         """Return the status snapshot; for the core thread."""
         recording = None if self._recording is None else self._recording()
         return take_snapshot(daemon, self._measured, self._clock(), recording)
 
-    def wait_for_figures(self, timeout_s: float) -> StatusSnapshot:
+    def wait_for_snapshot(self, timeout_s: float) -> StatusSnapshot:
         """Ask the core loop for the snapshot, from another thread.
 
         Args:
@@ -117,9 +117,9 @@ class ServiceMonitor(Observer):
     def _answer(self, daemon: DaemonView) -> None:
         """Give the snapshot to every thread that waits for it."""
         if self._waiting:
-            figures = self.figures(daemon)
+            snapshot = self.snapshot(daemon)
             while self._waiting:
-                self._waiting.popleft().set_result(figures)
+                self._waiting.popleft().set_result(snapshot)
 
     def _watch_sensors(self, daemon: DaemonView) -> None:
         """Watch the sensors there are; one that was there before keeps its NIS."""

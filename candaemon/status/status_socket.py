@@ -32,12 +32,12 @@ _BUSY = json.dumps({"error": f"{MOST_CLIENTS} clients are served already"}).enco
 
 
 class StatusSocket(Observer):
-    """Sends the figures to each client, at once and then every second.
+    """Sends the snapshot to each client, at once and then every second.
 
     Where the socket cannot be made the service goes on without it, and says why in the log.
 
     Args:
-        meter: gives the figures; it observes the same daemon.
+        meter: takes the snapshots; it observes the same daemon.
         clock: monotonic seconds.
 
     Attributes:
@@ -79,7 +79,7 @@ class StatusSocket(Observer):
             self._line_s = now_s + _LINE_S
             due = list(self._clients)
         if due:
-            line = _line(self._meter.figures(daemon))
+            line = _line(self._meter.snapshot(daemon))
             for client in due:
                 if not _sent(client, line):
                     self._clients.remove(client)
@@ -97,7 +97,7 @@ class StatusSocket(Observer):
                 self.path.parent.rmdir()
 
     def _let_in(self, listener: socket.socket) -> list[socket.socket]:
-        """Return who has come and is served; those that are too many are told so."""
+        """Accept clients; return those that are served. One beyond the limit gets an error."""
         come = []
         for client in _accepted(listener):
             if len(self._clients) < MOST_CLIENTS:
@@ -149,6 +149,6 @@ def _sent(client: socket.socket, line: bytes) -> bool:
         return False
 
 
-def _line(figures: StatusSnapshot) -> bytes:
-    """Return figures as a line of JSON."""
-    return json.dumps(figures.tree(), allow_nan=False, separators=(",", ":")).encode() + b"\n"
+def _line(snapshot: StatusSnapshot) -> bytes:
+    """Return a snapshot as a line of JSON."""
+    return json.dumps(snapshot.tree(), allow_nan=False, separators=(",", ":")).encode() + b"\n"

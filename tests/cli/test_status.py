@@ -192,7 +192,7 @@ def figures(tmp_path: Path) -> dict[str, Any]:
     meter = ServiceMonitor(MetricsSettings(), lambda: {"files": 3})
     with Served(binding, [meter]) as served:
         served.feed(drive(binding, 1.0))
-        return meter.wait_for_figures(5.0).tree()
+        return meter.wait_for_snapshot(5.0).tree()
 
 
 def test_the_sheets_tell_what_matters(figures: dict[str, Any]) -> None:

@@ -66,7 +66,7 @@ class Fed:
             self.now_s += 0.01
 
     def figures(self) -> dict[str, Any]:
-        return dict(self.recording.figures())
+        return dict(self.recording.counts())
 
     def stop(self) -> dict[str, Any]:
         self.recording.on_stop(self.daemon)

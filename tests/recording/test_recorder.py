@@ -56,7 +56,7 @@ def test_a_recording_and_each_of_its_files_replay_to_the_bytes_sent(of: Binding,
     assert all(parts)
     assert b"".join(parts) == sent
     assert replayed(of, logs[2], fresh=True) != parts[2]
-    figures = recording.figures()
+    figures = recording.counts()
     assert (figures["lost"], figures["pauses"], figures["files"]) == (0, 0, 5)
     assert figures["items"] == sum(log.read_bytes().count(b"\n") for log in logs) - 1  # the last line says that it ends
 

@@ -125,7 +125,7 @@ def test_without_a_port_nothing_listens_and_nothing_is_loaded(tmp_path: Path) ->
     meter = ServiceMonitor(binding.settings.service.metrics)
     endpoint = MetricsEndpoint(meter)
     with Served(binding, [meter, endpoint]):
-        meter.wait_for_figures(5.0)
+        meter.wait_for_snapshot(5.0)
         assert endpoint.port is None
     code = (
         "import sys\nimport candaemon.cli.run, candaemon.status.metrics_endpoint, candaemon.status.service_monitor\n"

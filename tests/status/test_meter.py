@@ -82,8 +82,8 @@ def test_nis_of_late_follows_what_changed_and_a_birth_has_none() -> None:
             nis = factor * generator.chisquare(2, 20)
             nis[0] = math.nan
             sums.add(Update(np.arange(20), np.arange(20), nis, np.full(20, 2)))
-        assert sums.figures().ratio == pytest.approx(factor, rel=0.1)
-    figures = sums.figures()
+        assert sums.status().ratio == pytest.approx(factor, rel=0.1)
+    figures = sums.status()
     assert figures.samples == 2 * 500 * 19
     assert figures.freedom == 2 * figures.samples
     assert figures.sum / figures.freedom == pytest.approx(2.5, rel=0.05)
@@ -94,7 +94,7 @@ def test_the_figures_are_those_of_the_daemon(tmp_path: Path) -> None:
     meter, kept = ServiceMonitor(MetricsSettings(), lambda: {"files": 3, "paused": False}), Kept()
     with Served(binding, [meter, kept]) as served:
         served.feed(drive(binding, 2.0))
-        figures = meter.wait_for_figures(5.0)
+        figures = meter.wait_for_snapshot(5.0)
     pipeline = served.daemon.pipeline
     radar, ins, obstacles = (figures.buses[name] for name in ("radar", "ins", "obstacles"))
     assert radar.received + ins.received == served.sent
@@ -121,9 +121,9 @@ def test_a_sensor_that_falls_silent_is_lost(tmp_path: Path) -> None:
     frames = drive(binding, 2.0)
     half_ns = frames[-1].time_ns - 1_000_000_000
     with Served(binding, [meter]) as served:
-        before = meter.wait_for_figures(5.0).sensors["front"]
+        before = meter.wait_for_snapshot(5.0).sensors["front"]
         served.feed([frame for frame in frames if frame.bus == 1 or frame.time_ns < half_ns])
-        after = meter.wait_for_figures(5.0)
+        after = meter.wait_for_snapshot(5.0)
     assert (before.lost, before.age) == (True, None)
     assert after.sensors["front"].lost
     assert after.sensors["front"].age == pytest.approx(1.0, abs=0.1)
@@ -138,7 +138,7 @@ def test_every_frame_is_under_one_cause(tmp_path: Path) -> None:
     unknown = [frame._replace(can_id=0x7FF, time_ns=short[-65].time_ns) for frame in frames[:5]]
     with Served(binding, [meter]) as served:
         served.feed(short[:-64] + unknown)
-        figures = meter.wait_for_figures(5.0)
+        figures = meter.wait_for_snapshot(5.0)
         taken = served.daemon.pipeline.assemblers[0].counts.frames
     sensor, radar = figures.sensors["front"], figures.buses["radar"]
     assert sum(sensor.frames.values()) == taken
@@ -167,13 +167,13 @@ def test_a_buss_counts_are_either_losses_or_not(name: str) -> None:
 def test_a_query_of_a_hanging_loop_returns_within_its_time_limit() -> None:
     meter = ServiceMonitor(MetricsSettings())
     with pytest.raises(TimeoutError):
-        meter.wait_for_figures(0.05)
+        meter.wait_for_snapshot(0.05)
 
 
 def test_many_who_ask_at_once_are_all_answered(tmp_path: Path) -> None:
     meter = ServiceMonitor(MetricsSettings())
     with Served(bound(tmp_path), [meter]), ThreadPoolExecutor(8) as askers:
-        answers = list(askers.map(meter.wait_for_figures, [5.0] * 32))
+        answers = list(askers.map(meter.wait_for_snapshot, [5.0] * 32))
     assert len(answers) == 32
     assert all(isinstance(answer, StatusSnapshot) for answer in answers)
 
@@ -183,11 +183,11 @@ def test_a_reload_is_counted_and_keeps_what_was_measured(tmp_path: Path) -> None
     meter = ServiceMonitor(MetricsSettings())
     with Served(binding, [meter]) as served:
         served.feed(drive(binding, 1.0))
-        before = meter.wait_for_figures(5.0)
+        before = meter.wait_for_snapshot(5.0)
         meter.on_reload_end(served.daemon, "mine.yaml:3: no such bus")
-        refused = meter.wait_for_figures(5.0).service
+        refused = meter.wait_for_snapshot(5.0).service
         meter.on_reload_end(served.daemon, "")
-        after = meter.wait_for_figures(5.0)
+        after = meter.wait_for_snapshot(5.0)
     assert (refused.reloads, refused.refused, refused.reload_error) == (0, 1, "mine.yaml:3: no such bus")
     assert (after.service.reloads, after.service.refused, after.service.reload_error) == (1, 1, "")
     assert after.sensors["front"].nis == before.sensors["front"].nis
@@ -197,7 +197,7 @@ def test_a_reload_is_counted_and_keeps_what_was_measured(tmp_path: Path) -> None
 def test_the_tree_is_json_and_its_keys_stay(tmp_path: Path) -> None:
     meter = ServiceMonitor(MetricsSettings(), lambda: {"share": math.nan})
     with Served(bound(tmp_path), [meter]):
-        tree = json.loads(json.dumps(meter.wait_for_figures(5.0).tree(), allow_nan=False))
+        tree = json.loads(json.dumps(meter.wait_for_snapshot(5.0).tree(), allow_nan=False))
     assert tree["recording"] == {"share": None}
     assert tree["cycle_time"]["p99"] is None
     keys = "service own_motion tracks tracking cycles cycle_time latency clock buses sensors recording"

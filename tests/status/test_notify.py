@@ -79,7 +79,7 @@ def test_what_systemd_left_in_the_environment_is_taken_out_of_it(tmp_path: Path,
     notifier = SystemdNotifier.from_environment(environment)
     assert environment == {"HOME": "/"}
     assert notifier.watchdog_s == 3.0
-    assert notifier.tell(READY=1, STATUS="12 obstacles")
+    assert notifier.notify(READY=1, STATUS="12 obstacles")
     assert manager.heard() == [{"READY": "1", "STATUS": "12 obstacles"}]
 
 
@@ -91,13 +91,13 @@ def test_an_abstract_socket_is_reached() -> None:
     name = f"candaemon-test-{os.getpid()}"
     manager = Manager(f"\0{name}")
     with manager.socket:
-        assert SystemdNotifier(f"@{name}").tell(READY=1)
+        assert SystemdNotifier(f"@{name}").notify(READY=1)
         assert manager.heard() == [{"READY": "1"}]
 
 
 def test_without_systemd_and_after_it_has_gone_nobody_is_told(tmp_path: Path) -> None:
-    assert not SystemdNotifier().tell(READY=1)
-    assert not SystemdNotifier(str(tmp_path / "gone")).tell(READY=1)
+    assert not SystemdNotifier().notify(READY=1)
+    assert not SystemdNotifier(str(tmp_path / "gone")).notify(READY=1)
 
 
 def test_a_run_is_ready_tells_its_status_and_stops(manager: Manager, notifier: SystemdNotifier) -> None:
@@ -112,7 +112,7 @@ def test_a_run_is_ready_tells_its_status_and_stops(manager: Manager, notifier: S
 
 def test_what_finds_the_managers_queue_full_is_told_again(manager: Manager, notifier: SystemdNotifier) -> None:
     steps = Steps(notifier)
-    while notifier.tell(STATUS="of another"):
+    while notifier.notify(STATUS="of another"):
         pass
     steps.supervision.on_start(steps.daemon)
     steps.turn(1.5)  # the watchdog is due

@@ -151,7 +151,7 @@ def test_where_it_cannot_be_made_the_service_goes_on(
             (runtime / "status.sock").write_text("somebody's")
         with Served(binding, [meter, status]) as served:
             served.feed(drive(binding, 0.2))
-            assert meter.wait_for_figures(5.0).cycles.told > 0
+            assert meter.wait_for_snapshot(5.0).cycles.told > 0
             assert status.path is None
         assert (runtime / "status.sock").exists() == (kind in {"live", "file"})
     assert "no status socket" in caplog.text
