@@ -31,11 +31,10 @@ if TYPE_CHECKING:
     from candaemon.estimation.alignment import mounting_rotation as mounting_rotation
     from candaemon.estimation.axis_filter import AxisFilter as AxisFilter
     from candaemon.estimation.axis_filter import WhiteAxis as WhiteAxis
-    from candaemon.estimation.cv_csm_switch import CvCsmSwitch as CvCsmSwitch
     from candaemon.estimation.federated import Federated as Federated
     from candaemon.estimation.imm import Imm as Imm
     from candaemon.estimation.information import InformationFilter as InformationFilter
-    from candaemon.estimation.manoeuvre import SwitchRule as SwitchRule
+    from candaemon.estimation.manoeuvre_detection import SwitchRule as SwitchRule
     from candaemon.estimation.measurement import Measurement as Measurement
     from candaemon.estimation.motion_models import CoordinatedTurn as CoordinatedTurn
     from candaemon.estimation.motion_models import CurrentStatistical as CurrentStatistical
@@ -46,6 +45,7 @@ if TYPE_CHECKING:
     from candaemon.estimation.smoothing import Link as Link
     from candaemon.estimation.smoothing import Step as Step
     from candaemon.estimation.smoothing import smooth as smooth
+    from candaemon.estimation.switching import CvCsmSwitch as CvCsmSwitch
     from candaemon.estimation.trilateration import Status as Status
     from candaemon.estimation.trilateration import Trilateration as Trilateration
     from candaemon.estimation.trilateration import trilaterate as trilaterate
@@ -76,11 +76,11 @@ _NAMES = {
     "candaemon.estimation.adaptive": ("AdaptiveFilter", "InnovationNoise"),
     "candaemon.estimation.alignment": ("lagrange", "mounting_rotation"),
     "candaemon.estimation.axis_filter": ("AxisFilter", "WhiteAxis"),
-    "candaemon.estimation.cv_csm_switch": ("CvCsmSwitch",),
+    "candaemon.estimation.switching": ("CvCsmSwitch",),
     "candaemon.estimation.federated": ("Federated",),
     "candaemon.estimation.imm": ("Imm",),
     "candaemon.estimation.information": ("InformationFilter",),
-    "candaemon.estimation.manoeuvre": ("SwitchRule",),
+    "candaemon.estimation.manoeuvre_detection": ("SwitchRule",),
     "candaemon.estimation.measurement": ("Measurement",),
     "candaemon.estimation.motion_models": ("CoordinatedTurn", "CurrentStatistical", "LinearModel", "Singer"),
     "candaemon.estimation.radial": ("ModifiedLinearKalman",),

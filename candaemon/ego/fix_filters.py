@@ -9,11 +9,11 @@ import numpy as np
 
 from candaemon.arrays import Floats
 from candaemon.config.gnss import DriftFilterSettings, FixFilterSettings, ImmFilterSettings, SwitchingFilterSettings
-from candaemon.estimation.cv_csm_switch import CvCsmSwitch
 from candaemon.estimation.imm import Imm
-from candaemon.estimation.manoeuvre import SwitchRule
+from candaemon.estimation.manoeuvre_detection import SwitchRule
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.motion_models import CurrentStatistical, LinearModel
+from candaemon.estimation.switching import CvCsmSwitch
 
 _AT_REST: Floats = np.zeros(2)
 _ONLY_TRACK = np.zeros(1, dtype=np.intp)
@@ -158,7 +158,7 @@ class DriftFilter:
 
 
 class SwitchingFilter:
-    """Constant velocity or the current statistical model on the track of fixes, switched as paper 003 does.
+    """Constant velocity or the current statistical model on the track of fixes, switched as Zhang et al. 2016 does.
 
     It knows nothing of the local frame: for an INS whose velocity is poor.
 

@@ -1,4 +1,6 @@
-"""Innovation-based adaptive estimation (IAE) of a linear filter's noise, batched over tracks: paper 004, section 3.2.
+"""Innovation-based adaptive estimation (IAE) of a linear filter's noise, batched over tracks, section 3.2.
+
+Source: Gao et al. 2016.
 
 How large the innovations of the last N updates were tells how large the measurement noise is. The copy of the paper at
 hand lost its equation numbers, inverses, sums and minus signs; here its equations are counted from (1), the state
@@ -95,14 +97,19 @@ class InnovationWindow:
         return filled
 
     def covariance(self, rows: Indices) -> Floats:
-        """Return Ĉ = (1/N) Σ v vᵀ of the rows (m, d, d), paper 004 (14); too small until the window is full."""
+        """Return Ĉ = (1/N) Σ v vᵀ of the rows (m, d, d); too small until the window is full.
+
+        Source: Gao et al. 2016, eq. (14).
+        """
         seen = self._ring[rows]
         spread: Floats = np.matmul(np.swapaxes(seen, 1, 2), seen) / self._ring.shape[1]
         return spread
 
 
 def measurement_noise(spread: Floats, predicted: Floats, least: Floats) -> Floats:
-    """Return R̂ = Ĉ − H P⁻ Hᵀ, paper 004 (15), its diagonal; no variance below the least.
+    """Return R̂ = Ĉ − H P⁻ Hᵀ, its diagonal; no variance below the least.
+
+    Source: Gao et al. 2016, eq. (15).
 
     A window of N tells a correlation to some 1/√N only, so that what lies off the diagonal is mostly chance.
 
@@ -116,7 +123,9 @@ def measurement_noise(spread: Floats, predicted: Floats, least: Floats) -> Float
 
 
 def process_noise(noise: Floats, gain: Floats, spread: Floats, expected: Floats) -> Floats:
-    """Return Q̂ = K Ĉ Kᵀ + P⁺ − Φ P Φᵀ, paper 004 (16), positive semidefinite.
+    """Return Q̂ = K Ĉ Kᵀ + P⁺ − Φ P Φᵀ, positive semidefinite.
+
+    Source: Gao et al. 2016, eq. (16).
 
     With Φ P Φᵀ = P⁻ − Q and P⁻ − P⁺ = K S Kᵀ it is Q + K (Ĉ − S) Kᵀ. So it gives Q back where R̂ of (15) is in force,
     for then S = Ĉ: one Ĉ cannot tell both noises.
@@ -134,7 +143,9 @@ def process_noise(noise: Floats, gain: Floats, spread: Floats, expected: Floats)
 
 
 def corrected(innovation: Floats, spread: Floats, chi_square: float = CHI_SQUARE) -> Floats:
-    """Return innovations whose outlying components are drawn towards zero, paper 004 (17) and (18).
+    """Return innovations whose outlying components are drawn towards zero.
+
+    Source: Gao et al. 2016, eqs. (17), (18).
 
     U = v²/Ĉ of a component; beyond χ² it becomes v exp(−(U − χ²)/χ²).
 
@@ -157,7 +168,9 @@ def diagonal(variance: Floats) -> Floats:
 
 
 class InnovationNoise:
-    """Measurement noise from a window of innovations, (13) to (18) of paper 004; a `NoiseEstimator`.
+    """Measurement noise from a window of innovations; a `NoiseEstimator`.
+
+    Source: Gao et al. 2016, eqs. (13), (14), (15), (16), (17), (18).
 
     Until a track's window has filled its noise is the nominal one and its innovations stay as they are: at first they
     tell how little is known of the target.
@@ -208,7 +221,9 @@ class InnovationNoise:
 
 
 class AdaptiveFilter:
-    """A linear Kalman filter of n tracks that learns its noise: the IAKF of paper 004, its local filter on its own.
+    """A linear Kalman filter of n tracks that learns its noise: the IAKF, its local filter on its own.
+
+    Source: Gao et al. 2016.
 
     Rows are tracks; the state is the caller's, (D,), as are F, Q and H.
 
@@ -249,14 +264,18 @@ class AdaptiveFilter:
         self._estimator.keep(rows)
 
     def predict(self, transition: Floats, noise: Floats) -> None:
-        """Predict all tracks with F and Q, each (D, D) or (n, D, D): (8) and (9) of paper 004.
+        """Predict all tracks with F and Q, each (D, D) or (n, D, D).
+
+        Source: Gao et al. 2016, eqs. (8), (9).
 
         With `process`, what is learnt is added once a prediction whatever its time step: it suits steps of one length.
         """
         predict(self.mean, self.covariance, transition, noise + self._learnt)
 
     def update(self, rows: Indices, measured: Floats, observation: Floats) -> Adapted:
-        """Update the given rows with a measurement each: (10) to (18) of paper 004.
+        """Update the given rows with a measurement each.
+
+        Source: Gao et al. 2016, eqs. (10), (11), (12), (13), (14), (15), (16), (17), (18).
 
         Args:
             rows: (m,), each once.

@@ -1,4 +1,4 @@
-"""Sensors brought to one instant and into one set of axes: paper 004, sections 3.4 and 3.5.
+"""Sensors brought to one instant and into one set of axes: Gao et al. 2016, sections 3.4 and 3.5.
 
 Its equations are counted as in `candaemon.estimation.adaptive`.
 """
@@ -28,7 +28,9 @@ class Aligned:
 
 
 def lagrange(times: Floats, values: Floats, instant: Floats, reach: float) -> Aligned:
-    """Interpolate by the parabola through three samples, paper 004 (28); the samples need not be evenly spaced.
+    """Interpolate by the parabola through three samples; the samples need not be evenly spaced.
+
+    Source: Gao et al. 2016, eq. (28).
 
     Past the samples the parabola goes on, and soon far from the truth; so it does only up to `reach`.
 
@@ -68,7 +70,9 @@ def _weights(times: Floats, at: Floats) -> Floats:
 
 
 def mounting_rotation(deflection: float, pitch: float) -> Floats:
-    """Return R of paper 004 (27), which turns sensor axes into the car's: R = R_z(φ) R_x(α), (3, 3).
+    """Return R, which turns sensor axes into the car's: R = R_z(φ) R_x(α), (3, 3).
+
+    Source: Gao et al. 2016, eq. (27).
 
     The paper's axes: x transverse, to the right; y longitudinal, forward; z up. As printed it is no rotation, whatever
     signs were lost: the length of the last column is √2 cos α. What is meant is (sin φ sin α, −cos φ sin α, cos α).
@@ -88,7 +92,9 @@ def mounting_rotation(deflection: float, pitch: float) -> Floats:
 
 
 def mounted(points: Floats, rotation: Floats, position: Floats) -> Floats:
-    """Return points in the car's axes, paper 004 (26).
+    """Return points in the car's axes.
+
+    Source: Gao et al. 2016, eq. (26).
 
     Args:
         points: in the sensor's axes (…, 3), m.

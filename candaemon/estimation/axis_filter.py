@@ -1,7 +1,8 @@
 """A Kalman filter of many independent axes at once, each measured by its own position.
 
-Paper 000 estimates x and y apart: F, U, Q and H of (15) to (22) are one axis twice over. So n tracks are 2n axes, and
-an axis is what is batched here. Mean and covariance of an axis are one column of one array, the covariance by its upper
+Han et al. 2015 estimates x and y apart: F, U, Q and H of (15) to (22) are one axis twice over. So n tracks are 2n
+axes, and an axis is what is batched here. Mean and covariance of an axis are one column of one array, the covariance
+by its upper
 triangle alone: a prediction of everything, the adaptive noise included, is one matrix product, and no covariance can
 lose its symmetry.
 """
@@ -15,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
-from candaemon.estimation.axis import decaying_axis, white_axis
+from candaemon.estimation.discretisation import decaying_axis, white_axis
 from candaemon.estimation.kalman import LEAST_VARIANCE, LOG_2PI, Fit
 from candaemon.estimation.motion_models import CurrentStatistical, Singer, driven_variance
 from candaemon.estimation.packed_symmetric import PackedSymmetric
@@ -63,9 +64,9 @@ class AxisFilter:
     State order of an axis [x, ẋ, ẍ, x⃛], cut after the model's order: D = 2 for CV, 3 for CA, Singer and the current
     statistical model, 4 for the constant jerk; m, m/s, m/s², m/s³.
 
-    The cycle is (24) to (29) of paper 000. For the current statistical model the predicted mean is F x + U ā with ā the
-    current acceleration (17), which (28) leaves out, and the noise adapts by (20); with an `innovation_memory` it
-    follows the mean NIS of each axis too, `driven_variance`.
+    The cycle is (24) to (29) of Han et al. 2015. For the current statistical model the predicted mean is F x + U ā
+    with ā the current acceleration (17), which (28) leaves out, and the noise adapts by (20); with an
+    `innovation_memory` it follows the mean NIS of each axis too, `driven_variance`.
 
     Args:
         model: the same for all axes.
@@ -132,7 +133,10 @@ class AxisFilter:
         self._state.mean_nis = self._state.mean_nis[rows]
 
     def predict(self, dt: float) -> None:
-        """Predict all axes by dt (s): (14) and (29) of paper 000 with Q by (18) to (20)."""
+        """Predict all axes by dt (s).
+
+        Source: Han et al. 2015, eqs. (28), (29).
+        """
         state = self._state
         state.dt = dt
         if dt != self._prediction_dt:
@@ -143,7 +147,9 @@ class AxisFilter:
         state.columns, self._other = self._other, state.columns
 
     def update(self, positions: Floats, variance: Floats | float, axes: Indices | None = None) -> None:
-        """Update with measured positions: (25) to (27) of paper 000.
+        """Update with measured positions.
+
+        Source: Han et al. 2015, eqs. (21), (22), (24), (25), (26), (27).
 
         Args:
             positions: measured (m,), m.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from candaemon.arrays import Floats
-from candaemon.estimation.manoeuvre import ManoeuvreState
+from candaemon.estimation.manoeuvre_detection import ManoeuvreState
 from candaemon.estimation.sensor_noise import SensorNoiseState
 
 

@@ -13,7 +13,6 @@ from candaemon.estimation.estimator_state import EstimatorState, MomentBankState
 from candaemon.estimation.kalman import propagated, symmetrise
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct
-from candaemon.estimation.mixing import moments
 from candaemon.estimation.motion_models import VELOCITY, CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel
 from candaemon.estimation.output_state import TOLD, OutputState
 from candaemon.estimation.sensor_noise import SensorNoise, SensorNoiseState
@@ -171,7 +170,9 @@ class FilterBank(ABC):
     def predict(self, dt: float, direction: Floats) -> None:
         """Predict all tracks under every model, as extended Kalman filters do: f(x) and F P Fᵀ + Q.
 
-        That is (12) and (16) of paper 002, which write the covariance as the inverse of an information matrix.
+        Source: Kim and Hong 2004, eqs. (12), (16).
+
+        That is (12) and (16) of Kim and Hong 2004, which write the covariance as the inverse of an information matrix.
 
         Args:
             dt: s.
@@ -181,8 +182,9 @@ class FilterBank(ABC):
             self.link = None
             return
         self._state.dt = dt
-        self._interact(dt)
+        self._interact(dt)  # 1. mixing
         before = OutputState(self.mean.copy(), self.covariance.copy(), self._turning) if self.linking else None
+        # 2. prediction by each model
         transitions = [self._predict_model(j, dt, direction) for j in range(len(self._models))]
         symmetrise(self.covariance)
         if before is not None:
@@ -225,14 +227,15 @@ class FilterBank(ABC):
         every = len(rows) == len(self) and bool((rows == np.arange(len(rows))).all())
         mean = self.mean if every else self.mean[rows]
         covariance = self.covariance if every else self.covariance[rows]
-        nis, log_likelihood = self._corrected(rows, mean, covariance, measurement)
+        # 3. update of each model
+        nis, log_likelihood = self._update_models(rows, mean, covariance, measurement)
         if not every:
             self.mean[rows], self.covariance[rows] = mean, covariance
         self._note_fit(rows, nis, measurement)
         if len(self._models) == 1:
             return nis[:, 0]
         prior = self.probability[rows]
-        self._weigh(rows, log_likelihood)
+        self._update_probabilities(rows, log_likelihood)  # 4. mode probabilities
         weighted: Floats = (prior * nis).sum(axis=1)
         return weighted
 
@@ -247,7 +250,7 @@ class FilterBank(ABC):
         """
         return measurement if self._noise is None else self._noise.inflated(rows, measurement)
 
-    def _corrected(
+    def _update_models(
         self, rows: Indices, mean: Floats, covariance: Floats, measurement: Measurement
     ) -> tuple[Floats, Floats]:
         """Update the estimates of the given rows in place; return NIS and log likelihood, (m, M) each."""
@@ -255,7 +258,7 @@ class FilterBank(ABC):
         return correct(mean, covariance, measurement)
 
     @abstractmethod
-    def _weigh(self, rows: Indices, log_likelihood: Floats) -> None:
+    def _update_probabilities(self, rows: Indices, log_likelihood: Floats) -> None:
         """Weigh the models of the given rows after a measurement, whose log likelihood under each is (m, M)."""
 
     def combined(self) -> tuple[Floats, Floats]:
@@ -370,6 +373,23 @@ class MomentBank(FilterBank):
     def _append_estimates(self, mean: Floats, covariance: Floats) -> None:
         self.mean = np.concatenate([self.mean, mean])
         self.covariance = np.concatenate([self.covariance, covariance])
+
+
+def moments(probability: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    """Return the mean (n, D) and the covariance (n, D, D) of the mixture of the models' estimates.
+
+    Args:
+        probability: of the modes, (n, M).
+        mean: (n, M, D).
+        covariance: (n, M, C, C), of the first C ≤ D components; the others are certain within a model.
+    """
+    n, m, c = *mean.shape[:2], covariance.shape[-1]
+    overall = np.matmul(probability[:, None, :], mean)
+    deviation = mean - overall
+    combined = np.matmul(np.swapaxes(deviation, 1, 2) * probability[:, None, :], deviation)
+    within = np.matmul(probability[:, None, :], covariance.reshape(n, m, c * c))
+    combined[:, :c, :c] += within.reshape(n, c, c)
+    return overall[:, 0], combined
 
 
 def _memories(models: Sequence[MotionModel]) -> list[tuple[int, float]]:

@@ -1,11 +1,16 @@
 """The interacting multiple model filter, batched over tracks and models at once.
 
 One filter with M models keeps means (n, M, D) and covariances (n, M, D, D) over the union of its models' components.
-A single model is an IMM with M = 1, whose mixing is the identity. The cycle is that of Blom and Bar-Shalom as paper
-002 section 3 takes it over; it numbers the Markov chain (3), `mixing.switching`, and the filters' own steps, no others:
-mixing (`mixing.lendings`, `mixing.mix`), prediction by each model (`FilterBank.predict`), update
-(`measurement_update.correct`, or `measurement_update.inform`, (17)), mode probabilities (`mixing.posterior`),
-combination (`FilterBank.combined`, `mixing.moments`).
+A single model is an IMM with M = 1, whose mixing is the identity. The cycle of Blom and Bar-Shalom 1988, which Kim and
+Hong 2004 take over in their section 3:
+
+1. mixing (`Imm._interact`, `mix`): μᵢ|ⱼ = πᵢⱼ μᵢ / cⱼ, x̂₀ⱼ = Σ μᵢ|ⱼ x̂ᵢ, P₀ⱼ = Σ μᵢ|ⱼ (Pᵢ + (x̂ᵢ − x̂₀ⱼ)(x̂ᵢ − x̂₀ⱼ)ᵀ);
+2. prediction by each model (`FilterBank.predict`): x̂ⱼ⁻ = f(x̂₀ⱼ), Pⱼ⁻ = F P₀ⱼ Fᵀ + Qⱼ;
+3. update of each model (`Imm._update_models`): x̂ⱼ, Pⱼ by the Kalman or the information filter, likelihood Λⱼ;
+4. mode probabilities (`Imm._update_probabilities`, `posterior`): μⱼ = Λⱼ cⱼ / Σ Λᵢ cᵢ, cⱼ = Σ πᵢⱼ μᵢ;
+5. combination (`FilterBank.combined`, `moments`): x̂ = Σ μⱼ x̂ⱼ, P = Σ μⱼ (Pⱼ + (x̂ⱼ − x̂)(x̂ⱼ − x̂)ᵀ).
+
+Steps 1 and 2 are `predict`, 3 and 4 `update`; 5 does not enter the next cycle.
 
 A model that lacks a component (a constant velocity model has no acceleration) takes part in the mixing of that
 component with the estimate of those models that have it; so it biases nobody (Yuan, Bar-Shalom et al. 2012).
@@ -14,21 +19,23 @@ component with the estimate of those models that have it; so it biases nobody (Y
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from candaemon.arrays import Floats, Indices
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.filter_bank import MomentBank
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct, inform
-from candaemon.estimation.mixing import lendings, mix, posterior, switching
 from candaemon.estimation.motion_models import ACCELERATION, JERK, TURN, MotionModel
 from candaemon.estimation.sensor_noise import SensorNoise
 
 Form: TypeAlias = Literal["covariance", "information"]
 """How a model's filter takes a measurement: as a Kalman filter, extended where it must, or as an information filter."""
 
+_LEAST_PROBABILITY = 1e-12
+_LEAST_LOG_LIKELIHOOD = -1e300
 _BORROWED = (ACCELERATION, slice(TURN, TURN + 1), JERK)
 
 
@@ -45,7 +52,7 @@ class Imm(MomentBank):
         turn_rate: standard deviation of a track's first turn rate, rad/s.
         jerk: standard deviation of a track's first jerk, m/s³.
         forms: of each model's measurement update; none: all are Kalman filters. In information form the measurement's
-            parts are linearised at the prediction together, paper 002 (17); else one after another.
+            parts are linearised at the prediction together, Kim and Hong 2004, eq. (17); else one after another.
         noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
 
     Attributes:
@@ -72,11 +79,11 @@ class Imm(MomentBank):
             raise ValueError(f"{len(self._models)} models, {len(self._forms)} forms; give one form a model, or none")
         self._lending = lendings(self._has, _BORROWED)
 
-    def _corrected(
+    def _update_models(
         self, rows: Indices, mean: Floats, covariance: Floats, measurement: Measurement
     ) -> tuple[Floats, Floats]:
         if "information" not in self._forms:
-            return super()._corrected(rows, mean, covariance, measurement)
+            return super()._update_models(rows, mean, covariance, measurement)
         nis, log_likelihood = np.empty(mean.shape[:2]), np.empty(mean.shape[:2])
         for form in dict.fromkeys(self._forms):
             chosen = [j for j, each in enumerate(self._forms) if each == form]
@@ -85,7 +92,7 @@ class Imm(MomentBank):
             mean[:, chosen], covariance[:, chosen] = part, spread
         return nis, log_likelihood
 
-    def _weigh(self, rows: Indices, log_likelihood: Floats) -> None:
+    def _update_probabilities(self, rows: Indices, log_likelihood: Floats) -> None:
         self.probability[rows] = posterior(self.probability[rows], log_likelihood)
 
     def _interact(self, dt: float) -> None:
@@ -102,3 +109,108 @@ class Imm(MomentBank):
 
 
 _CORRECT = {"covariance": correct, "information": inform}
+
+
+def switching(rate: float, dt: float, models: int) -> Floats:
+    """Return the Markov chain over a step: [i, j] is the probability of going from i to j, (M, M).
+
+    Source: Kim and Hong 2004, eq. (3).
+
+    Args:
+        rate: of leaving a model, 1/s; in dt a model is left with probability 1 − e^(−rate·dt), shared evenly.
+        dt: s.
+        models: M.
+    """
+    leave = -np.expm1(-rate * dt)
+    switch = np.full((models, models), leave / max(models - 1, 1))
+    np.fill_diagonal(switch, 1.0 - leave)
+    return switch
+
+
+def mix(mean: Floats, covariance: Floats, probability: Floats, switch: Floats) -> tuple[Floats, Floats, Floats]:
+    """Mix the models' estimates, weighted by the ways that lead to each model.
+
+    Args:
+        mean: (n, M, D).
+        covariance: (n, M, D, D).
+        probability: of the modes, (n, M).
+        switch: Markov chain (M, M), rows sum to one.
+
+    Returns:
+        Mixed means, mixed covariances with the means' spread, and the predicted mode probabilities.
+    """
+    n, m, d = mean.shape
+    predicted = probability @ switch
+    weights = probability[:, None, :] * switch.T[None] / predicted[:, :, None]
+    mixed = np.matmul(weights, mean)
+    # Spread around each mixed mean, a sum of squares: second moments less the mean's would cancel, even below zero.
+    deviation = mean[:, None] - mixed[:, :, None]
+    spread = np.matmul(weights, covariance.reshape(n, m, d * d)).reshape(n, m, d, d)
+    spread += np.matmul(np.swapaxes(weights[..., None] * deviation, -1, -2), deviation)
+    return mixed, spread, predicted
+
+
+def posterior(prior: Floats, log_likelihood: Floats) -> Floats:
+    """Return the mode probabilities after a measurement; none ever becomes zero.
+
+    Args:
+        prior: predicted mode probabilities, (n, M).
+        log_likelihood: of the measurement under each model, (n, M); −∞ under all of them tells nothing.
+    """
+    log_likelihood = np.maximum(log_likelihood, _LEAST_LOG_LIKELIHOOD)
+    probability = prior * np.exp(log_likelihood - log_likelihood.max(axis=1, keepdims=True))
+    probability = np.maximum(probability, _LEAST_PROBABILITY)
+    probability /= probability.sum(axis=1, keepdims=True)
+    return np.asarray(probability)
+
+
+@dataclass(frozen=True, slots=True)
+class Lending:
+    """Who has a block of components, and who borrows it.
+
+    Attributes:
+        block: the components.
+        lenders: models that have them.
+        borrowers: models that do not.
+    """
+
+    block: slice
+    lenders: list[int]
+    borrowers: list[int]
+
+    def fill(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
+        """Give the borrowers what the lenders say, in place.
+
+        Args:
+            mean: (n, M, D).
+            covariance: (n, M, D, D).
+            probability: of the modes, (n, M).
+        """
+        block = self.block
+        lent, spread = self._estimate(mean, covariance, probability)
+        for j in self.borrowers:
+            mean[:, j, block] = lent
+            covariance[:, j, block, block] = spread
+
+    def _estimate(self, mean: Floats, covariance: Floats, probability: Floats) -> tuple[Floats, Floats]:
+        """Combine what the lenders say: mean (n, C) and covariance (n, C, C)."""
+        block, models = self.block, self.lenders
+        if len(models) == 1:
+            return mean[:, models[0], block], covariance[:, models[0], block, block]
+        share = probability[:, models]
+        share = share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
+        lent = np.einsum("nj,njc->nc", share, mean[:, models, block])
+        deviation = mean[:, models, block] - lent[:, None]
+        spread = np.einsum("nj,njcd->ncd", share, covariance[:, models, block, block])
+        spread += np.einsum("nj,njc,njd->ncd", share, deviation, deviation)
+        return lent, spread
+
+
+def lendings(has: Booleans, blocks: Sequence[slice]) -> list[Lending]:
+    """Return the blocks that some models have and others lack, by the table has[model, component]."""
+    found = []
+    for block in blocks:
+        have = has[:, block].any(axis=1)
+        if have.any() and not have.all():
+            found.append(Lending(block, np.flatnonzero(have).tolist(), np.flatnonzero(~have).tolist()))
+    return found

@@ -1,4 +1,4 @@
-"""Information filters, linear and nonlinear, batched: paper 002 section 3.
+"""Information filters, linear and nonlinear, batched: Kim and Hong 2004 section 3.
 
 An information filter keeps Y = P⁻¹ and y = Y x̂ in place of the covariance P and the mean x̂. To it a measurement is a
 sum (13), (17), so several sensors simply add up, and to know nothing is Y = 0, which no covariance can say. With f and
@@ -91,6 +91,8 @@ class InformationFilter:
     def predict(self, transition: Floats, noise: Floats, predicted: Floats | None = None) -> None:
         """Predict over a step: (12) and (14), and (16) where f is nonlinear.
 
+        Source: Kim and Hong 2004, eqs. (12), (14), (16).
+
         (12) inverts Y, which may be singular. The same matrix is Y⁻ = (M⁻¹ + Q)⁻¹ with M = F⁻ᵀ Y F⁻¹, the information
         carried over without noise, and (I + M Q)⁻¹ M for any M and Q. (14) is y⁻ = Y⁻ F x̂ for every x̂ with Y x̂ = y.
 
@@ -111,6 +113,8 @@ class InformationFilter:
 
     def update(self, innovation: Floats, observation: Floats, noise: Floats) -> None:
         """Update with a measurement: (13), and (17) where h is nonlinear.
+
+        Source: Kim and Hong 2004, eqs. (13), (17).
 
         Args:
             innovation: v, measured minus predicted from `mean`, (n, m).
@@ -147,6 +151,8 @@ class InformationFilter:
 def contribution(mean: Floats, innovation: Floats, observation: Floats, noise: Floats) -> tuple[Floats, Floats]:
     """Return a measurement's information: the terms that (17) adds, Hᵀ R⁻¹ (v + H x̂) and Hᵀ R⁻¹ H.
 
+    Source: Kim and Hong 2004, eq. (17).
+
     Args:
         mean: x̂ (n, D), where h was linearised.
         innovation: v, measured minus predicted from x̂, (n, m).
@@ -167,6 +173,8 @@ def contribution(mean: Floats, innovation: Floats, observation: Floats, noise: F
 
 def update(mean: Floats, covariance: Floats, innovation: Floats, observation: Floats, noise: Floats) -> Fit:
     """Update states in information form, in place: (17) with Y = P⁻¹, and back to x̂ and P.
+
+    Source: Kim and Hong 2004, eq. (17).
 
     In coordinates ξ with x = B ξ and P = B Bᵀ what is known is I, and a measurement whitened to A = R^(−½) H B adds
     AᵀA. Both are diagonal along A's singular vectors, where (17) is one division a direction; so P may be singular, and

@@ -47,7 +47,9 @@ def _take_speed(
 
 
 def inform(mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
-    """Update k tracks under M models as nonlinear information filters do, paper 002 (17), in place.
+    """Update k tracks under M models as nonlinear information filters do, in place.
+
+    Source: Kim and Hong 2004, eq. (17).
 
     All parts of a detection are linearised at the prediction. A component that a model lacks has no variance, and so
     learns nothing.

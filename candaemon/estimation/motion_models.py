@@ -16,15 +16,17 @@ from typing import Protocol
 import numpy as np
 
 from candaemon.arrays import Floats
-from candaemon.estimation.axis import Axis, decaying_axis, white_axis
-from candaemon.estimation.plane import X, Y, directed, isotropic
+from candaemon.estimation.discretisation import Axis, X, Y, decaying_axis, directed, isotropic, white_axis
 
 POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6
 JERK = slice(7, 9)
 
 
 class MotionModel(Protocol):
-    """A motion model of n tracks at once."""
+    """A motion model of n tracks at once.
+
+    Source: Kim and Hong 2004, eq. (1).
+    """
 
     @property
     def components(self) -> tuple[int, ...]:
@@ -46,8 +48,10 @@ class MotionModel(Protocol):
 class LinearModel:
     """Nearly constant velocity, acceleration or jerk, its noise and memory chosen along and across the travel.
 
-    Of order 1 it is (1) to (3) of paper 003 and (5), (6) of paper 002; but for the noise, which is white in continuous
-    time, where those papers have an acceleration that is constant over a step, through G.
+    Source: Kim and Hong 2004, eqs. (5), (6); Zhang et al. 2016, eqs. (1), (2), (3).
+
+    Of order 1 it is (1) to (3) of Zhang et al. 2016 and (5), (6) of Kim and Hong 2004; but for the noise, which is
+    white in continuous time, where those papers have an acceleration that is constant over a step, through G.
 
     Attributes:
         order: 1 constant velocity (CV, Friedland), 2 constant acceleration (CA, Hampton), 3 constant jerk (Hou's four
@@ -105,7 +109,9 @@ class LinearModel:
 
 @dataclass(frozen=True, slots=True)
 class Singer:
-    """Singer's model: acceleration is coloured noise of zero mean, paper 000 (9) with ā = 0.
+    """Singer's model: acceleration is coloured noise of zero mean, Han et al. 2015, eq. (9) with ā = 0.
+
+    Source: Han et al. 2015, eq. (9).
 
     Attributes:
         alpha: manoeuvre frequency α, 1/s.
@@ -121,7 +127,7 @@ class Singer:
         return tuple(range(6))
 
     def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
-        """Predict with F by (15) and Q by (18), (19) of paper 000; see `MotionModel.transition`."""
+        """Predict with F by (15) and Q by (18), (19) of Han et al. 2015; see `MotionModel.transition`."""
         del direction  # the model is the same in every direction
         axis = decaying_axis(self.alpha, dt, 2 * self.alpha * self.deviation**2, order=2)
         f = isotropic(axis.transition, mean.shape[1])
@@ -132,7 +138,9 @@ class Singer:
 class CurrentStatistical:
     """The current statistical model: acceleration decays to its current mean, its variance adapts.
 
-    It is (14) to (20) of paper 000, from the continuous (9) to (13), and (4) to (6) of paper 003.
+    Source: Han et al. 2015, eqs. (9), (10), (11), (13); Zhang et al. 2016, eqs. (4), (5), (6).
+
+    It is (14) to (20) of Han et al. 2015, from the continuous (9) to (13), and (4) to (6) of Zhang et al. 2016.
 
     The variance is that of a modified Rayleigh density between the current acceleration and the limit, (8) and (20).
     At and beyond the limit (8) falls to zero, and past it grows again: a target that brakes at the limit would be lost.
@@ -159,7 +167,9 @@ class CurrentStatistical:
     def transition(
         self, mean: Floats, dt: float, direction: Floats, fit: Floats | None = None
     ) -> tuple[Floats, Floats, Floats]:
-        """Predict the mean with (14), F by (15), U by (16), Q by (18) to (20) of paper 000.
+        """Predict the mean with F x + U ā, and return F and Q, whose variance adapts.
+
+        Source: Han et al. 2015, eqs. (14), (17), (18).
 
         The mean acceleration ā is the current one (17), so that F x + U ā is the transition of constant acceleration,
         and F the Jacobian with ā held. See `MotionModel.transition`.
@@ -185,7 +195,10 @@ class CurrentStatistical:
         return predicted, f[None], q.reshape(-1, width, width)
 
     def variance(self, acceleration: Floats) -> Floats:
-        """Return σₐ² of (8) and (20), with the clamp and the floor."""
+        """Return σₐ² of (8) and (20), with the clamp and the floor.
+
+        Source: Han et al. 2015, eqs. (8), (12), (20).
+        """
         room = np.maximum(self.limit - np.abs(acceleration), 0.0)
         return np.maximum((4 - np.pi) / np.pi * room**2, self.floor)
 
@@ -206,7 +219,9 @@ def driven_variance(variance: Floats, floor: float, fit: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class CoordinatedTurn:
-    """Nearly constant speed turn, (10), (11) and (15) of paper 002; valid on velocity over ground only.
+    """Nearly constant speed turn; valid on velocity over ground only.
+
+    Source: Kim and Hong 2004, eqs. (10), (11), (15).
 
     The first row of (9) and (11) lacks a sign, −(1 − cos ωT) / ω. The noise is white in continuous time, where (11) has
     accelerations that are constant over a step, through G.
@@ -230,7 +245,9 @@ class CoordinatedTurn:
         return (0, 1, 2, 3, TURN)
 
     def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
-        """Turn the velocity by ωT, (11) of paper 002; F is the Jacobian after (17) there, f_ω its last column.
+        """Turn the velocity by ωT; F is the Jacobian, f_ω its last column.
+
+        Source: Kim and Hong 2004, eqs. (7), (8), (9), (11).
 
         Beyond the limit F is that at the limit, its last column included: were the clip's own derivative taken, which
         is none, the turn rate would count as known but for its noise. See `MotionModel.transition`.

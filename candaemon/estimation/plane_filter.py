@@ -11,13 +11,13 @@ import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.axis_filter import axis_matrices
+from candaemon.estimation.discretisation import X, Y, isotropic
 from candaemon.estimation.estimator_state import PlaneFilterState
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.kalman import LEAST_VARIANCE, LOST, bounded, line_of_sight, triangular_root
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.motion_models import ACCELERATION, CurrentStatistical, Singer, driven_variance
 from candaemon.estimation.packed_symmetric import PackedSymmetric
-from candaemon.estimation.plane import X, Y, isotropic
 from candaemon.estimation.sensor_noise import SensorNoise
 
 _SIZE = 6
@@ -57,7 +57,7 @@ class PlaneFilter(FilterBank):
     linearised at the state so far, as `correction.correct` does.
 
     Args:
-        model: of paper 000.
+        model: of Han et al. 2015.
         acceleration: standard deviation of a track's first acceleration, m/s².
         noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
     """
@@ -94,7 +94,10 @@ class PlaneFilter(FilterBank):
         return columns[_MEAN].T, _TRIANGLE.unpack(columns[_COVARIANCE])
 
     def predict(self, dt: float, direction: Floats) -> None:
-        """Predict all tracks: (14) and (29) of paper 000 with Q by (18) to (20)."""
+        """Predict all tracks.
+
+        Source: Han et al. 2015, eqs. (14), (18), (29).
+        """
         del direction  # the model is the same in every direction
         if not len(self):
             self.link = None
@@ -165,7 +168,7 @@ class PlaneFilter(FilterBank):
     def _interact(self, dt: float) -> None:
         """Do nothing: there is one model."""
 
-    def _weigh(self, rows: Indices, log_likelihood: Floats) -> None:
+    def _update_probabilities(self, rows: Indices, log_likelihood: Floats) -> None:
         """Do nothing: there is one model."""
 
 

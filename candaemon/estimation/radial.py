@@ -1,4 +1,6 @@
-"""Range, range rate and range acceleration of one target at one sensor, and the filter of paper 001 over them.
+"""Range, range rate and range acceleration of one target at one sensor, and the filter over them.
+
+Source: Avatirak et al. 2012.
 
 State order along the line of sight [r, ṙ, r̈]: m, m/s, m/s², positive away from the sensor. Points of the plane are
 [x, y, vx, vy, ax, ay] in any axes in which the sensors rest; in vehicle axes, which may turn, velocity and acceleration
@@ -10,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
-from candaemon.estimation.axis import white_axis
+from candaemon.estimation.discretisation import white_axis
 from candaemon.estimation.kalman import LOG_2PI, Fit, propagated, symmetrise
 
 _NEAREST = 1e-3
@@ -20,7 +22,9 @@ _LEAST_VARIANCE = 1e-200
 
 
 def radial(state: Floats, sensors: Floats, *, centripetal: bool = True) -> Floats:
-    """Return what each sensor measures of moving points: paper 001 (23) to (26).
+    """Return what each sensor measures of moving points.
+
+    Source: Avatirak et al. 2012, eqs. (23), (24), (25), (26).
 
     Args:
         state: [x, y, vx, vy, ax, ay] (…, 6), relative to the axes of the sensors.
@@ -64,7 +68,9 @@ def _along(state: Floats, sensors: Floats) -> tuple[Floats, Floats, Floats, Floa
 
 
 class ModifiedLinearKalman:
-    """The modified linear Kalman filter (MLKF) of paper 001, (1) to (7), batched: a row is one target at one sensor.
+    """The modified linear Kalman filter (MLKF), batched: a row is one target at one sensor.
+
+    Source: Avatirak et al. 2012, eq. (1) to (7).
 
     State order [r, ṙ, r̈], all three measured (C = I), no process noise (Q₁ = 0). F holds T²/2 where the paper prints
     T². What keeps the filter from falling asleep is the modification D of the covariance. As printed, D subtracts
@@ -104,13 +110,18 @@ class ModifiedLinearKalman:
         self.mean, self.covariance = self.mean[rows], self.covariance[rows]
 
     def predict(self, dt: float) -> None:
-        """Predict all rows by dt (s): (1) and (2)."""
+        """Predict all rows by dt (s): (1) and (2).
+
+        Source: Avatirak et al. 2012, eqs. (1), (2).
+        """
         f = white_axis(dt, 0.0, order=2).transition
         self.mean = self.mean @ f.T
         self.covariance = propagated(self.covariance, f[None])
 
     def update(self, rows: Indices, measured: Floats, variance: Floats) -> Fit:
         """Update with measurements: (3) to (7).
+
+        Source: Avatirak et al. 2012, eqs. (3), (4), (5), (6), (7).
 
         Args:
             rows: (m,) rows, each at most once.

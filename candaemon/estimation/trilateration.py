@@ -1,4 +1,6 @@
-"""Trilateration: from range, range rate and range acceleration at several sensors to a motion in the plane, paper 001.
+"""Trilateration: from range, range rate and range acceleration at several sensors to a motion in the plane.
+
+Source: Avatirak et al. 2012.
 
 Two sensors: the closed form of (8) to (12), with the centripetal term that (12) leaves out. More: least squares over
 all that they measure, from the closed form of the two that stand farthest apart. Batched over targets.
@@ -69,6 +71,8 @@ def trilaterate(
     least_angle: float = 1e-3,
 ) -> Trilateration:
     """Return where targets are and how they move.
+
+    Source: Avatirak et al. 2012, eqs. (8), (9), (10), (11), (12).
 
     Sensors on one line, as any two are, cannot tell a target from its mirror image behind them. It is taken to be on
     the `side` they look at, or, with `expected`, to be the image that is nearer to where a track expects it.

@@ -194,7 +194,9 @@ class NoiseScale:
 
 
 class WindowedScale:
-    """The same factor from a window of innovations: the mean of (vᵀ R₀⁻¹ v − tr(R₀⁻¹ H P⁻ Hᵀ)) / d, paper 004 (15).
+    """The same factor from a window of innovations: the mean of (vᵀ R₀⁻¹ v − tr(R₀⁻¹ H P⁻ Hᵀ)) / d.
+
+    Source: Gao et al. 2016, eq. (15).
 
     While the state is far less certain than the detections, as at first and after a gap, their innovations do not enter
     the window: the difference of two large numbers would drown what it tells.

@@ -1,4 +1,4 @@
-"""Paper 001: two radars at a host's bumper follow a vehicle that turns left, by MLKF and trilateration and by EKF."""
+"""Avatirak et al. 2012: two radars follow a vehicle that turns left, by MLKF and trilateration and by EKF."""
 
 from __future__ import annotations
 

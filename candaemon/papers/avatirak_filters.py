@@ -1,4 +1,4 @@
-"""The filters that are compared on paper 001's turns, all runs as one batch of targets.
+"""The filters that are compared on Avatirak et al. 2012's turns, all runs as one batch of targets.
 
 State order [x, y, vx, vy, ax, ay] relative to the host, in the axes of `avatirak_scenario`: m, m/s, m/s².
 """

@@ -1,4 +1,6 @@
-"""Paper 001's left turns: the true motion of the point that is tracked, (20) to (29), and what the radars measure.
+"""Left turns: the true motion of the point that is tracked, and what the radars measure.
+
+Source: Avatirak et al. 2012, eqs. (20) to (29).
 
 Axes as the paper's: origin in the middle of the host's front bumper, x to the right, y forward. The host drives
 straight ahead, so they do not turn, and a left turn is positive, counter-clockwise, in them too.

@@ -1,4 +1,4 @@
-"""The experiments of paper 004 (Gao et al. 2016): the joint adaptive Kalman filter (JAKF) of a lidar and a radar."""
+"""The experiments of Gao et al. 2016: the joint adaptive Kalman filter (JAKF) of a lidar and a radar."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The three drives of paper 004, section 4.2: a lidar that suffers bursts of noise and a radar that does not."""
+"""The three drives of Gao et al. 2016, section 4.2: a lidar that suffers bursts of noise and a radar that does not."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from candaemon.arrays import Floats
-from candaemon.estimation.axis import white_axis
+from candaemon.estimation.discretisation import white_axis
 from candaemon.papers.experiment import Advance, Result, Row
 from candaemon.papers.gao_figures import drive_figures
 from candaemon.papers.gao_filters import DT, METHODS, NOMINAL, QUANTITIES, Outcome, filtered, record

@@ -1,4 +1,4 @@
-"""The drawings of paper 004."""
+"""The drawings of Gao et al. 2016."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The filters of paper 004 on one axis of a vehicle that a lidar and a radar measure, all runs as one batch.
+"""The filters of Gao et al. 2016 on one axis of a vehicle that a lidar and a radar measure, all runs as one batch.
 
 State and measurement are [displacement, velocity, acceleration], m, m/s, m/s²: H of the paper is the unit matrix.
 """
@@ -136,7 +136,10 @@ def filtered(recording: SensorRecording, advance: Advance) -> Outcome:
 
 
 def conventional(recording: SensorRecording, sensor: int) -> Floats:
-    """Return what the conventional Kalman filter (CKF) makes of one sensor, its R the nominal one."""
+    """Return what the conventional Kalman filter (CKF) makes of one sensor, its R the nominal one.
+
+    Source: Gao et al. 2016, eqs. (1), (2), (3).
+    """
     noise, measured = NOMINAL[sensor] * _UNIT, recording.measured[sensor]
     return linear(_TRANSITION, STEADY, _UNIT, noise, recording.start, _UNIT, measured)
 

@@ -1,4 +1,7 @@
-"""The two sweeps of paper 004, section 4.1: over the noise of the lidar, and over the acceleration of the vehicle."""
+"""The two sweeps, section 4.1: over the noise of the lidar, and over the acceleration of the vehicle.
+
+Source: Gao et al. 2016.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paper 000: the adaptive Kalman filter on the current statistical model beside that on constant acceleration."""
+"""Han et al. 2015: the adaptive Kalman filter on the current statistical model beside that on constant acceleration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drawings of paper 000: path, errors and adaptive variances of one motion."""
+"""The drawings of Han et al. 2015: path, errors and adaptive variances of one motion."""
 
 from __future__ import annotations
 

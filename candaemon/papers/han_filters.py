@@ -1,12 +1,12 @@
-"""The filters that paper 000 compares, and one that it mentions: each axis by itself, and an IMM in the plane."""
+"""The filters that Han et al. 2015 compares, and one that it mentions: each axis by itself, and an IMM in the plane."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from candaemon.arrays import Floats
-from candaemon.estimation.axis import white_axis
 from candaemon.estimation.axis_filter import AxisFilter
+from candaemon.estimation.discretisation import white_axis
 from candaemon.estimation.imm import Imm
 from candaemon.estimation.motion_models import CurrentStatistical, LinearModel
 from candaemon.papers.baselines import linear

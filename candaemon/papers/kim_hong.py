@@ -1,4 +1,4 @@
-"""Paper 002: an IMM of constant velocity and constant-speed turn, with an extended Kalman and an information filter."""
+"""Kim and Hong 2004: an IMM of constant velocity and constant-speed turn, with an EKF and an information filter."""
 
 from __future__ import annotations
 

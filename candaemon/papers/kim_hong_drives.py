@@ -1,4 +1,7 @@
-"""Drives of paper 002, made of straights and turns at a constant speed, and the bound for who must track them."""
+"""Drives, made of straights and turns at a constant speed, and the bound for who must track them.
+
+Source: Kim and Hong 2004.
+"""
 
 from __future__ import annotations
 

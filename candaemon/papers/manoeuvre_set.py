@@ -1,4 +1,4 @@
-"""The project's own set of motions in the manner of paper 000: the three-model IMM, filtered and smoothed."""
+"""The project's own set of motions in the manner of Han et al. 2015: the three-model IMM, filtered and smoothed."""
 
 from __future__ import annotations
 

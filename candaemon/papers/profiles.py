@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats
-from candaemon.estimation.axis import white_axis
+from candaemon.estimation.discretisation import white_axis
 
 Pieces: TypeAlias = tuple[tuple[float, float], ...]
 """(duration s, acceleration m/s²) one after another."""

@@ -1,4 +1,4 @@
-"""Paper 001's extended Kalman filter on ranges alone, (13) to (19), run on filterpy."""
+"""Avatirak et al. 2012's extended Kalman filter on ranges alone, (13) to (19), run on filterpy."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ def range_ekf(
     advance: Callable[[float], None],
 ) -> Floats:
     """Track targets of constant acceleration by their ranges: C of the paper, Q₁ = 0 and K[1|0] = I as printed.
+
+    Source: Avatirak et al. 2012, eqs. (13), (14), (15), (16), (17), (18), (19).
 
     With no process noise the filter believes the acceleration constant for ever; that it is not is what it errs by.
 

@@ -20,16 +20,21 @@ EXPERIMENTS: tuple[Experiment, ...] = (
 )
 
 
+AUTHORS = {"han": "000", "avatirak": "001", "kim-hong": "002", "zhang": "003", "gao": "004"}
+"""Papers by their first authors, as which a user may name them too."""
+
+
 def choose(names: Sequence[str]) -> tuple[Experiment, ...]:
     """Return the experiments that are meant, each once and in the order of the papers.
 
     Args:
-        names: of experiments, '000-table-1', or of papers, '000', which stand for all of theirs; none: all there are.
+        names: of experiments, '000-table-1', or of papers, '000' or 'han', which stand for all of theirs; none: all.
 
     Raises:
         ConfigError: a name is neither; tells those there are and the nearest.
     """
     known = list(dict.fromkeys([each.paper for each in EXPERIMENTS] + [each.name for each in EXPERIMENTS]))
+    names = [AUTHORS.get(name, name) for name in names]
     for name in names:
         if name not in known:
             raise ConfigError(unknown_name("experiment", name, known))

@@ -1,4 +1,4 @@
-"""Paper 003: a vehicle's GNSS track by the current statistical model alone, and switched with constant velocity."""
+"""Zhang et al. 2016: a vehicle's GNSS track by the current statistical model, alone and switched with CV."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 
 from candaemon.arrays import Floats
 from candaemon.estimation.axis_filter import AxisFilter
-from candaemon.estimation.cv_csm_switch import CvCsmSwitch
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import Imm
-from candaemon.estimation.manoeuvre import SwitchRule
+from candaemon.estimation.manoeuvre_detection import SwitchRule
 from candaemon.estimation.motion_models import CurrentStatistical, LinearModel
+from candaemon.estimation.switching import CvCsmSwitch
 from candaemon.papers.experiment import Advance, Experiment, Figure, Line, Panel, Result, Row
 from candaemon.papers.profiles import ProfileMotion, bound, motion
 from candaemon.papers.tracking import default_estimator, follow, rmse

@@ -1,4 +1,4 @@
-"""The radar front end of paper 001: LFM-FSK, range and speed from a beat frequency and a phase difference.
+"""The radar front end of Avatirak et al. 2012: LFM-FSK, range and speed from a beat frequency and a phase difference.
 
 Two chirps A and B sweep the same bandwidth in steps taken in turn, B a little below A. A target is a peak at the same
 beat frequency in both spectra; neither that nor the phase between the two tells range and speed, but both together do,

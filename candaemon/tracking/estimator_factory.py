@@ -25,14 +25,14 @@ from candaemon.config.estimators import (
     VariationalNoiseSettings,
     WindowedNoiseSettings,
 )
-from candaemon.estimation.federated_tracks import FederatedTracks
+from candaemon.estimation.federated import FederatedTracks
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import Form, Imm
-from candaemon.estimation.manoeuvre import SwitchRule
+from candaemon.estimation.manoeuvre_detection import SwitchRule
 from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
 from candaemon.estimation.plane_filter import PlaneFilter
 from candaemon.estimation.sensor_noise import NoiseFactor, SensorNoise
-from candaemon.estimation.switching_tracks import SwitchingTracks
+from candaemon.estimation.switching import SwitchingTracks
 from candaemon.estimation.variational import NoiseScale, WindowedScale
 
 
@@ -134,7 +134,7 @@ def make_model(settings: ModelSettings) -> MotionModel:
 
 
 def _make_isotropic(settings: SingerModelSettings | StatisticalModelSettings) -> Singer | CurrentStatistical:
-    """Return one of the models of paper 000."""
+    """Return one of the models of Han et al. 2015."""
     if isinstance(settings, SingerModelSettings):
         return Singer(settings.alpha, settings.deviation)
     return CurrentStatistical(settings.alpha, settings.limit, settings.floor, settings.innovation_memory)

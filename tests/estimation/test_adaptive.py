@@ -17,7 +17,7 @@ from candaemon.estimation.adaptive import (
     measurement_noise,
     process_noise,
 )
-from candaemon.estimation.axis import white_axis
+from candaemon.estimation.discretisation import white_axis
 from tests.support.builders import random_covariance
 
 DT = 0.05

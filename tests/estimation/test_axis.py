@@ -10,7 +10,7 @@ from filterpy.common import Q_continuous_white_noise, van_loan_discretization
 from scipy.linalg import expm
 
 from candaemon.arrays import Floats
-from candaemon.estimation.axis import decaying_axis, white_axis
+from candaemon.estimation.discretisation import decaying_axis, white_axis
 from tests.estimation.test_motion_models import DECAYS, continuous
 
 

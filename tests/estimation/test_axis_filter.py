@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.arrays import Floats
-from candaemon.estimation.axis import decaying_axis, white_axis
 from candaemon.estimation.axis_filter import AxisFilter, AxisModel, WhiteAxis
+from candaemon.estimation.discretisation import decaying_axis, white_axis
 from candaemon.estimation.motion_models import CurrentStatistical, Singer
 from candaemon.papers.profiles import Pieces, motion
 from tests.support.builders import random_covariance

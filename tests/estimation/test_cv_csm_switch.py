@@ -7,9 +7,9 @@ import pytest
 
 from candaemon.arrays import Floats
 from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
-from candaemon.estimation.cv_csm_switch import CvCsmSwitch
-from candaemon.estimation.manoeuvre import ManoeuvreWatch, SwitchRule
+from candaemon.estimation.manoeuvre_detection import ManoeuvreWatch, SwitchRule
 from candaemon.estimation.motion_models import CurrentStatistical
+from candaemon.estimation.switching import CvCsmSwitch
 from candaemon.papers.profiles import motion
 from tests.support.long_runs import few_and_many_cycles
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.estimation.adaptive import InnovationNoise
-from candaemon.estimation.axis import white_axis
+from candaemon.estimation.discretisation import white_axis
 from candaemon.estimation.federated import Federated, fused, information_shares
 from candaemon.estimation.variational import VariationalNoise
 from tests.support.builders import random_covariance

@@ -9,9 +9,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from candaemon.arrays import Floats
-from candaemon.estimation.axis import white_axis
+from candaemon.estimation.discretisation import white_axis
+from candaemon.estimation.filter_bank import moments
+from candaemon.estimation.imm import mix, posterior
 from candaemon.estimation.kalman import predict, update
-from candaemon.estimation.mixing import mix, moments, posterior
 from tests.support.builders import random_covariance
 from tests.support.long_runs import few_and_many_cycles
 

@@ -12,9 +12,8 @@ from pydantic import TypeAdapter
 from candaemon.arrays import Floats
 from candaemon.config.estimators import EstimatorSettings
 from candaemon.estimation.filter_bank import FilterBank
-from candaemon.estimation.imm import Form, Imm
+from candaemon.estimation.imm import Form, Imm, mix, posterior
 from candaemon.estimation.measurement import Measurement, Projection
-from candaemon.estimation.mixing import mix, posterior
 from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel
 from candaemon.tracking.estimator_factory import make_estimator
 from tests.support.builders import AT_REST, random_covariance

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from candaemon.arrays import Floats
 from candaemon.config.estimators import EstimatorSettings
 from candaemon.estimation.adaptive import AdaptiveFilter, InnovationNoise
-from candaemon.estimation.axis import white_axis
+from candaemon.estimation.discretisation import white_axis
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.motion_models import LinearModel, MotionModel

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.arrays import Floats
-from candaemon.estimation.axis import decaying_axis, white_axis
+from candaemon.estimation.discretisation import decaying_axis, white_axis
 from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
 
 DECAYS = (1e-5, 1e-4, 8e-4, 1e-3, 0.01, 0.099, 0.101, 0.5, 1.0, 2.0, 3.0)

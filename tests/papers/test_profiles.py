@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from candaemon.estimation.axis import white_axis
+from candaemon.estimation.discretisation import white_axis
 from candaemon.papers.baselines import linear
 from candaemon.papers.profiles import bound, motion
 from candaemon.papers.tracking import rmse

@@ -12,14 +12,14 @@ from pydantic import TypeAdapter, ValidationError
 
 from candaemon.arrays import Floats
 from candaemon.config.estimators import EstimatorSettings
-from candaemon.estimation.federated_tracks import FederatedTracks
+from candaemon.estimation.federated import FederatedTracks
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import Imm
 from candaemon.estimation.kalman import update
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.estimation.motion_models import LinearModel
 from candaemon.estimation.sensor_noise import SensorNoise
-from candaemon.estimation.switching_tracks import SwitchingTracks
+from candaemon.estimation.switching import SwitchingTracks
 from candaemon.estimation.variational import NoiseScale, WindowedScale
 from candaemon.tracking.estimator_factory import make_estimator
 from tests.support.builders import AT_REST, random_covariance
@@ -30,7 +30,7 @@ DT = 0.05
 class JointTracks(Imm):
     """One Kalman filter that takes all parts of a detection together."""
 
-    def _corrected(
+    def _update_models(
         self, rows: NDArray[np.intp], mean: Floats, covariance: Floats, measurement: Measurement
     ) -> tuple[Floats, Floats]:
         del rows  # all alike

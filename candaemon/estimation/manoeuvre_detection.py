@@ -1,4 +1,4 @@
-"""When a track manoeuvres: the decision of paper 003, batched over tracks."""
+"""When a track manoeuvres: the decision of Zhang et al. 2016, batched over tracks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ _LONGEST = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SwitchRule:
-    """When a track changes its model, (7), (8) and the section "Calculation" of paper 003.
+    """When a track changes its model, (7), (8) and the section "Calculation" of Zhang et al. 2016.
+
+    Source: Zhang et al. 2016, eqs. (7), (8).
 
     Samples need not be even: two speeds are compared at the samples nearest to an interval apart, for what the change
     comes to over an interval, and T1 and T2 end at the comparisons nearest to them.
@@ -114,6 +116,8 @@ class ManoeuvreWatch:
 
     def watch(self, rows: Indices, velocity: Floats) -> None:
         """Take the filtered velocities of the rows just measured; where an interval is over, compare and decide.
+
+        Source: Zhang et al. 2016, eqs. (7), (8).
 
         What speaks against the decision in force must do so without a break. A gap without measurements is one
         comparison, and counts as two intervals at most.

@@ -1,13 +1,17 @@
-"""One axis of motion over one time step: transition, noise and input of the linear models.
+"""Discretised linear motion models: transition, process noise and input over one step, of an axis and of the plane.
 
-States are [position, velocity, acceleration] and, for the constant jerk, a fourth: its jerk. Paper 000 writes the plane
-as two such axes one after the other, [x, ẋ, ẍ, y, ẏ, ÿ].
+States are [position, velocity, acceleration] and, for the constant jerk, a fourth: its jerk. Han et al. 2015 writes
+the plane as two such axes one after the other, [x, ẋ, ẍ, y, ẏ, ÿ].
+
+A matrix of the plane is M = Mₗ ⊗ A + Mₜ ⊗ (I − A) with A = d dᵀ of the direction d, along which Mₗ holds and across
+which Mₜ does.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import exp, factorial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +25,9 @@ _ORDERS = (2, 1, 0)
 
 
 def _series() -> tuple[Floats, Floats]:
-    """Return F, Q and U / α of paper 000 as series in −αT: coefficients (terms, 21), and powers of T before them (21,).
+    """Return F, Q and U / α as series in −αT: coefficients (terms, 21), and powers of T before them (21,).
+
+    Source: Han et al. 2015.
 
     An acceleration of 1 has become Σ (−α)ⁿ tⁿ⁺ᵖ / (n+p)! after a time t, integrated p times; Q integrates the products
     of two of these over the step, U / α one.
@@ -71,9 +77,10 @@ def white_axis(dt: float, intensity: float, *, order: int) -> Axis:
             3 nearly constant jerk, the four states of Hou.
 
     Returns:
-        F with T^(j−i)/(j−i)!, for order 1 that of paper 002 (5) and paper 003 (2); Q with T^(2·order+1−i−j) /
-        ((order−i)! (order−j)! (2·order+1−i−j)), the noise white in continuous time, where those papers have an
-        acceleration that is constant over a step, through G = [T²/2, T]. States beyond the order are zero.
+        F with T^(j−i)/(j−i)!, for order 1 that of Kim and Hong 2004, eq. (5) and Zhang et al. 2016, eq. (2); Q with
+        T^(2·order+1−i−j) / ((order−i)! (order−j)! (2·order+1−i−j)), the noise white in continuous time, where those
+        papers have an acceleration that is constant over a step, through G = [T²/2, T]. States beyond the order are
+        zero.
     """
     size = max(order + 1, 3)
     f, q = np.zeros((size, size)), np.zeros((size, size))
@@ -88,15 +95,18 @@ def white_axis(dt: float, intensity: float, *, order: int) -> Axis:
 def decaying_axis(rate: float, dt: float, intensity: float, *, order: int) -> Axis:
     """Return an axis whose highest derivative decays exponentially.
 
+    Source: Han et al. 2015, eqs. (15), (16), (19).
+
     Args:
         rate: α, 1/s, the inverse time constant.
         dt: T, s.
         intensity: power of the white noise that drives the highest derivative.
-        order: 2, the acceleration decays: Singer and paper 000 (15), (19); 1, the velocity does: a drift that settles.
+        order: 2, the acceleration decays: Singer and Han et al. 2015, eq. (15), (19); 1, the velocity does: a drift
+            that settles.
 
     Returns:
-        Transition (15), noise (19) and input (16) of paper 000 for order 2; q33 is (1 − e^(−2αT)) / 2α, where (19)
-        misprints. For order 1 the same, of the velocity in the place of the acceleration.
+        Transition (15), noise (19) and input (16) of Han et al. 2015 for order 2; q33 is (1 − e^(−2αT)) / 2α, where
+        (19) misprints. For order 1 the same, of the velocity in the place of the acceleration.
     """
     f, q, u = _closed(rate, dt) if rate * dt > _LONG else _summed(rate, dt)
     if order == 1:
@@ -111,7 +121,7 @@ def _summed(rate: float, dt: float) -> tuple[Floats, Floats, Floats]:
 
 
 def _closed(rate: float, dt: float) -> tuple[Floats, Floats, Floats]:
-    """Return F, Q and U as (15), (16) and (19) of paper 000 have them."""
+    """Return F, Q and U as (15), (16) and (19) of Han et al. 2015 have them."""
     x, e = rate * dt, exp(-rate * dt)
     position, velocity = (x - 1 + e) / rate**2, (1 - e) / rate
     f = np.array(((1.0, dt, position), (0.0, 1.0, velocity), (0.0, 0.0, e)))
@@ -130,3 +140,53 @@ def _lowered(matrix: Floats) -> Floats:
     lower = np.zeros((3, 3))
     lower[:2, :2] = matrix[1:, 1:]
     return lower
+
+
+class _Places(NamedTuple):
+    """Where an axis with so many states has its rows and columns in the plane's state, for x and for y."""
+
+    x_rows: Any
+    x_columns: Any
+    y_rows: Any
+    y_columns: Any
+
+
+X, Y, _X_JERK, _Y_JERK = slice(0, 6, 2), slice(1, 6, 2), np.array((0, 2, 4, 7)), np.array((1, 3, 5, 8))
+_PLACES = {3: _Places(X, X, Y, Y), 4: _Places(_X_JERK[:, None], _X_JERK, _Y_JERK[:, None], _Y_JERK)}
+
+
+def directed(along: Floats, across: Floats, direction: Floats, width: int) -> Floats:
+    """Spread two S × S axis matrices over the plane, (n or 1, width, width).
+
+    Args:
+        along: matrix of the axis along the direction.
+        across: matrix of the axis to its left.
+        direction: unit vector in the level frame, (n, 2).
+        width: of the plane's state.
+    """
+    if along is across or not (along != across).any():
+        return isotropic(along, width)[None]
+    at, along, across = _PLACES[len(along)], _fitting(along, width), _fitting(across, width)
+    difference = along - across
+    cosine, sine = direction[:, 0, None, None], direction[:, 1, None, None]
+    mixed = difference * (cosine * sine)
+    out = np.zeros((len(direction), width, width))
+    out[:, at.x_rows, at.x_columns] = across + difference * (cosine * cosine)
+    out[:, at.y_rows, at.y_columns] = across + difference * (sine * sine)
+    out[:, at.x_rows, at.y_columns] = mixed
+    out[:, at.y_rows, at.x_columns] = mixed
+    return out
+
+
+def isotropic(axis: Floats, width: int) -> Floats:
+    """Give x and y the same S × S matrix, (width, width)."""
+    at, axis = _PLACES[len(axis)], _fitting(axis, width)
+    full = np.zeros((width, width))
+    full[at.x_rows, at.x_columns] = axis
+    full[at.y_rows, at.y_columns] = axis
+    return full
+
+
+def _fitting(axis: Floats, width: int) -> Floats:
+    """Cut an axis to the states that a plane of this width has: a filter of velocities alone has no acceleration."""
+    return axis[: width // 2, : width // 2]
