@@ -242,6 +242,7 @@ def pose(drive: Path) -> dict[str, Floats]:
     return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
 
 
+@pytest.mark.slow
 def test_the_other_columns_of_the_drive_stay_as_they_are(replayed: Replayed, drive: Path) -> None:
     log, plain = replayed.folder / "start.log", replayed.folder / "plain.csv"
     with gzip.open(drive / "drive_with_ins.log.gz", "rt") as lines:

@@ -57,7 +57,6 @@ def cut_in(tmp_path_factory: pytest.TempPathFactory) -> Drive:
     return Drive("automotive_cut_in", tmp_path_factory.mktemp("cut_in"))
 
 
-@pytest.mark.slow
 def test_rows_are_the_same_and_hold_other_motion(brake: Drive) -> None:
     filtered, smoothed = brake.filtered, brake.smoothed
     assert [[row[name] for name in KEPT] for row in smoothed] == [[row[name] for name in KEPT] for row in filtered]
