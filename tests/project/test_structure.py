@@ -72,7 +72,7 @@ IGNORANT = {
 }
 """What a room must know nothing of, though it lies below it."""
 
-SAME_ROLE = {"__init__.py", "settings.py", "write.py", "text.py", "signals.py", "buses.py"}
+SAME_ROLE = {"__init__.py", "settings.py"}
 """Names of files that several rooms may have, for what has the same role in each."""
 NAMED_AFTER_OTHERS = {"config", "cli"}
 """Rooms whose files are named after what they set or call."""

@@ -156,14 +156,14 @@ def test_events_wait_for_a_disk_that_hangs_in_bounds(
     of: Binding, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     released = threading.Event()
-    monkeypatch.setattr(Ring, "write", lambda *_: released.wait(10))
+    monkeypatch.setattr(Ring, "write", lambda *_: released.wait(60))
     disk = WriterThread(tmp_path, RecordingSettings(buffer=0.1))
     begin(disk, of, 1)
     for second in range(200):
         mark(disk, second)
     assert 100 <= disk.events_lost < 110
     released.set()
-    disk.close(5.0)
+    disk.close(60.0)
     assert disk.events_archived + disk.events_lost == 200
 
 
