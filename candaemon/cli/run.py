@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
     parser.add_argument(
-        "--record", type=Path, metavar="DIR", help="folder for the ring of what came last, see the README"
+        "--record", type=Path, metavar="DIR", help="folder for the ring of what came last, see docs/operating.md"
     )
     parser.add_argument(
         "--status", type=not_negative, metavar="S", help="s between status lines; 0: none; default: the configuration's"

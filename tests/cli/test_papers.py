@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import shlex
 import sys
 from dataclasses import replace
 from io import StringIO
@@ -21,7 +20,6 @@ from candaemon.papers import registry
 from candaemon.papers.experiment import Advance, Experiment, Figure, Line, Panel, Result, Row
 from candaemon.papers.plots import draw
 from candaemon.papers.text import print_result, significant
-from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("logging_as_it_was")
 
@@ -243,12 +241,3 @@ def test_progress_is_shown_on_a_terminal_only(
     assert "000-table-2 (2 of 2)" in told.err
     assert "100%" in told.err
     assert " of 2)" not in told.out
-
-
-def test_the_readme_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    shown = [shlex.split(line)[1:] for line in re.findall(r"^candaemon papers\b.*$", text, re.MULTILINE)]
-    assert shown
-    for words in shown:
-        assert main([*words, "--list"]) == 0
-    capsys.readouterr()

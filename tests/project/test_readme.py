@@ -1,34 +1,22 @@
-"""What the README says is so: its commands run, its YAML is good, its files are there."""
+"""What the README says is so: its two commands, its ten lines, its figures."""
 
 from __future__ import annotations
 
 import re
-import shlex
 import shutil
 import stat
 import subprocess
-import sys
 import tomllib
 from pathlib import Path
-from xml.etree import ElementTree as ET
 
 import pytest
-from pydantic import TypeAdapter
 
 from candaemon.cli.main import main
-from candaemon.config.estimators import EstimatorSettings
-from candaemon.config.load import load_config
-from tests.beds.waiting import wait_until
+from tests.playback.test_recorded_drive import PREDICTED
 from tests.support.paths import ROOT
 
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
-
-
-def commands(name: str) -> list[list[str]]:
-    """Return the arguments of every `candaemon NAME` in the code blocks."""
-    lines = [line for kind, block in BLOCKS if kind == "sh" for line in block.splitlines()]
-    return [words[1:] for words in map(shlex.split, lines) if words[:2] == ["candaemon", name]]
 
 
 def test_the_first_two_blocks_are_the_two_commands() -> None:
@@ -87,100 +75,16 @@ def test_the_ten_lines_are_a_radar(tmp_path: Path, capsys: pytest.CaptureFixture
     assert int(told["tracks.confirmed"]) >= 1
 
 
-@pytest.mark.slow
-def test_simulate_replay_evaluate_run_as_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (simulation,), (judgement,) = commands("simulate"), commands("evaluate")
-    (replay,) = [words for words in commands("replay") if "highway.log" in words]
-    for words in (simulation, replay, judgement):
-        assert main(words) == 0
-    assert "GOSPA" in capsys.readouterr().out
+def test_the_bounds_are_those_that_the_recorded_drive_is_held_to() -> None:
+    (table,) = re.findall(r"<!-- figures: accuracy -->\n(.*?)<!-- /figures -->", TEXT, re.DOTALL)
+    rows = [[cell.strip() for cell in row.strip("|").split("|")] for row in table.splitlines()[2:]]
+    bounds = [float(row[1].partition(" ")[0]) for row in rows]
+    along, across = zip(*(PREDICTED[horizon] for horizon in (0.5, 1.0)), strict=True)
+    assert bounds[:4] == [*along, *across]
+    for row, bound in zip(rows, bounds, strict=True):
+        assert all(float(figure.partition(" ")[0]) <= bound for figure in row[2:]), row
 
 
-@pytest.mark.slow
-def test_the_recorded_drive_is_replayed_as_written(
-    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(drive / "drive.log.gz", tmp_path)
-    (replay,) = [words for words in commands("replay") if "drive.log.gz" in words]
-    assert main(replay) == 0
-    assert {"obstacles.log", "tracks.csv", "predictions.csv", "summary.json"} <= {
-        path.name for path in tmp_path.iterdir()
-    }
-    assert "sensors.front.used: 38400" in capsys.readouterr().out
-
-
-def test_the_service_runs_as_written(tmp_path: Path) -> None:
-    (words,) = commands("run")
-    where = {"my_car.yaml": str(ROOT / "config" / "demo.yaml"), "/var/tmp/drive": str(tmp_path / "drive")}  # noqa: S108 - to be replaced
-    assert where.keys() <= set(words)
-    arguments = [where.get(word, word) for word in words]
-    with subprocess.Popen(
-        [sys.executable, "-m", "candaemon", *arguments], stderr=subprocess.PIPE, text=True
-    ) as service:
-        assert service.stderr is not None
-        assert any("serving" in line for line in service.stderr)
-        wait_until(lambda: any((tmp_path / "drive").glob("*.log")), 20, "a file of the ring")
-        service.terminate()
-        assert service.wait(10) == 0
-
-
-def test_the_unit_is_shown_as_written(capsys: pytest.CaptureFixture[str]) -> None:
-    (words,) = commands("install-service")
-    shown = [str(ROOT / "config" / "esr_ins.yaml") if word == "/etc/candaemon/front.yaml" else word for word in words]
-    assert shown != words
-    assert main(shown) == 0
-    assert "Type=notify" in capsys.readouterr().out
-
-
-def test_papers_run_as_written(capsys: pytest.CaptureFixture[str]) -> None:
-    (words,) = commands("papers")
-    assert main([*words, "003", "--runs", "2"]) == 0  # all of them and 100 runs take minutes
-    assert "CSM" in capsys.readouterr().out
-
-
-def test_filters_that_are_named_exist() -> None:
-    """And all that exist are named."""
-    (table,) = [part for part in TEXT.split("\n\n") if part.startswith("| kind | filter |")]
-    named = {kind for row in table.splitlines()[2:] for kind in re.findall(r"`(\w+)`", row.split("|")[1])}
-    schema = TypeAdapter(EstimatorSettings).json_schema()
-    assert named == set(schema["discriminator"]["mapping"])
-
-
-def test_other_commands_are_known(capsys: pytest.CaptureFixture[str]) -> None:
-    named = set(re.findall(r"candaemon ([\w-]+)", " ".join(re.findall(r"`([^`]+)`", TEXT) + [b for _, b in BLOCKS])))
-    for name in sorted(named):
-        with pytest.raises(SystemExit) as stop:
-            main([name, "--help"])
-        assert stop.value.code == 0
-    capsys.readouterr()
-
-
-def test_files_that_are_named_exist() -> None:
-    for target in re.findall(r"\]\(([^)#]+)\)", TEXT):
-        assert (ROOT / target).exists(), target
-    for path in re.findall(r"`((?:config|dbc|candaemon|tests)/[\w./@]*)`", TEXT):
-        assert (ROOT / path).exists(), path
-
-
-def test_configurations_that_are_named_exist() -> None:
-    (paragraph,) = [part for part in TEXT.split("\n\n") if part.startswith("Ready to use")]
-    names = list(re.findall(r"`(\w+)`", paragraph))
-    assert len(names) >= 7
-    for name in names:
-        load_config(ROOT / "config" / f"{name}.yaml")
-
-
-def test_the_image_is_a_picture_for_light_and_dark() -> None:
-    path = ROOT / ".github" / "flow.svg"
-    root = ET.parse(path).getroot()  # noqa: S314 - our own file
-    assert root.tag == "{http://www.w3.org/2000/svg}svg"
-    assert "prefers-color-scheme: dark" in path.read_text(encoding="utf-8")
-
-
-def test_the_return_time_is_the_default() -> None:
-    described = TEXT.partition("with a time constant of ")[2].partition(" s")[0]
-    assert load_config(ROOT / "config" / "demo.yaml").config.tracker.reflections.return_time == float(described)
+def test_the_example_of_ones_own_radar_is_these_ten_lines() -> None:
+    (yaml,) = [block for kind, block in BLOCKS if kind == "yaml"]
+    assert yaml in (ROOT / "examples" / "own_radar.py").read_text(encoding="utf-8")
