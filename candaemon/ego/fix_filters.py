@@ -9,17 +9,15 @@ import numpy as np
 
 from candaemon.arrays import Floats
 from candaemon.config.gnss import DriftFilterSettings, FixFilterSettings, ImmFilterSettings, SwitchingFilterSettings
+from candaemon.estimation.estimator_state import EstimatorState
 from candaemon.estimation.imm import Imm
 from candaemon.estimation.manoeuvre_detection import SwitchRule
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.motion_models import CurrentStatistical, LinearModel
-from candaemon.estimation.switching import CvCsmSwitch
+from candaemon.estimation.switching import CvCsmSwitch, CvCsmSwitchState
 
 _AT_REST: Floats = np.zeros(2)
 _ONLY_TRACK = np.zeros(1, dtype=np.intp)
-
-
-FixFilterState: TypeAlias = Any
 
 
 class FixFilter(Protocol):
@@ -70,17 +68,6 @@ class FixFilter(Protocol):
     def update(self, fix: Floats) -> None:
         """Take a fix, (2,), m."""
         ...
-
-
-def make_filter(settings: FixFilterSettings, noise: float) -> FixFilter:
-    """Return the filter that the configuration names; noise is a fix's standard deviation, m."""
-    match settings:
-        case DriftFilterSettings():
-            return DriftFilter(settings, noise)
-        case SwitchingFilterSettings():
-            return SwitchingFilter(settings, noise)
-        case ImmFilterSettings():
-            return ImmFilter(settings, noise)
 
 
 @dataclass(slots=True)
@@ -176,9 +163,23 @@ class SwitchingFilter:
             interval=settings.interval,
         )
         statistical = CurrentStatistical(settings.alpha, settings.limit, settings.floor)
-        self.state = None
         self._switch = CvCsmSwitch(2, settings.noise, statistical, rule)
         self._acceleration, self._noise = settings.first_acceleration**2, noise**2
+
+    @property
+    def state(self) -> CvCsmSwitchState:
+        """What it remembers.
+
+        Raises:
+            ValueError: a state that is set is of several tracks.
+        """
+        return self._switch.state
+
+    @state.setter
+    def state(self, state: CvCsmSwitchState) -> None:
+        self._switch.state = state
+        if len(self._switch) > 1:
+            raise ValueError(f"{len(self._switch)} tracks of fixes, expected one")
 
     @property
     def started(self) -> bool:
@@ -226,9 +227,23 @@ class ImmFilter:
     def __init__(self, settings: ImmFilterSettings, noise: float) -> None:
         steady, manoeuvre = settings.steady_noise, settings.manoeuvre_noise
         models = (LinearModel(1, (steady, steady)), LinearModel(2, (manoeuvre, manoeuvre)))
-        self.state = None
         self._imm = Imm(models, switch_rate=settings.switch_rate, acceleration=settings.first_acceleration)
         self._noise: Floats = noise**2 * np.eye(2)[None]
+
+    @property
+    def state(self) -> EstimatorState:
+        """What it remembers.
+
+        Raises:
+            ValueError: a state that is set is of several tracks.
+        """
+        return self._imm.state
+
+    @state.setter
+    def state(self, state: EstimatorState) -> None:
+        self._imm.state = state
+        if len(self._imm) > 1:
+            raise ValueError(f"{len(self._imm)} tracks of fixes, expected one")
 
     @property
     def started(self) -> bool:
@@ -258,3 +273,17 @@ class ImmFilter:
     def update(self, fix: Floats) -> None:
         """See `FixFilter.update`."""
         self._imm.update(_ONLY_TRACK, Measurement(fix[None], self._noise, _AT_REST, _AT_REST))
+
+
+FixFilterState: TypeAlias = DriftFilterState | CvCsmSwitchState | EstimatorState
+
+
+def make_filter(settings: FixFilterSettings, noise: float) -> FixFilter:
+    """Return the filter that the configuration names; noise is a fix's standard deviation, m."""
+    match settings:
+        case DriftFilterSettings():
+            return DriftFilter(settings, noise)
+        case SwitchingFilterSettings():
+            return SwitchingFilter(settings, noise)
+        case ImmFilterSettings():
+            return ImmFilter(settings, noise)

@@ -89,7 +89,7 @@ class MotionPlausibility:
     """Judges the values of one message of ego motion.
 
     Args:
-        own: the message.
+        message: the message.
         settings: what is asked of it.
         faults: where frames that are refused are counted; the owner's.
 
@@ -97,9 +97,9 @@ class MotionPlausibility:
         faults: as given.
     """
 
-    def __init__(self, own: EgoMessage, settings: MotionPlausibilitySettings, faults: MotionFaults) -> None:
+    def __init__(self, message: EgoMessage, settings: MotionPlausibilitySettings, faults: MotionFaults) -> None:
         self.faults = faults
-        self._limits = [_limit(binding, settings) for binding in own.bindings]
+        self._limits = [_limit(binding, settings) for binding in message.bindings]
         self._state = MotionPlausibilityState([ValueHistory() for _ in self._limits])
 
     @property

@@ -178,8 +178,8 @@ class MountView:
     @_Once
     def relative_velocity(self) -> ComplexPlane:
         """Velocities less the mount's own, m/s."""
-        own = complex(*self._pose.velocity_in_vehicle_axes()) + 1j * self._pose.yaw_rate * self._mount
-        return self.velocity - own * self._turn
+        mount = complex(*self._pose.velocity_in_vehicle_axes()) + 1j * self._pose.yaw_rate * self._mount
+        return self.velocity - mount * self._turn
 
     @_Once
     def rate(self) -> ComplexPlane:
@@ -214,7 +214,7 @@ class MountView:
         return product.real / np.maximum(self.distance, NEAREST)
 
     def _deviation(self, name: str) -> Floats:
-        """Return a standard deviation along one of the mount's axes, x and y taken as uncorrelated."""
+        """Return a standard deviation along one of the mount's axes, x and y assumed uncorrelated."""
         kind, axis = name[:-1], name[-1]
         if self._turn == 1:
             return self._take(name)

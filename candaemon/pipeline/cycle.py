@@ -44,8 +44,8 @@ class PipelineCounts:
         cycles: times that obstacles were reported.
         coasting_cycles: those of them without a scan, because every sensor was silent.
         without_ego: scans dropped because ego motion was not known yet.
-        own_motion_short: frames of ego motion with fewer bytes than the DBC says.
-        own_motion: frames of ego motion that failed otherwise, by cause.
+        ego_motion_short: frames of ego motion with fewer bytes than the DBC says.
+        ego_motion: frames of ego motion that failed otherwise, by cause.
         sent: frames made for the output bus.
         buses: per bus.
     """
@@ -53,8 +53,8 @@ class PipelineCounts:
     cycles: int = 0
     coasting_cycles: int = 0
     without_ego: int = 0
-    own_motion_short: int = 0
-    own_motion: MotionFaults = field(default_factory=MotionFaults)
+    ego_motion_short: int = 0
+    ego_motion: MotionFaults = field(default_factory=MotionFaults)
     sent: int = 0
     buses: list[BusCounts] = field(default_factory=list)
 

@@ -1,4 +1,4 @@
-"""Frames of ego motion: decoded, checked, and given to ego motion and to what places it on earth."""
+"""Frames of ego motion: decoded, checked, and passed to ego motion and to the georeferencer."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class EgoFrames:
         self._decode, self._names = message.decode, message.quantities
         self._length, self._can_id, self._bus = message.message.length, message.message.can_id, ego.bus
         self._consumers = [each for each in consumers if not each.wanted.isdisjoint(message.quantities)]
-        self._guard = None if message.guard is None else FrameGuard(message.guard, counts.own_motion)
-        self._plausibility = MotionPlausibility(message, ego.settings.plausibility, counts.own_motion)
+        self._guard = None if message.guard is None else FrameGuard(message.guard, counts.ego_motion)
+        self._plausibility = MotionPlausibility(message, ego.settings.plausibility, counts.ego_motion)
         self._counts = counts
 
     @property
@@ -69,15 +69,15 @@ class EgoFrames:
 
     def count_into(self, counts: PipelineCounts) -> None:
         """Count frames that fail in other counts from here on."""
-        self._counts, self._plausibility.faults = counts, counts.own_motion
+        self._counts, self._plausibility.faults = counts, counts.ego_motion
         if self._guard is not None:
-            self._guard.faults = counts.own_motion
+            self._guard.faults = counts.ego_motion
 
     def receive(self, _part: int, _slot: int, data: bytes, time_ns: int) -> None:
         """Take a frame."""
         values = self._decode(data) if self._consumers else ()
         if values is None or len(data) < self._length:
-            self._counts.own_motion_short += 1
+            self._counts.ego_motion_short += 1
             self._counts.buses[self._bus].short += 1
             return
         if self._guard is not None and not self._guard.admits(self._can_id, data, time_ns):

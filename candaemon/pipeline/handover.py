@@ -45,10 +45,10 @@ class Kept:
 
 
 def hand_over(former: Pipeline, successor: Pipeline) -> Kept:
-    """Let a pipeline that has taken nothing go on where another one ends; that one is of no more use.
+    """Let a fresh pipeline go on where another one ends; that one is of no more use.
 
     Args:
-        former: with everything that it was given taken.
+        former: with all items of its input processed.
         successor: of the other configuration.
     """
     ego_motion = _same_ego(former.binding.ego, successor.binding.ego)

@@ -7,7 +7,7 @@ happened on the road happens again from its recording.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 from candaemon.binding.bound import Binding
 from candaemon.ego.factory import make_ego, make_georeferencer
@@ -22,6 +22,7 @@ from candaemon.output.encoder import OutputEncoder, OutputStatus
 from candaemon.pipeline.cycle import BusCounts, Cycle, PipelineCounts
 from candaemon.pipeline.ego_frames import EgoFrames
 from candaemon.pipeline.health import HealthMonitor
+from candaemon.pipeline.pipeline_state import PipelineState, Schedule
 from candaemon.pipeline.spare_frames import SpareFrames
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.assembly import Route, ScanAssembler
@@ -33,19 +34,6 @@ from candaemon.tracking.groups import TrackerGroups
 from candaemon.tracking.obstacles import Obstacles, concatenated, no_obstacles
 from candaemon.tracking.stationary import StationaryWatch
 from candaemon.tracking.tracker import Tracker
-
-
-@dataclass(slots=True)
-class Schedule:
-    """When something happens without a frame.
-
-    Attributes:
-        coast_due_ns: from when on obstacles coast if no scan comes; `NEVER_NS` before the first frame.
-        deadline_ns: until when nothing can be due.
-    """
-
-    coast_due_ns: int = NEVER_NS
-    deadline_ns: int = 0
 
 
 class Pipeline:
@@ -112,7 +100,7 @@ class Pipeline:
                 self._set_deadline(time_ns)
 
     def run_blocks(self, blocks: Iterable[FrameBlock | Sequence[Frame | Tick]]) -> Iterator[Cycle]:
-        """As `run`, for a log: what came whole in a block is taken together.
+        """As `run`, for a log: scans that lie whole in a block are read together.
 
         Args:
             blocks: frames and ticks in order of time.
@@ -173,10 +161,51 @@ class Pipeline:
         self._routes = self._make_routes()
 
     @property
+    def state(self) -> PipelineState:
+        """What it remembers between two runs: the states of its stages.
+
+        Another pipeline of the same configuration whose state is set to it goes on where this one was.
+
+        Raises:
+            ValueError: a state that is set does not fit the configuration; the pipeline is of no use then.
+        """
+        return PipelineState(
+            self.counts,
+            [assembler.state for assembler in self.assemblers],
+            self.ego.state,
+            None if self.georeferencer is None else self.georeferencer.state,
+            {can_id: frames.state for can_id, frames in self.ego_frames.items()},
+            self.tracker_groups.state,
+            None if self.stationary is None else self.stationary.state,
+            None if self.encoder is None else self.encoder.state,
+            self.health.state,
+            self.schedule,
+        )
+
+    @state.setter
+    def state(self, state: PipelineState) -> None:
+        if len(state.counts.buses) != len(self.binding.buses) or len(state.assemblers) != len(self.assemblers):
+            raise ValueError("other buses or sensors than the configuration's")
+        if state.ego_frames.keys() != self.ego_frames.keys():
+            raise ValueError("other messages of ego motion than the configuration's")
+        self.counts = state.counts
+        for assembler, of_assembler in zip(self.assemblers, state.assemblers, strict=True):
+            assembler.state = of_assembler
+        for can_id, frames in self.ego_frames.items():
+            frames.state = state.ego_frames[can_id]
+        _restore(None if self.ego.state is None else self.ego, state.ego)
+        _restore(self.georeferencer, state.georeferencer)
+        self.tracker_groups.state = state.trackers
+        _restore(self.stationary, state.stationary)
+        _restore(self.encoder, state.encoder)
+        self.health.state = state.health
+        self.schedule = state.schedule
+
+    @property
     def drops(self) -> int:
         """Frames of sensors and ego motion that were lost or could not be used so far."""
         scans = sum(assembler.counts.dropped + assembler.counts.missing for assembler in self.assemblers)
-        return scans + self._counts.own_motion_short + self._counts.own_motion.refused
+        return scans + self._counts.ego_motion_short + self._counts.ego_motion.refused
 
     @property
     def saturated(self) -> int:
@@ -283,6 +312,18 @@ class Pipeline:
 def _unknown_pose(time_ns: int) -> EgoPose:
     """Return the pose of a vehicle that knows nothing of its motion."""
     return EgoPose(time_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EgoStatus.LOST)
+
+
+def _restore(stage: Any, state: object) -> None:
+    """Set the state of a stage that the configuration may leave out.
+
+    Raises:
+        ValueError: one is there without the other, or they do not fit.
+    """
+    if (stage is None) != (state is None):
+        raise ValueError("other stages than the configuration's")
+    if stage is not None:
+        stage.state = state
 
 
 def _deadline(assembler: ScanAssembler) -> int:

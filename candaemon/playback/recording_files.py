@@ -27,7 +27,7 @@ from typing import Final
 from candaemon._version import __version__
 from candaemon.errors import InputError
 from candaemon.pipeline.saved_state.fingerprint import Fingerprint, differences
-from candaemon.pipeline.saved_state.header import StateHeader, header_of
+from candaemon.pipeline.saved_state.header import LONGEST_HEADER, StateHeader, header_of
 
 logger = logging.getLogger(__name__)
 
@@ -95,7 +95,7 @@ def header_beside(log: Path) -> StateHeader | None:
     path = log.with_suffix(STATE)
     try:
         with path.open("rb") as file:
-            return header_of(file.readline())
+            return header_of(file.readline(LONGEST_HEADER))
     except FileNotFoundError:
         return None
     except InputError as error:

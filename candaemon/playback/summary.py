@@ -55,7 +55,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             sensor.name: asdict(assembler.counts)
             for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True)
         },
-        "own_motion": {"short": counts.own_motion_short, **asdict(counts.own_motion)},
+        "own_motion": {"short": counts.ego_motion_short, **asdict(counts.ego_motion)},
         "clock": {
             "backward_steps": replayed.sequence.backward_steps,
             "late": replayed.sequence.late,

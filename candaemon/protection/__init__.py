@@ -1,4 +1,4 @@
-"""What says whether a frame can be believed: counters, checksums, AUTOSAR E2E, rates and silence.
+"""What says whether a frame is valid: counters, checksums, AUTOSAR E2E, rates and silence.
 
 Knows nothing of objects and tracks.
 """

@@ -53,7 +53,7 @@ def crc8_sae_j1850(data: bytes) -> int:
 
 
 def id_sum(kind: Kind, can_id: int) -> int:
-    """Give what an identifier adds to a checksum of a kind: its bytes' sum, for honda that of its half bytes."""
+    """Return what an identifier adds to a checksum of a kind: its bytes' sum, for honda that of its half bytes."""
     identifier = (can_id & ~EXTENDED).to_bytes(4, "big")
     if kind == "honda":
         return sum(identifier.translate(NIBBLE_SUMS)) - 3 * bool(can_id & EXTENDED)
@@ -64,11 +64,11 @@ class FrameProtector(Protocol):
     """What protects the frames of some messages: checks it in one frame, writes it into one or many."""
 
     def verify(self, can_id: int, data: bytes) -> bool:
-        """Tell whether a frame of one of the messages is what was sent; one too short never is."""
+        """Return whether a frame of one of the messages is what was sent; one too short never is."""
         ...
 
     def seal(self, can_id: int, payload: bytes) -> bytes:
-        """Give one frame's payload with its checksum written into it."""
+        """Return one frame's payload with its checksum written into it."""
         ...
 
     def fill(self, can_ids: Integers, payloads: Bytes) -> None:
@@ -108,7 +108,7 @@ class Protector:
             self._tables, self._start = self._positional_tables()
 
     def position(self, can_id: int) -> int:
-        """Give the byte of a message's checksum."""
+        """Return the byte of a message's checksum."""
         return self._places[can_id].position
 
     def checksum(self, can_id: int, data: bytes) -> int:
@@ -131,12 +131,12 @@ class Protector:
                 return crc8_sae_j1850(data[:position] + data[position + 1 :])
 
     def verify(self, can_id: int, data: bytes) -> bool:
-        """Tell whether a frame of one of the messages carries the checksum it should; one too short never does."""
+        """Return whether a frame of one of the messages carries the checksum it should; one too short never does."""
         position, shift, mask, length, _ = self._places[can_id]
         return len(data) >= length and data[position] >> shift & mask == self.checksum(can_id, data)
 
     def seal(self, can_id: int, payload: bytes) -> bytes:
-        """Give one frame's payload with its checksum written into it."""
+        """Return one frame's payload with its checksum written into it."""
         position, shift, mask, _, _ = self._places[can_id]
         kept = payload[position] & ~(mask << shift)
         sealed = kept | self.checksum(can_id, payload) << shift
@@ -178,7 +178,7 @@ class Protector:
         column |= ((8 - heads - sums & 0xF) << self._shift).astype(np.uint8)
 
     def _positional_tables(self) -> tuple[Bytes, np.uint8]:
-        """Tabulate what each value of each byte contributes to the CRC, and give the CRC of all zeros.
+        """Tabulate what each value of each byte contributes to the CRC, and return the CRC of all zeros.
 
         A CRC of a fixed length is affine in its bits, so the bytes' shares are looked up at once and XORed.
         """
@@ -194,7 +194,7 @@ class Protector:
 
 
 def _place(kind: Kind, message: MessageSpec, signal: str) -> _Place:
-    """Find a message's checksum."""
+    """Return where a message keeps its checksum."""
     spec = message.signal(signal)
     first, bits = first_bit(spec), 4 if kind == "honda" else 8
     if spec.length != bits or first % bits or first + bits > 8 * message.length:

@@ -45,7 +45,7 @@ MODES: Final = {
 
 
 class _Functions(NamedTuple):
-    """The library's functions for one message, all but the payload given."""
+    """The library's functions for one message, all but the payload bound."""
 
     protect: Callable[[Any], None]
     check: Callable[[Any], bool]
@@ -87,12 +87,12 @@ class E2eProtector:
         return data[self._counter_at] & self._mask
 
     def verify(self, can_id: int, data: bytes) -> bool:
-        """Tell whether a frame of one of the messages has the right CRC and data id; one too short never has."""
+        """Return whether a frame of one of the messages has the right CRC and data id; one too short never has."""
         _, check, length = self._functions[can_id]
         return len(data) >= length and check(bytearray(data[:length]))
 
     def seal(self, can_id: int, payload: bytes) -> bytes:
-        """Give one frame's payload with its CRC written into it; its counter is there already."""
+        """Return one frame's payload with its CRC written into it; its counter is there already."""
         sealed = bytearray(payload)
         self._functions[can_id].protect(sealed)
         return bytes(sealed)
@@ -123,7 +123,7 @@ def check_header(profile: Profile, signal: SignalSpec, role: str) -> str | None:
 
 
 def _lowest_bit(signal: SignalSpec) -> int | None:
-    """Give the least significant bit, as the DBC counts; None for a big-endian signal of several bytes."""
+    """Return the least significant bit, as the DBC counts; None for a big-endian signal of several bytes."""
     if signal.byte_order == "little":
         return signal.start
     byte, before = divmod(first_bit(signal), 8)
@@ -148,10 +148,10 @@ def _functions(library: ModuleType, profile: Profile, message: MessageSpec, data
             f"{profile.offset} needs {least}"
         )
     name = f"e2e_p{profile.profile:02d}_"
-    given: dict[str, Any] = {} if profile.profile == 2 else {"offset": profile.offset}
+    bound: dict[str, Any] = {} if profile.profile == 2 else {"offset": profile.offset}
     if isinstance(profile, E2eProfile1 | E2eProfile11):
-        given["data_id_mode"] = getattr(library, MODES[profile.profile][profile.data_id_mode])
+        bound["data_id_mode"] = getattr(library, MODES[profile.profile][profile.data_id_mode])
     second = "data_id_list" if profile.profile == 2 else "data_id"
-    given[second] = data_id
-    protect = partial(getattr(library, f"{name}protect"), increment_counter=False, **given)
-    return _Functions(protect, partial(getattr(library, f"{name}check"), **given), message.length)
+    bound[second] = data_id
+    protect = partial(getattr(library, f"{name}protect"), increment_counter=False, **bound)
+    return _Functions(protect, partial(getattr(library, f"{name}check"), **bound), message.length)

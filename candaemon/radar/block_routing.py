@@ -73,8 +73,8 @@ class BlockRouter:
         found = []
         for scans, mine in self._whole:
             rows = mine[place].nonzero()[0]
-            taken = place[rows]
-            frames, objects = scans.find(block, rows, self._parts[taken], self._slots[taken])
+            routes = place[rows]
+            frames, objects = scans.find(block, rows, self._parts[routes], self._slots[routes])
             kept[frames[:, 1:-1]] = False
             found.append((scans.assembler, frames, objects))
         rows = kept.nonzero()[0]
@@ -96,7 +96,7 @@ class BlockRouter:
 
     def _counted(self, block: FrameBlock, place: Indices) -> tuple[list[int], list[int]]:
         """Count the frames of each bus, and those that nobody receives."""
-        real = block.bus >= 0  # others only tell how late it is
+        real = block.bus >= 0  # others are ticks
         lost = real & (place == self._nobody)
         count = partial(np.bincount, minlength=self._buses)
         return count(block.bus[real]).tolist(), count(block.bus[lost]).tolist()
@@ -108,4 +108,4 @@ def _key(bus: Any, can_id: Any) -> Any:
 
 
 def _pass(_part: int, _slot: int, _data: bytes, _time_ns: int) -> None:
-    """Receive a frame that nobody asks for: it tells how late it is."""
+    """Receive a frame that nobody asks for: only its time counts."""

@@ -1,8 +1,8 @@
 """Scans that came whole, found in a block of frames of a log and read together.
 
-Where all frames of a scan came, each once and in time, it makes no difference whether they are taken one by one. So the
-frames of such scans are found, sorted and decoded with numpy, all scans of a block at once; what was lost, doubled, cut
-short, late, or cut by the block's end is left to the assembler.
+Where all frames of a scan came, each once and in time, it makes no difference whether they are assembled one by one.
+So the frames of such scans are found, sorted and decoded with numpy, all scans of a block at once; what was lost,
+doubled, cut short, late, or cut by the block's end is left to the assembler.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from candaemon.radar.counter_assembler import CounterAssembler
 
 
 class WholeScans:
-    """Finds the whole scans of a sensor that tells them apart by a counter.
+    """Finds the whole scans of a sensor that distinguishes them by a counter.
 
     Args:
         sensor: the bound sensor.
@@ -98,7 +98,7 @@ def whole_scans(sensor: BoundSensor, assembler: ScanAssembler) -> WholeScans | N
 
 
 def _begin_anew(clean: Booleans, fresh: bool) -> Booleans:
-    """Tell of which clean runs of one counter it is sure that no other scan is open when they begin.
+    """Return of which clean runs of one counter it is sure that no other scan is open when they begin.
 
     That is so of the first run where it is `fresh`; after a clean run that is sure; and after two clean runs, whatever
     was before them: the first of them may have been taken for late, the second opened a scan then and completed it.

@@ -1,4 +1,4 @@
-"""Scans told apart by a counter that all their frames carry."""
+"""Scans distinguished by a counter that all their frames carry."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ class Detections:
         sensor: index of the sensor.
         object_id: the sensor's own id of each object (n,): evidence, not identity.
         new: the sensor says that the id names another object than before (n,).
-        measurement: positions and speeds in the level frame.
+        measurement: positions and speeds in the local frame.
         x, y: positions in vehicle axes (n,), m.
     """
 

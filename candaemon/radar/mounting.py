@@ -1,4 +1,4 @@
-"""From sensor axes to the ground: the objects of a scan as detections in the level frame.
+"""From sensor axes to the ground: the objects of a scan as detections in the local frame.
 
 Plane vectors are complex numbers here, x + iy: a turn is a product, and (n,) of them are (n, 2) in memory.
 """
@@ -32,7 +32,7 @@ class SensorView:
     field: FieldOfView
 
     def sees(self, points: Floats) -> Booleans:
-        """Tell which points in vehicle axes (n, 2) it sees."""
+        """Return which points in vehicle axes (n, 2) it sees."""
         x, y = points[:, 0] - self.mount.x, points[:, 1] - self.mount.y
         azimuth = np.remainder(np.arctan2(y, x) - radians(self.mount.yaw_deg) + np.pi, 2 * np.pi) - np.pi
         distance = np.hypot(x, y)
@@ -104,16 +104,20 @@ class Mounting:
         if not self._velocity:
             return ()
         # A rate of position in turning axes lacks what the turning adds: ω × offset.
-        own = np.broadcast_to(velocity, offset.shape)
+        mount_velocity = np.broadcast_to(velocity, offset.shape)
         if self._turning:
-            own = own + pose.yaw_rate * np.stack([-offset[:, 1], offset[:, 0]], axis=1)
+            mount_velocity = mount_velocity + pose.yaw_rate * np.stack([-offset[:, 1], offset[:, 0]], axis=1)
         out = []
         for row, axis, variance in self._velocity:
             turned = yaw + (np.pi / 2 if axis else 0.0)
             unit = np.array([cos(turned), sin(turned)])
             direction = np.broadcast_to(unit, offset.shape)
             out.append(
-                Projection(direction, scan.values[row] + own @ unit, _same(len(offset), variance + pose.speed_variance))
+                Projection(
+                    direction,
+                    scan.values[row] + mount_velocity @ unit,
+                    _same(len(offset), variance + pose.speed_variance),
+                )
             )
         return tuple(out)
 

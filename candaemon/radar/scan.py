@@ -84,10 +84,10 @@ class ScanCounts(FrameFaults):
 
     @property
     def frames(self) -> int:
-        """Frames taken in; those of a scan still open are not among them yet."""
+        """Frames received; those of a scan still open are not among them yet."""
         return self.used + self.dropped
 
     @property
     def dropped(self) -> int:
-        """Frames taken in and not used."""
+        """Frames received and not used."""
         return self.failed + self.short + self.late + self.duplicate + self.surplus + self.discarded

@@ -155,7 +155,7 @@ class Recorder(Observer):
         """
         binding = fresh.binding
         self._pipeline = fresh
-        self._snapshots = Snapshots(fresh)
+        self._snapshots = Snapshots(binding)
         self._detector = EventDetector(binding)
         self._follows = ""
         channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]

@@ -123,7 +123,7 @@ def _memory() -> int | None:
 
 
 def _own_motion(pipeline: Pipeline, last: Cycle | None) -> EgoMotionStatus:
-    counts = {"short": pipeline.counts.own_motion_short} | asdict(pipeline.counts.own_motion)
+    counts = {"short": pipeline.counts.ego_motion_short} | asdict(pipeline.counts.ego_motion)
     return EgoMotionStatus("unknown" if last is None else EGO_STATUS_NAMES[last.pose.status], counts)
 
 
@@ -179,7 +179,7 @@ def _unusable(pipeline: Pipeline, bus: int) -> dict[str, int]:
                 found[cause] += getattr(assembler.counts, cause)
     if binding.ego is not None and binding.ego.bus == bus:
         for cause in EGO_UNUSABLE_CAUSES:
-            found[cause] += getattr(counts.own_motion, cause)
+            found[cause] += getattr(counts.ego_motion, cause)
     return found
 
 

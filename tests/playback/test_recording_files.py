@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from math import isnan
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import candaemon
 from candaemon.binding.bound import Binding
@@ -22,7 +19,6 @@ from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import Snapshots, fingerprint
 from candaemon.pipeline.saved_state.fingerprint import differences
-from candaemon.pipeline.saved_state.packing import packed, unpacked
 from candaemon.playback.recording_files import Run, runs, stem, utc
 from candaemon.playback.replay import ReplayRequest, replay
 from tests.support.bound import binding
@@ -42,7 +38,7 @@ def put(folder: Path, of: Binding, number: int, begins: str, follows: str = "", 
     folder.mkdir(exist_ok=True)
     log = folder / f"{stem(number * SECOND_NS, number)}.log"
     log.write_bytes(text)
-    state = Snapshots(Pipeline(of)).dump(Pipeline(of), begins=begins, follows=follows, time_ns=number * SECOND_NS)
+    state = Snapshots(of).dump(Pipeline(of), begins=begins, follows=follows, time_ns=number * SECOND_NS)
     log.with_suffix(".state").write_bytes(state)
     return log
 
@@ -167,25 +163,3 @@ class Sample(NamedTuple):
 
     time_ns: int
     value: float
-
-
-@given(
-    st.lists(st.integers() | st.floats(), max_size=100)
-    | st.lists(st.integers(-(2**63), 2**63 - 1), min_size=64, max_size=100)
-    | st.lists(st.floats(), min_size=64, max_size=100)
-    | st.lists(st.builds(Sample, st.integers(), st.floats()), min_size=64, max_size=80)
-    | st.lists(st.booleans() | st.none(), min_size=64, max_size=70)
-)
-@settings(max_examples=60, deadline=None)
-def test_what_is_packed_comes_back_as_it_was(items: list[object]) -> None:
-    def exact(item: object) -> tuple[type, str]:
-        return type(item), repr(item)
-
-    assert [exact(each) for each in unpacked(packed(items))] == [exact(each) for each in items]
-
-
-def test_a_long_history_is_packed() -> None:
-    history = [Sample(k, k / 3) for k in range(100)]
-    assert isinstance(packed(history), tuple)
-    assert unpacked(packed(history)) == history
-    assert isnan(unpacked(packed([float("nan")] * 64))[0])

@@ -124,7 +124,7 @@ def test_own_motion_s_frames_are_verified(tmp_path: Path, drive: Path) -> None:
     pipeline = Pipeline(bound)
     for _ in pipeline.run(frames):
         pass
-    assert pipeline.counts.own_motion == MotionFaults(checksum=len(speeds) // 100)
+    assert pipeline.counts.ego_motion == MotionFaults(checksum=len(speeds) // 100)
     assert pipeline.drops == len(speeds) // 100
 
 
@@ -135,7 +135,7 @@ def test_simulated_own_motion_is_protected_as_configured(tmp_path: Path) -> None
     assert sum(frame.can_id == 0xB4 for frame in frames) > 100
     pipeline = Pipeline(bound)
     list(pipeline.run(frames))
-    assert pipeline.counts.own_motion == MotionFaults()
+    assert pipeline.counts.ego_motion == MotionFaults()
 
 
 @pytest.mark.parametrize(

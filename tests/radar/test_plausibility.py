@@ -190,6 +190,6 @@ def test_a_real_drive_loses_nothing_to_every_check(drive: Path, tmp_path: Path) 
     cycles = sum(1 for _ in pipeline.run(frames))
     (assembler,) = pipeline.assemblers
     assert assembler.counts == ScanCounts(used=38_400, scans=1200)
-    assert pipeline.counts.own_motion == MotionFaults()
+    assert pipeline.counts.ego_motion == MotionFaults()
     assert cycles == 1200
     assert assembler.valid_share == 1.0

@@ -45,9 +45,9 @@ def digest(of: Fingerprint) -> str:
 def differences(recorded: Fingerprint, here: Fingerprint) -> str:
     """Say what differs, the first few; empty where nothing does."""
     keys = [key for key in {**recorded, **here} if recorded.get(key) != here.get(key)]
-    told = [f"{key} was {recorded.get(key, 'not set')}, is {here.get(key, 'not set')}" for key in islice(keys, _SHOWN)]
+    shown = [f"{key} was {recorded.get(key, 'not set')}, is {here.get(key, 'not set')}" for key in islice(keys, _SHOWN)]
     more = f", and {len(keys) - _SHOWN} more" if len(keys) > _SHOWN else ""
-    return "; ".join(told) + more
+    return "; ".join(shown) + more
 
 
 def _flat(value: Any, at: tuple[str, ...]) -> Iterator[tuple[str, str]]:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import Any
+from typing import Any, Final
 
 from candaemon._version import __version__
 from candaemon.errors import InputError
+from candaemon.pipeline.saved_state.codec import MOST_BYTES
 from candaemon.pipeline.saved_state.fingerprint import Fingerprint, differences
 
-_FORMAT = "candaemon state 1"
+_FORMAT: Final = "candaemon state 2"
+LONGEST_HEADER: Final = 1 << 20
+"""Bytes of the first line, its end included."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +23,7 @@ class StateHeader:
 
     Attributes:
         fingerprint: of the configuration.
-        structure: digest of the pipeline's structure.
+        structure: digest of what a state is made of.
         begins: why a recording's file begins with it: `start`, `rotation`, `gap` or `reload`; empty elsewhere.
         follows: name of the file at whose end it was; empty where there is none.
         time_ns: of the first item after it.
@@ -74,6 +77,8 @@ def split(data: bytes) -> tuple[StateHeader, bytes]:
     Raises:
         InputError: it is damaged, or none.
     """
+    if len(data) > MOST_BYTES:
+        raise InputError(f"the state has more than {MOST_BYTES} bytes, and no state has; use --fresh to do without")
     line, _, content = data.partition(b"\n")
     header, digest = _read(line)
     if sha256(content).hexdigest() != digest:
@@ -93,9 +98,9 @@ def header_of(data: bytes) -> StateHeader:
 def _read(line: bytes) -> tuple[StateHeader, str]:
     """Return the header in a line and the digest of what follows."""
     try:
-        found: Any = json.loads(line)
+        found: Any = json.loads(line) if len(line) < LONGEST_HEADER else None
         if found["format"] != _FORMAT:
-            raise InputError(f"found '{found['format']}', expected '{_FORMAT}'; use --fresh to do without")
+            raise InputError(f"found '{str(found['format'])[:40]}', expected '{_FORMAT}'; use --fresh to do without")
         header = StateHeader(
             {str(key): str(value) for key, value in found["configuration"].items()},
             str(found["structure"]),
@@ -105,5 +110,5 @@ def _read(line: bytes) -> tuple[StateHeader, str]:
             str(found["version"]),
         )
         return header, str(found["sha256"])
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise InputError("it is no stored state, or a damaged one; use --fresh to do without") from error

@@ -1,0 +1,59 @@
+"""All that a pipeline remembers between two frames: the states of its stages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from candaemon.ego.georeference import GeoreferencerState
+from candaemon.ego.ins import InsMotionState
+from candaemon.ego.odometry import OdometryState
+from candaemon.frames.times import NEVER_NS
+from candaemon.output.encoder import OutputEncoderState
+from candaemon.pipeline.cycle import PipelineCounts
+from candaemon.pipeline.ego_frames import EgoFramesState
+from candaemon.pipeline.health import HealthState
+from candaemon.radar.assembly import AssemblerState
+from candaemon.tracking.groups import TrackersState
+from candaemon.tracking.stationary import StationaryWatchState
+
+
+@dataclass(slots=True)
+class Schedule:
+    """When something happens without a frame.
+
+    Attributes:
+        coast_due_ns: from when on obstacles coast if no scan comes; `NEVER_NS` before the first frame.
+        deadline_ns: until when nothing can be due.
+    """
+
+    coast_due_ns: int = NEVER_NS
+    deadline_ns: int = 0
+
+
+@dataclass(slots=True)
+class PipelineState:
+    """What a pipeline remembers: data, nothing that the configuration decides.
+
+    Attributes:
+        counts: what it did.
+        assemblers: of each sensor's open scan.
+        ego: of ego motion; None where the vehicle stands for good.
+        georeferencer: of the local frame's place on earth; None where it is not asked for.
+        ego_frames: of each message of ego motion, by its CAN id.
+        trackers: of the obstacles.
+        stationary: of what stands still; None where ego motion has nothing to learn from it.
+        encoder: of the output; None where there is none.
+        health: of the sensors and of what was dropped.
+        schedule: of what happens without a frame.
+    """
+
+    counts: PipelineCounts
+    assemblers: list[AssemblerState]
+    ego: InsMotionState | OdometryState | None
+    georeferencer: GeoreferencerState | None
+    ego_frames: dict[int, EgoFramesState]
+    trackers: TrackersState
+    stationary: StationaryWatchState | None
+    encoder: OutputEncoderState | None
+    health: HealthState
+    schedule: Schedule
