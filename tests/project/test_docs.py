@@ -63,15 +63,23 @@ def shipped(name: str) -> str:
     return (ROOT / "config" / f"{name}.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
 
 
+@pytest.fixture(scope="session")
+def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of what the pages take as given."""
+    folder = tmp_path_factory.mktemp("given")
+    scenario, car = folder / "highway", folder / "my_car.yaml"  # a file goes before the scenario of that name
+    scenario.write_text(SHORT, encoding="utf-8")
+    car.write_text(shipped("demo"), encoding="utf-8")
+    for config, log in (("toyota_rav4", "drive.log.gz"), (str(car), "drive.log"), ("esr_ins", "highway.log")):
+        assert main(["simulate", str(scenario), config, "-o", str(folder / log)]) == 0
+    return folder
+
+
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Path:
-    """Return the working folder of a reader, with what the pages take as given."""
+def folder(given: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the working folder of a reader."""
+    shutil.copytree(given, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    Path("highway").write_text(SHORT, encoding="utf-8")  # a file goes before the scenario of that name
-    Path("my_car.yaml").write_text(shipped("demo"), encoding="utf-8")
-    for config, log in (("toyota_rav4", "drive.log.gz"), ("my_car.yaml", "drive.log"), ("esr_ins", "highway.log")):
-        assert main(["simulate", "highway", config, "-o", log]) == 0
-    capsys.readouterr()
     return tmp_path
 
 
