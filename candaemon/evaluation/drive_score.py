@@ -1,7 +1,7 @@
-"""How good a drive's tracks are without a truth: predictions, NIS, stationary objects, duplicates.
+"""Quality of a drive's tracks without ground truth: predictions, NIS, stationary objects, duplicates.
 
-Predictions are compared with what the radar itself measures later. All figures are fed cycle by cycle with arrays, keep
-bounded memory, and can be asked for their result at any time.
+Predictions are compared with what the radar itself measures later. All scores are updated cycle by cycle with arrays,
+use bounded memory, and give their result at any time.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import numpy as np
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.evaluation.chi_square import chi2_quantile
 from candaemon.evaluation.duplicates import DuplicateScore
-from candaemon.evaluation.object_runs import Ended, ObjectRuns, RunSums
+from candaemon.evaluation.object_runs import ObjectRuns, RunSums, RunTotals
 from candaemon.pipeline.cycle import Cycle
 from candaemon.tracking.obstacles import TENTATIVE
 
-_WAITED = 2.0  # s that predictions may wait for own motion
+_MOTION_DELAY = 2.0  # s that predictions may wait for ego motion
 
 
 class DriveScore:
-    """Figures of a drive without truth, cycle by cycle.
+    """Scores of a drive without ground truth, updated cycle by cycle.
 
     Args:
         cycle_times: nominal cycle time of each sensor, s.
@@ -36,14 +36,14 @@ class DriveScore:
         self._runs = ObjectRuns(cycle_times)
         self._owners: dict[int, dict[int, int]] = {}
         self._run_of: dict[tuple[int, int], Integers] = {}
-        self._keep = len(cycle_times) * (round((max(horizons) + _WAITED) / min(cycle_times)) + 64)
+        self._keep = len(cycle_times) * (round((max(horizons) + _MOTION_DELAY) / min(cycle_times)) + 64)
         self.predictions = PredictionScore(horizons, cycle_times)
         self.stationary = StationarySpeed()
         self.nis = NisScore()
         self.duplicates = DuplicateScore()
 
     def add(self, cycle: Cycle) -> None:
-        """Take one cycle."""
+        """Update all scores with one cycle."""
         obstacles = cycle.obstacles
         sure = obstacles.state > TENTATIVE
         if sure.any():
@@ -57,7 +57,7 @@ class DriveScore:
             return
         known = np.isfinite(update.nis)
         self.nis.add(update.nis[known], update.degrees_of_freedom[known])
-        new = detections.new | self._passed_on(cycle)
+        new = detections.new | self._id_reassigned(cycle)
         run = self._runs.update(detections.sensor, detections.time_ns, detections.object_id, new)
         self._run_of[detections.sensor, detections.time_ns] = run[update.detection]
         if len(self._run_of) > self._keep:
@@ -76,8 +76,8 @@ class DriveScore:
         vy[update.detection[sure]] = obstacles.vy[rows[sure]]
         self.stationary.add(detections.time_ns, run, closing, vx, vy)
 
-    def _passed_on(self, cycle: Cycle) -> Booleans:
-        """Tell which detections have an id that stood for another obstacle in the scan before."""
+    def _id_reassigned(self, cycle: Cycle) -> Booleans:
+        """Return which detections carry a sensor id that updated another obstacle in the previous scan."""
         detections, obstacles, update = cycle.detections, cycle.obstacles, cycle.tracker and cycle.tracker.update
         changed = np.zeros(0 if detections is None else len(detections), dtype=np.bool_)
         if detections is None or not update:
@@ -89,8 +89,8 @@ class DriveScore:
             changed[row] = before.get(key, owners[key]) != owners[key]
         return changed
 
-    def expect(self, sensor: int, time_ns: int, horizon: int, x: Floats, y: Floats) -> None:
-        """Take the predictions that one scan's used detections gave for one horizon, in vehicle axes when due."""
+    def add_predictions(self, sensor: int, time_ns: int, horizon: int, x: Floats, y: Floats) -> None:
+        """Add the predictions of one scan's used detections for one horizon, in the vehicle axes of the due time."""
         run = self._run_of.get((sensor, time_ns))
         if run is not None and len(run) == len(x):
             self.predictions.predict(sensor, time_ns, horizon, run, x, y)
@@ -98,7 +98,7 @@ class DriveScore:
 
 @dataclass(frozen=True, slots=True)
 class PredictionError:
-    """How far off the predictions of one horizon were.
+    """Error of the predictions of one horizon.
 
     Attributes:
         horizon: s.
@@ -114,19 +114,19 @@ class PredictionError:
 
 
 class _Stream:
-    """One sensor's recent scans and the predictions that wait for a later one."""
+    """One sensor's recent scans and its predictions that are not due yet."""
 
     def __init__(self, cycle_ns: int, horizons_ns: Sequence[int]) -> None:
         self.tolerance_ns = cycle_ns // 2
         self.times: list[int] = []
         self.scans: list[tuple[Integers, Floats, Floats]] = []
-        # one scan's predictions a cycle; room for twice as many before the oldest is given up
+        # one scan's predictions a cycle; room for twice as many before the oldest is dropped
         self.waiting: tuple[deque[tuple[int, Integers, Floats, Floats]], ...] = tuple(
             deque(maxlen=2 * ceil(ahead / cycle_ns) + 16) for ahead in horizons_ns
         )
 
     def nearest(self, time_ns: int) -> tuple[Integers, Floats, Floats] | None:
-        """Return the scan nearest to an instant, if it is within half a cycle."""
+        """Return the scan nearest to a time, if it is within half a cycle."""
         after = bisect_left(self.times, time_ns)
         best = min(
             (k for k in (after - 1, after) if 0 <= k < len(self.times)), key=lambda k: abs(self.times[k] - time_ns)
@@ -135,11 +135,11 @@ class _Stream:
 
 
 class PredictionScore:
-    """Compares predicted places of a sensor's object with where the sensor itself sees that object later.
+    """Compares predicted positions of a sensor's object with the positions that the sensor measures later.
 
-    The scan nearest to the due time within half a cycle is taken. An object is identified by its run (`ObjectRuns`): a
-    prediction is void where its run ended in between, and only runs of `minimum_run` and more count, wherever in the
-    run the prediction was made.
+    The scan nearest to the due time, within half a cycle, is used. An object is identified by its run (`ObjectRuns`): a
+    prediction whose run ended before the due time is discarded, and only runs of at least `minimum_run` count; where in
+    the run the prediction was made does not matter.
 
     Args:
         horizons: s ahead, each a row of the result.
@@ -150,7 +150,7 @@ class PredictionScore:
     def __init__(self, horizons: Sequence[float], cycles: Sequence[float], *, minimum_run: float = 3.0) -> None:
         self._horizons = tuple(horizons)
         self._horizons_ns = tuple(round(horizon * 1e9) for horizon in horizons)
-        # a prediction may be told up to a second after it was due
+        # a prediction may arrive up to a second after it was due
         self._keep_ns = max(self._horizons_ns, default=0) + 1_000_000_000
         self._minimum_ns = round(minimum_run * 1e9)
         self._streams = tuple(_Stream(round(cycle * 1e9), self._horizons_ns) for cycle in cycles)
@@ -158,13 +158,13 @@ class PredictionScore:
         self._totals = np.zeros(3 * len(self._horizons))
 
     def measure(self, sensor: int, time_ns: int, run: Integers, x: Floats, y: Floats) -> None:
-        """Take in one scan.
+        """Process one scan.
 
         Args:
             sensor: index.
-            time_ns: its measurement time; a step back forgets the sensor's scans and open predictions.
-            run: run of each object, shape (n,), each once.
-            x: m forward in the vehicle axes of that instant, shape (n,).
+            time_ns: its measurement time; a step back discards the sensor's scans and open predictions.
+            run: run of each object, shape (n,), without repetition.
+            x: m forward in the vehicle axes of that time, shape (n,).
             y: m to the left, shape (n,).
         """
         stream = self._streams[sensor]
@@ -185,14 +185,14 @@ class PredictionScore:
             self._settle(stream, horizon)
 
     def predict(self, sensor: int, time_ns: int, horizon: int, run: Integers, x: Floats, y: Floats) -> None:
-        """Take in predictions, in the order of their times; they may come after the scan that they are compared with.
+        """Add predictions, in the order of their times; they may arrive after the scan that they are compared with.
 
         Args:
             sensor: index.
-            time_ns: the instant they were made at; due one horizon later.
+            time_ns: the time they were made at; due one horizon later.
             horizon: index into `horizons`.
-            run: run of the predicted object at `time_ns`, shape (n,), each once.
-            x: m forward in the vehicle axes of the due instant, shape (n,).
+            run: run of the predicted object at `time_ns`, shape (n,), without repetition.
+            x: m forward in the vehicle axes of the due time, shape (n,).
             y: m to the left, shape (n,).
         """
         stream = self._streams[sensor]
@@ -200,20 +200,20 @@ class PredictionScore:
         self._settle(stream, horizon)
 
     def result(self) -> tuple[PredictionError, ...]:
-        """Return the errors so far, a row a horizon, with those of the open runs that are long enough by now."""
+        """Return the errors so far, one row per horizon; open runs count once they are long enough."""
         count, x, y = (self._totals + self._total(self._runs.open())).reshape(-1, 3).T
         return tuple(
             PredictionError(horizon, sqrt(sx / n) if n else nan, sqrt(sy / n) if n else nan, int(n))
             for horizon, n, sx, sy in zip(self._horizons, count.tolist(), x.tolist(), y.tolist(), strict=True)
         )
 
-    def _total(self, ended: Ended) -> Floats:
+    def _total(self, ended: RunTotals) -> Floats:
         """Return the sums of the runs that are long enough."""
         total: Floats = ended.sums[ended.last_ns - ended.first_ns >= self._minimum_ns].sum(axis=0)
         return total
 
     def _settle(self, stream: _Stream, horizon: int) -> None:
-        """Compare the predictions whose due time lies within the scans seen."""
+        """Compare the predictions whose due time the scans have reached."""
         queue, times = stream.waiting[horizon], stream.times
         while queue and times and queue[0][0] <= times[-1]:
             due_ns, run, x, y = queue.popleft()
@@ -230,7 +230,7 @@ class PredictionScore:
 
 @dataclass(frozen=True, slots=True)
 class StationaryError:
-    """Speed over ground of what stands still.
+    """Estimated speed over ground of stationary objects.
 
     Attributes:
         runs: stationary runs.
@@ -248,12 +248,12 @@ class StationaryError:
 class StationarySpeed:
     """RMS speed over ground of obstacles whose sensor object stands still.
 
-    A run is stationary if the median of |range rate + own speed along the line of sight| is below `threshold`, that is,
+    A run is stationary if the median of |range rate + ego speed along the line of sight| is below `threshold`, that is,
     if more than half of its samples are.
 
     Args:
         threshold: m/s.
-        minimum_samples: shorter runs are too short to tell, and left out.
+        minimum_samples: runs with fewer samples are left out.
     """
 
     def __init__(self, *, threshold: float = 1.0, minimum_samples: int = 20) -> None:
@@ -263,30 +263,30 @@ class StationarySpeed:
         self._totals = np.zeros(4)
 
     def add(self, time_ns: int, run: Integers, closing: Floats, vx: Floats, vy: Floats) -> None:
-        """Take in one scan, each array of shape (n,).
+        """Process one scan, each array of shape (n,).
 
         Args:
             time_ns: its measurement time.
-            run: run of each object, each once.
-            closing: range rate + own speed along the line of sight, m/s: the object's own, along that line.
+            run: run of each object, without repetition.
+            closing: range rate + ego speed along the line of sight, m/s: the object's own speed along that line.
             vx: velocity over ground of the object's obstacle along x, m/s; NaN where it has no confirmed one.
             vy: the same along y.
         """
         self._totals += self._total(self._runs.touch(time_ns, run))
-        told = np.isfinite(vx) & np.isfinite(vy)
-        along = np.where(told, vx, 0.0) ** 2
-        across = np.where(told, vy, 0.0) ** 2
+        confirmed = np.isfinite(vx) & np.isfinite(vy)
+        along = np.where(confirmed, vx, 0.0) ** 2
+        across = np.where(confirmed, vy, 0.0) ** 2
         slow = np.abs(closing) < self._threshold
-        self._runs.add(run, 0, np.stack((np.isfinite(closing), slow, told, along, along + across), axis=1))
+        self._runs.add(run, 0, np.stack((np.isfinite(closing), slow, confirmed, along, along + across), axis=1))
 
     def result(self) -> StationaryError:
-        """Return the figures so far, the open runs among them."""
+        """Return the figures so far, open runs included."""
         runs, samples, along, plane = (self._totals + self._total(self._runs.open())).tolist()
         if not samples:
             return StationaryError(int(runs), 0, nan, nan)
         return StationaryError(int(runs), int(samples), sqrt(along / samples), sqrt(plane / samples))
 
-    def _total(self, ended: Ended) -> Floats:
+    def _total(self, ended: RunTotals) -> Floats:
         """Return runs, samples and sums of squares of the stationary runs among these."""
         count, slow = ended.sums[:, 0], ended.sums[:, 1]
         still = ended.sums[(count >= self._minimum) & (2 * slow > count)]
@@ -294,7 +294,7 @@ class StationarySpeed:
 
 
 class NisScore:
-    """Normalised innovation squared: its mean against its expectation, and how often it is within the 95 % quantile."""
+    """Normalised innovation squared: its mean against its expectation, and the share within the 95 % quantile."""
 
     def __init__(self) -> None:
         self._samples = 0
@@ -303,7 +303,7 @@ class NisScore:
         self._inside = 0
 
     def add(self, nis: Floats, dof: Integers) -> None:
-        """Take in innovations, shape (n,): each one's square, normalised, and its degrees of freedom (1 or more)."""
+        """Add n innovations by their normalised innovation squared and degrees of freedom (≥ 1), shape (n,)."""
         if not len(nis):
             return
         limits = np.array([0.0, *(chi2_quantile(0.95, k) for k in range(1, int(dof.max()) + 1))])
@@ -314,7 +314,7 @@ class NisScore:
 
     @property
     def samples(self) -> int:
-        """Innovations taken in."""
+        """Number of innovations so far."""
         return self._samples
 
     @property
@@ -324,7 +324,7 @@ class NisScore:
 
     @property
     def expected(self) -> float:
-        """Mean number of degrees of freedom: what the mean NIS of a consistent filter tends to."""
+        """Mean number of degrees of freedom: the expected mean NIS of a consistent filter."""
         return self._dof / self._samples if self._samples else nan
 
     @property

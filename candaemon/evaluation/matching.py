@@ -1,4 +1,4 @@
-"""Which track is which true object: truth at the tracks' instants, assignment over time, and GOSPA.
+"""Matching of tracks with true objects: truth at the tracks' times, assignment over time, and GOSPA.
 
 Sources: K. Bernardin, R. Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT metrics",
 2008, section 2.1 (a pair is kept while it is valid); A. S. Rahmathullah, Á. F. García-Fernández, L. Svensson,
@@ -23,15 +23,15 @@ _SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
 
 
 def covered(truth_ns: Integers, times_ns: Integers, max_gap_ns: int) -> Booleans:
-    """Tell which instants have truth around them.
+    """Return which times are covered by truth.
 
     Args:
-        truth_ns: the instants of truth, sorted, unique.
-        times_ns: the instants asked for, shape (n,).
-        max_gap_ns: longest step between two instants of truth that may be bridged.
+        truth_ns: the times of truth, sorted, unique.
+        times_ns: the times asked for, shape (n,).
+        max_gap_ns: longest step between two times of truth that is bridged.
 
     Returns:
-        Shape (n,): true on an instant of truth and between two that are at most `max_gap_ns` apart.
+        Shape (n,): true at a time of truth and between two that are at most `max_gap_ns` apart.
     """
     if not len(truth_ns):
         return np.zeros(len(times_ns), dtype=bool)
@@ -44,19 +44,19 @@ def covered(truth_ns: Integers, times_ns: Integers, max_gap_ns: int) -> Booleans
 
 
 def resample(truth: TrackTable, times_ns: Integers, max_gap_ns: int) -> TrackTable:
-    """Return truth at other instants, each object on its own.
+    """Return truth interpolated at other times, each object on its own.
 
-    Positions follow the cubic Hermite curve through two neighbouring rows, whose slopes are the object's velocity over
-    ground less what the chord does not show of it: that is the vehicle's own motion, unknown here and taken as constant
-    over the step. All other numbers are linear. Nothing is extrapolated.
+    Positions follow the cubic Hermite curve through two neighbouring rows. Its slopes are the object's velocity over
+    ground, shifted so that their mean is the slope of the chord: the shift is the ego motion, unknown here and assumed
+    constant over the step. All other numbers are interpolated linearly. Nothing is extrapolated.
 
     Args:
         truth: rows of truth.
-        times_ns: the instants, sorted, unique.
+        times_ns: the times, sorted, unique.
         max_gap_ns: longest step between two rows of an object that is bridged.
 
     Returns:
-        Rows at those of the instants that truth covers; `hidden` where either neighbour is; `objects` left empty.
+        Rows at those of the times that truth covers; `hidden` where either neighbour is; `objects` left empty.
     """
     truth = truth.take(np.lexsort((truth.time_ns, truth.id)))
     step = np.diff(truth.time_ns)
@@ -76,7 +76,7 @@ def resample(truth: TrackTable, times_ns: Integers, max_gap_ns: int) -> TrackTab
 
 
 def _between(truth: TrackTable, left: Integers, right: Integers, now: Integers) -> TrackTable:
-    """Return the rows that lie between two neighbouring rows each, at given instants."""
+    """Return rows interpolated between the rows `left` and `right`, at the times `now`."""
     begin, end = truth.take(left), truth.take(right)
     step = (end.time_ns - begin.time_ns) / 1e9
     share = (now - begin.time_ns) / 1e9 / np.where(step > 0, step, 1.0)
@@ -93,10 +93,10 @@ def _between(truth: TrackTable, left: Integers, right: Integers, now: Integers) 
 
 @dataclass(frozen=True, slots=True)
 class MatchedCycle:
-    """What is told and what is true at one instant.
+    """Reported tracks and true objects at one time.
 
     Attributes:
-        time_ns: the instant.
+        time_ns: the time.
         tracks: rows of confirmed and coasting tracks in the tracks' table, shape (n,).
         actors: rows of actors, hidden ones too, in the truth's table, shape (m,).
         distance: m between actor and track in the plane, shape (m, n).
@@ -113,7 +113,7 @@ class MatchedCycle:
 
 
 def cycles(tracks: TrackTable, truth: TrackTable, times_ns: Integers) -> Iterator[MatchedCycle]:
-    """Yield each instant's confirmed tracks and truth; both tables are ordered by time, truth is at these instants."""
+    """Yield confirmed tracks and truth of each time; both tables are ordered by time, truth is at these times."""
     edges = (np.searchsorted(of, times_ns, side=side) for of in (tracks.time_ns, truth.time_ns) for side in _SIDES)
     for time_ns, a, b, c, d in zip(times_ns.tolist(), *edges, strict=True):
         mine = a + np.flatnonzero(tracks.state[a:b] != TENTATIVE)
@@ -137,14 +137,14 @@ def cycles(tracks: TrackTable, truth: TrackTable, times_ns: Integers) -> Iterato
 def assign(
     distance: Floats, actor: Integers, track: Integers, previous: Mapping[int, int], gate: float
 ) -> tuple[Integers, Integers]:
-    """Pair actors and tracks one to one: pairs of the cycle before first, then as many as can be, nearest in sum.
+    """Pair actors and tracks one to one: keep the previous cycle's pairs, then add as many as possible at least cost.
 
     Args:
         distance: m, shape (m, n).
         actor: ids, shape (m,).
         track: ids, shape (n,).
         previous: the track's id of each actor that was paired in the cycle before.
-        gate: m; a pair farther apart is none.
+        gate: m; greatest distance of a pair.
 
     Returns:
         Rows and columns of `distance` that are paired, each of shape (k,).
@@ -163,19 +163,19 @@ def assign(
     if not len(free_rows) or not len(free_columns):
         return rows, columns
     part = np.ix_(free_rows, free_columns)
-    # dearer than all near pairs together: no near pair is given up for a shorter sum
+    # costs more than all near pairs together, so that no near pair is dropped for a smaller sum
     barred = gate * (min(len(free_rows), len(free_columns)) + 1)
-    chosen, taken = linear_sum_assignment(np.where(near[part], distance[part], barred))
-    valid = near[part][chosen, taken]
+    chosen, assigned = linear_sum_assignment(np.where(near[part], distance[part], barred))
+    valid = near[part][chosen, assigned]
     return (
         np.concatenate((rows, free_rows[chosen[valid]])),
-        np.concatenate((columns, free_columns[taken[valid]])),
+        np.concatenate((columns, free_columns[assigned[valid]])),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Gospa:
-    """GOSPA of one instant, α = 2.
+    """GOSPA at one time, α = 2.
 
     Attributes:
         localisation: sum of the paired distances to the power p, m^p.
@@ -209,7 +209,7 @@ def gospa(distance: Floats, *, cutoff: float = 4.0, order: float = 2.0) -> Gospa
 
     Args:
         distance: m, shape (m, n).
-        cutoff: c, m: pairs this far apart or farther are a missed and a false object.
+        cutoff: c, m: pairs at least this far apart count as one missed and one false object.
         order: p ≥ 1.
     """
     cost = np.minimum(distance, cutoff) ** order

@@ -1,8 +1,8 @@
 """Tracks against truth: errors, consistency, GOSPA, identity, delay, false tracks, duplicates.
 
-Everything is compared in vehicle axes, at the instants of the tracks; an instant of truth that is farther than three
-quarters of a step from all of them counts as a cycle without tracks. Only confirmed and coasting tracks count. A track
-and an actor are a pair as `candaemon.evaluation.matching.assign` says, at most `gate` apart.
+Everything is compared in vehicle axes, at the times of the tracks; a time of truth that is farther than three quarters
+of a step from all of them counts as a cycle without tracks. Only confirmed and coasting tracks count. Tracks
+and actors are paired by `candaemon.evaluation.matching.assign`, at most `gate` apart.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def evaluate(tracks_path: Path | str, truth_path: Path | str, options: Options =
     Args:
         tracks_path: as `--tracks` writes it.
         truth_path: as `--truth` writes it.
-        options: how.
+        options: gate, settling time, interpolation and GOSPA parameters.
 
     Raises:
         InputError: a table cannot be used, or the two have no time in common.
@@ -61,13 +61,13 @@ def compare(tracks: TrackTable, truth: TrackTable, options: Options = _DEFAULTS)
 
     Args:
         tracks: rows of tracks.
-        truth: rows of truth; no rows mean that there was nothing.
-        options: how.
+        truth: rows of truth; a table without rows means an empty road.
+        options: gate, settling time, interpolation and GOSPA parameters.
 
     Raises:
-        InputError: no instant of the tracks lies within the truth.
+        InputError: no time of the tracks lies within the truth.
     """
-    times_ns, skipped = _instants(tracks, truth, round(options.max_gap * 1e9))
+    times_ns, skipped = _comparison_times(tracks, truth, round(options.max_gap * 1e9))
     at_tracks = resample(truth, times_ns, round(options.max_gap * 1e9))
     tally = _Accumulator(tracks, at_tracks, options)
     for cycle in cycles(tracks, at_tracks, times_ns):
@@ -75,36 +75,38 @@ def compare(tracks: TrackTable, truth: TrackTable, options: Options = _DEFAULTS)
     return tally.evaluation(truth, len(times_ns), skipped)
 
 
-def _instants(tracks: TrackTable, truth: TrackTable, max_gap_ns: int) -> tuple[Integers, int]:
-    """Return the instants to compare at, and how many of the tracks' have no truth."""
-    told = np.unique(tracks.time_ns)
+def _comparison_times(tracks: TrackTable, truth: TrackTable, max_gap_ns: int) -> tuple[Integers, int]:
+    """Return the times to compare at, and how many times of the tracks have no truth."""
+    reported = np.unique(tracks.time_ns)
     if not len(truth):
-        return told, 0
+        return reported, 0
     true = np.unique(truth.time_ns)
-    inside = covered(true, told, max_gap_ns)
-    if len(told) and not inside.any():
+    inside = covered(true, reported, max_gap_ns)
+    if len(reported) and not inside.any():
         raise InputError(
             f"no truth within {max_gap_ns / 1e9:g} s around any of the tracks' times; "
             "expected the clock of the tracks and a finer step"
         )
-    if not len(told):
+    if not len(reported):
         return true, 0
-    # of the coarser table: truth may be told for each sensor's scan, tracks once for all sensors
-    far = 0.75 * max(_step(told), _step(true))
-    after = np.searchsorted(told, true)
-    last = len(told) - 1
-    away = np.minimum(np.abs(told[np.minimum(after, last)] - true), np.abs(told[np.maximum(after - 1, 0)] - true))
-    return np.union1d(told[inside], true[away > far]), int((~inside).sum())
+    # the step of the coarser table: truth may have times for each sensor's scan, tracks only one for all sensors
+    far = 0.75 * max(_step(reported), _step(true))
+    after = np.searchsorted(reported, true)
+    last = len(reported) - 1
+    away = np.minimum(
+        np.abs(reported[np.minimum(after, last)] - true), np.abs(reported[np.maximum(after - 1, 0)] - true)
+    )
+    return np.union1d(reported[inside], true[away > far]), int((~inside).sum())
 
 
 def _step(times_ns: Integers) -> float:
-    """Return the median step between instants, ns; 0 for a single one."""
+    """Return the median step between times, ns; 0 for a single one."""
     return float(np.median(np.diff(times_ns))) if len(times_ns) > 1 else 0.0
 
 
 @dataclass(slots=True)
 class _ActorHistory:
-    """What is counted of one actor while the cycles go by."""
+    """Counts of one actor over the cycles."""
 
     visible: int = 0
     tracked: int = 0
@@ -134,7 +136,7 @@ class _ActorHistory:
 
 @dataclass(slots=True)
 class _Accumulator:
-    """Goes through the cycles in order and collects what they tell."""
+    """Accumulates the metrics over the cycles, in order of time."""
 
     tracks: TrackTable
     truth: TrackTable
@@ -148,7 +150,7 @@ class _Accumulator:
     alike: list[Integers] = field(default_factory=list)
 
     def add(self, cycle: MatchedCycle) -> None:
-        """Take in one cycle; they come in order of time."""
+        """Process one cycle; cycles come in order of time."""
         tracks, gate = self.tracks, self.options.gate
         actor, track = self.truth.id[cycle.actors], tracks.id[cycle.tracks]
         rows, columns = assign(cycle.distance, actor, track, self.previous, gate)
@@ -168,7 +170,7 @@ class _Accumulator:
         self.alike.append(mine[duplicated(tracks.x[mine], tracks.y[mine], tracks.vx[mine])])
 
     def _gospa(self, cycle: MatchedCycle) -> Gospa:
-        """Return GOSPA over the visible actors, without the unpaired tracks that something else explains."""
+        """Return GOSPA over the visible actors, less the unpaired tracks near hidden or stationary objects."""
         options = self.options
         score = gospa(cycle.distance[cycle.visible], cutoff=options.gospa_cutoff, order=options.gospa_order)
         hidden = cycle.distance[~cycle.visible].min(axis=0, initial=np.inf)
@@ -177,12 +179,15 @@ class _Accumulator:
         return replace(score, false=len(false), unpaired=false)
 
     def evaluation(self, truth: TrackTable, count: int, skipped: int) -> Evaluation:
-        """Return the figures; `truth` is as it was read."""
-        told, true = _joined([rows for rows, _ in self.pairs]), _joined([rows for _, rows in self.pairs])
-        settled = self._settled(told)
-        told, true = told[settled], true[settled]
-        error = np.stack([getattr(self.tracks, name)[told] - getattr(self.truth, name)[true] for name in _COMPARED])
-        sigma = np.stack([getattr(self.tracks, name)[told] for name in _SIGMAS])
+        """Return the metrics; `truth` is the table before resampling."""
+        reported, true = (
+            _concatenated([rows for rows, _ in self.pairs]),
+            _concatenated([rows for _, rows in self.pairs]),
+        )
+        settled = self._settled(reported)
+        reported, true = reported[settled], true[settled]
+        error = np.stack([getattr(self.tracks, name)[reported] - getattr(self.truth, name)[true] for name in _COMPARED])
+        sigma = np.stack([getattr(self.tracks, name)[reported] for name in _SIGMAS])
         actor = self.truth.id[true]
         actors = tuple(
             self._actor(identity, life, _first_visible(truth, identity), _errors(error[:, actor == identity]))
@@ -190,7 +195,7 @@ class _Accumulator:
             if life.visible
         )
         delays = [one.time_to_confirm for one in actors if one.time_to_confirm is not None]
-        confirmed, false, alike = (_joined(rows) for rows in (self.confirmed, self.false, self.alike))
+        confirmed, false, alike = (_concatenated(rows) for rows in (self.confirmed, self.false, self.alike))
         ids = self.tracks.id
         return Evaluation(
             options=self.options,
@@ -214,17 +219,17 @@ class _Accumulator:
         )
 
     def _settled(self, rows: Integers) -> Booleans:
-        """Tell which rows of tracks lie long enough after their track's confirmation."""
-        told = self.tracks.take(self.tracks.state != TENTATIVE)
+        """Return which rows of tracks lie at least `settle` after their track's confirmation."""
+        reported = self.tracks.take(self.tracks.state != TENTATIVE)
         # rows are ordered by time: the first of an id is its confirmation
-        identity, first = np.unique(told.id, return_index=True)
-        since = told.time_ns[first][np.searchsorted(identity, self.tracks.id[rows])]
+        identity, first = np.unique(reported.id, return_index=True)
+        since = reported.time_ns[first][np.searchsorted(identity, self.tracks.id[rows])]
         settled: Booleans = self.tracks.time_ns[rows] - since >= round(self.options.settle * 1e9)
         return settled
 
     @staticmethod
     def _actor(identity: int, life: _ActorHistory, first_ns: int, errors: Errors) -> ActorResult:
-        """Return what became of one visible actor."""
+        """Return the result of one visible actor."""
         return ActorResult(
             id=identity,
             visible=life.visible,
@@ -236,7 +241,7 @@ class _Accumulator:
         )
 
 
-def _joined(rows: list[Integers]) -> Integers:
+def _concatenated(rows: list[Integers]) -> Integers:
     """Return the rows of all cycles as one array."""
     return np.concatenate([np.empty(0, np.int64), *rows])
 
@@ -247,12 +252,12 @@ def _share(part: Integers, whole: Integers) -> float:
 
 
 def _first_visible(truth: TrackTable, identity: int) -> int:
-    """Return an actor's first visible instant, ns."""
+    """Return the time at which an actor is first visible, ns."""
     return int(truth.time_ns[(truth.id == identity) & (truth.state == ACTOR)].min())
 
 
 def _errors(error: Floats) -> Errors:
-    """Return the RMSE of errors in x, y, vx, vy, ax, ay, shape (6, n); a pair without a number is left out of it."""
+    """Return the RMSE of errors in x, y, vx, vy, ax, ay, shape (6, n); pairs with NaN are left out."""
     pairs = (error**2).reshape(3, 2, -1)
     return Errors(
         error.shape[1],
@@ -261,7 +266,7 @@ def _errors(error: Floats) -> Errors:
 
 
 def _root_mean(squares: Floats) -> float:
-    """Return the root of the mean of the numbers among them, NaN if there is none."""
+    """Return the root mean of the squares that are not NaN; NaN if there is none."""
     known = squares[~np.isnan(squares)]
     return math.sqrt(float(known.mean())) if len(known) else math.nan
 

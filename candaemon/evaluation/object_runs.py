@@ -1,4 +1,4 @@
-"""Runs: a sensor's object for as long as the sensor itself calls it the same, without a gap."""
+"""Runs: uninterrupted stretches over which a sensor reports one object under the same number."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _GAP_CYCLES = 1.5
 
 
 class ObjectRuns:
-    """Numbers the runs of all sensors' objects.
+    """Assigns a number to each run of every sensor's objects.
 
-    A run goes on while the object's number is in each scan, no scan is missing (1.5 cycles between two scans and more),
-    and the sensor does not flag it as new. Run numbers grow and are never reused.
+    A run continues while the object's number is in each scan, no scan is missing (two scans are less than 1.5 cycles
+    apart), and the sensor does not flag the object as new. Run numbers increase and are never reused.
 
     Args:
         cycles: nominal cycle time of each sensor, s, by its index.
@@ -29,12 +29,12 @@ class ObjectRuns:
         self._next = 0
 
     def update(self, sensor: int, time_ns: int, objects: Integers, new: Booleans) -> Integers:
-        """Take in one scan.
+        """Process one scan.
 
         Args:
             sensor: index.
             time_ns: measurement time.
-            objects: the sensor's number of each valid object, shape (n,), each once.
+            objects: the sensor's number of each valid object, shape (n,), without repetition.
             new: flagged as new by the sensor, shape (n,).
 
         Returns:
@@ -58,8 +58,8 @@ class ObjectRuns:
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
-    """Sums of k runs.
+class RunTotals:
+    """Accumulated values of k runs.
 
     Attributes:
         first_ns: first sample of each, shape (k,).
@@ -73,10 +73,10 @@ class Ended:
 
 
 class RunSums:
-    """Sums a run, until it has not been seen for a while.
+    """Accumulates values for each run, until the run has had no sample for `keep_ns`.
 
     Args:
-        width: how many sums a run has.
+        width: number of accumulated columns of a run.
         keep_ns: how long after its last sample a run is kept.
     """
 
@@ -88,8 +88,8 @@ class RunSums:
         self._sums = np.zeros((0, width))
         self._swept_ns: int | None = None
 
-    def touch(self, time_ns: int, run: Integers) -> Ended:
-        """Note that these runs (each once) have a sample at an instant; return those that ended and are forgotten."""
+    def touch(self, time_ns: int, run: Integers) -> RunTotals:
+        """Record a sample of these runs (no repetition) at a time; remove and return the runs that have ended."""
         rows, known = self._find(run)
         if not known.all():
             self._insert(time_ns, run[~known])
@@ -98,23 +98,23 @@ class RunSums:
         return self._sweep(time_ns)
 
     def add(self, run: Integers, column: int, values: Floats) -> None:
-        """Add values, shape (n, k), to the columns from `column` on of runs (each once); forgotten runs take none."""
+        """Add values, shape (n, k), from `column` on to each run (no repetition); removed runs are skipped."""
         rows, known = self._find(run)
         self._sums[rows[known], column : column + values.shape[1]] += values[known]
 
-    def open(self) -> Ended:
-        """Return all runs that are not forgotten yet."""
-        return Ended(self._first, self._last, self._sums)
+    def open(self) -> RunTotals:
+        """Return all runs that have not been removed yet."""
+        return RunTotals(self._first, self._last, self._sums)
 
     def _find(self, run: Integers) -> tuple[Integers, Booleans]:
-        """Return where runs are kept, and whether they are."""
+        """Return each run's row, and whether the run is stored."""
         if not len(self._run):
             return np.zeros(len(run), dtype=np.int64), np.zeros(len(run), dtype=bool)
         rows = np.minimum(np.searchsorted(self._run, run), len(self._run) - 1)
         return rows, self._run[rows] == run
 
     def _insert(self, time_ns: int, run: Integers) -> None:
-        """Keep further runs, sorted by number."""
+        """Store further runs, sorted by number."""
         run = np.sort(run)
         at = np.searchsorted(self._run, run)
         self._run = np.insert(self._run, at, run)
@@ -122,15 +122,15 @@ class RunSums:
         self._last = np.insert(self._last, at, time_ns)
         self._sums = np.insert(self._sums, at, 0.0, axis=0)
 
-    def _sweep(self, time_ns: int) -> Ended:
-        """Forget the runs that are over; once in a keeping time is often enough to stay small."""
+    def _sweep(self, time_ns: int) -> RunTotals:
+        """Remove the ended runs; done once every `keep_ns`, which is enough to bound the memory."""
         if self._swept_ns is None or time_ns < self._swept_ns:
             self._swept_ns = time_ns
         if time_ns - self._swept_ns < self._keep_ns:
-            return Ended(self._first[:0], self._last[:0], self._sums[:0])
+            return RunTotals(self._first[:0], self._last[:0], self._sums[:0])
         self._swept_ns = time_ns
         over = self._last < time_ns - self._keep_ns
-        ended = Ended(self._first[over], self._last[over], self._sums[over])
+        ended = RunTotals(self._first[over], self._last[over], self._sums[over])
         live = ~over
         self._run, self._first, self._last = self._run[live], self._first[live], self._last[live]
         self._sums = self._sums[live]

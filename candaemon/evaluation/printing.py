@@ -1,4 +1,4 @@
-"""An evaluation for people: tables on a terminal, plain aligned lines in a pipe."""
+"""Prints an evaluation: tables on a terminal, plain aligned lines in a pipe."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Section:
     """One table of a report.
 
     Attributes:
-        title: what it is about.
+        title: heading.
         header: the columns' names.
         rows: cells as text; the first is the row's name.
     """
@@ -114,7 +114,7 @@ def _actor(actor: ActorResult) -> tuple[str, ...]:
 
 
 def _number(value: float) -> str:
-    """Return three decimals, or a dash for what has no samples."""
+    """Return three decimals, or a dash where there are no samples."""
     return "-" if math.isnan(value) else f"{value:.3f}"
 
 
@@ -124,7 +124,7 @@ def _numbers(*values: float) -> tuple[str, ...]:
 
 
 def _percent(value: float) -> str:
-    """Return a share in percent, or a dash for what has no samples."""
+    """Return a share in percent, or a dash where there are no samples."""
     return "-" if math.isnan(value) else f"{100 * value:.1f} %"
 
 

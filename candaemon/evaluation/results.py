@@ -1,4 +1,4 @@
-"""What an evaluation tells. The fields' names are the keys of `evaluate --json`, nested alike: they are stable.
+"""Results of an evaluation. Field names and nesting are those of `evaluate --json`: they are stable.
 
 A figure without samples is NaN here and null in JSON.
 """
@@ -13,11 +13,11 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How an evaluation is made.
+    """Parameters of an evaluation.
 
     Attributes:
-        gate: m; an actor and a track farther apart are no pair, and a track farther from all that is true is false.
-        settle: s after a track's confirmation that errors and NEES leave out.
+        gate: m; greatest distance of a pair; a track farther than this from every true object is false.
+        settle: s after a track's confirmation that errors and NEES exclude.
         max_gap: s; longest step of truth that is bridged by interpolation.
         gospa_cutoff: c of GOSPA, m.
         gospa_order: p of GOSPA.
@@ -36,13 +36,13 @@ class Errors:
 
     Attributes:
         samples: pairs.
-        position: in the plane, m; `x` and `y` each.
+        position: in the plane, m; its components are `x` and `y`.
         x: forward, m.
         y: to the left, m.
-        velocity: over ground in the plane, m/s; `vx` and `vy` each.
+        velocity: over ground in the plane, m/s; its components are `vx` and `vy`.
         vx: forward, m/s.
         vy: to the left, m/s.
-        acceleration: over ground in the plane, m/s²; `ax` and `ay` each.
+        acceleration: over ground in the plane, m/s²; its components are `ax` and `ay`.
         ax: forward, m/s².
         ay: to the left, m/s².
     """
@@ -61,15 +61,15 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Consistency:
-    """NEES of x, y, vx, vy from `sx`, `sy`, `svx`, `svy`: of the covariance's diagonal only, the table has no more.
+    """NEES of x, y, vx, vy from `sx`, `sy`, `svx`, `svy`: the table holds only the covariance's diagonal.
 
     Attributes:
         samples: pairs with all four standard deviations.
         mean: mean NEES.
         expected: degrees of freedom, 4: the mean of a consistent filter.
-        lower: lower 95 % bound of the mean of so many independent samples; a track's errors are not independent
+        lower: lower 95 % bound of the mean of `samples` independent samples; a track's errors are not independent
             from cycle to cycle, so the true bounds are wider.
-        upper: upper 95 % bound alike.
+        upper: upper 95 % bound of the same.
         coverage: share of samples within the 95 % quantile of χ² with 4 degrees of freedom; 0.95 if consistent.
     """
 
@@ -108,7 +108,7 @@ class GospaSummary:
 
 @dataclass(frozen=True, slots=True)
 class FalseTracks:
-    """Confirmed tracks farther than the gate from every actor, hidden ones too, and every stationary object.
+    """Confirmed tracks farther than the gate from every actor (hidden ones included) and every stationary object.
 
     Attributes:
         ids: tracks with one such sample or more.
@@ -138,15 +138,15 @@ class Duplicates:
 
 @dataclass(frozen=True, slots=True)
 class ActorResult:
-    """What became of one actor that was visible at least once.
+    """Result of one actor that was visible at least once.
 
     Attributes:
         id: as in the truth.
         visible: cycles in which it was visible.
         tracked: share of those in which it had a track.
-        time_to_confirm: s from its first visible instant to the first cycle with a confirmed track; null if never.
+        time_to_confirm: s from when it is first visible to the first cycle with a confirmed track; null if never.
         id_switches: how often its track's id changed.
-        fragments: how often it had a track again after visible cycles without one.
+        fragments: how often it regained a track after visible cycles without one.
         errors: RMSE.
     """
 
@@ -161,7 +161,7 @@ class ActorResult:
 
 @dataclass(frozen=True, slots=True)
 class TimeToConfirm:
-    """Delay from an actor's first visible instant to its first confirmed track.
+    """Delay from when an actor is first visible to its first confirmed track.
 
     Attributes:
         mean: over the confirmed actors, s.
@@ -179,10 +179,10 @@ class Evaluation:
     """Tracks against truth.
 
     Attributes:
-        options: how it was made.
-        cycles: instants compared.
-        skipped: instants of tracks without truth around them.
-        confirmed_ids: confirmed tracks at the instants compared.
+        options: parameters of the evaluation.
+        cycles: times compared.
+        skipped: times of tracks that truth does not cover.
+        confirmed_ids: confirmed tracks at the times compared.
         confirmed_samples: their samples, one a track a cycle.
         errors: RMSE over all actors.
         nees: consistency of the standard deviations.
@@ -190,9 +190,9 @@ class Evaluation:
         id_switches: sum over the actors.
         fragments: sum over the actors.
         time_to_confirm: over the actors.
-        false_tracks: tracks of nothing.
-        duplicates: second tracks of one thing.
-        actors: each actor that was visible.
+        false_tracks: tracks far from every true object.
+        duplicates: several tracks of one object.
+        actors: one entry per actor that was visible.
     """
 
     options: Options

@@ -3,23 +3,23 @@
 One row an obstacle (or a true object) a cycle; a path that ends in `.gz` is compressed. Columns, in this order:
 
 =================  ====================================================================================
-`time`             s, decimal, exact to the ns; kept as integer ns. The instant the row holds for.
+`time`             s, decimal, exact to the ns; kept as integer ns. The time the row is valid for.
 `id`               integer, never reused in a file.
 `state`            tracks: `tentative`, `confirmed`, `coasting`; truth: `actor` (some sensor can see it),
                    `hidden` (an actor outside of every field of view or fully occluded), `stationary`.
 `x` `y`            m, vehicle axes (ISO 8855: x forward, y left).
 `vx` `vy`          m/s over ground, vehicle axes.
 `ax` `ay`          m/s² over ground, vehicle axes.
-`east` `north`     m, local level frame.
-`ve` `vn`          m/s over ground, local level frame.
+`east` `north`     m, local frame.
+`ve` `vn`          m/s over ground, local frame.
 `sx` … `svy`       one standard deviation of x, y, vx, vy; empty in truth.
 `age`              s since the first detection; empty in truth.
 `objects`          detections used in the cycle, `sensor:object` with `;` between; may be empty in truth.
 =================  ====================================================================================
 
-An empty number is NaN in memory. Further columns are ignored; none of the above may be missing. Where `ego.gnss` places
-the level frame on earth, tracks have two more at the end, `latitude` and `longitude` (deg, WGS 84), empty while the
-place is not known. Tables are written as a stream, the same to the byte on every run.
+An empty number is NaN in memory. Further columns are ignored; none of the above may be missing. Where `ego.gnss`
+georeferences the local frame, tracks have two more at the end, `latitude` and `longitude` (deg, WGS 84), empty while
+the georeference is unknown. Tables are written as a stream, with the same bytes on every run.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ STATES = (*STATE_NAMES, "actor", "hidden", "stationary")
 NUMBERS = ("x", "y", "vx", "vy", "ax", "ay", "east", "north", "ve", "vn", "sx", "sy", "svx", "svy", "age")
 COLUMNS = ("time", "id", "state", *NUMBERS, "objects")
 EARTH_COLUMNS = ("latitude", "longitude")
-"""Columns of tracks that are placed on earth."""
+"""Additional columns of georeferenced tracks."""
 
 _TRACK_STATES = frozenset(range(ACTOR))
 _TRUTH_STATES = frozenset({ACTOR, HIDDEN, STATIONARY})
@@ -67,7 +67,7 @@ class TrackTable:
     """Rows of a table as a structure of arrays of length n, ordered by time, then id.
 
     Attributes:
-        time_ns: the instant a row holds for.
+        time_ns: the time a row is valid for.
         id: identity.
         state: index into `STATES`.
         x, y, vx, vy, ax, ay, east, north, ve, vn, sx, sy, svx, svy, age: as in the module's table; NaN where empty.
@@ -103,7 +103,7 @@ class TrackTable:
 
 
 def parse_time(text: str) -> int:
-    """Return decimal seconds as integer ns, exact; what is finer than a ns is rounded.
+    """Return decimal seconds as integer ns, exact; digits below 1 ns are rounded.
 
     Raises:
         ValueError: not a finite number of seconds within 64 bits of ns.
@@ -121,7 +121,7 @@ def parse_time(text: str) -> int:
 
 
 def format_time(time_ns: int) -> str:
-    """Return integer ns as decimal seconds: six decimals, or nine where six do not hold it."""
+    """Return integer ns as decimal seconds: six decimals, or nine where six are not exact."""
     seconds, rest = divmod(abs(time_ns), 1_000_000_000)
     sign = "-" if time_ns < 0 else ""
     if rest % 1000:
@@ -130,26 +130,26 @@ def format_time(time_ns: int) -> str:
 
 
 def read_tracks(path: Path | str) -> TrackTable:
-    """Read what `--tracks` writes.
+    """Read a table of tracks, as `--tracks` writes it.
 
     Raises:
-        InputError: the file cannot be read, lacks a column, or a row is not as the module's table says.
+        InputError: the file cannot be read, lacks a column, or a row violates the table format above.
     """
     return _read(Path(path), _TRACK_STATES)
 
 
 def read_truth(path: Path | str) -> TrackTable:
-    """Read what `--truth` writes.
+    """Read a table of truth, as `--truth` writes it.
 
     Raises:
-        InputError: the file cannot be read, lacks a column, or a row is not as the module's table says.
+        InputError: the file cannot be read, lacks a column, or a row violates the table format above.
     """
     return _read(Path(path), _TRUTH_STATES)
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[TextIO]:
-    """Open a table and tell what makes it unreadable as an `InputError`."""
+    """Open a table; raise an `InputError` with the reason where it is unreadable."""
     try:
         with (
             gzip.open(path, "rt", encoding="utf-8-sig", newline="")
@@ -245,7 +245,7 @@ def _read(path: Path, states: frozenset[int]) -> TrackTable:
 
 
 def _cached(parse: Callable[[str], int]) -> Callable[[str], int]:
-    """Remember what was parsed: a cycle's rows share their time, and states are few."""
+    """Cache parsed values: the rows of a cycle share their time, and there are few states."""
     known: dict[str, int] = {}
 
     def parse_once(text: str) -> int:
@@ -258,7 +258,7 @@ def _cached(parse: Callable[[str], int]) -> Callable[[str], int]:
 
 
 def _identity(text: str) -> int:
-    """Return an id of 64 bits."""
+    """Return a 64-bit id."""
     value = int(text)
     if abs(value) >= 2**63:
         raise ValueError(text)
@@ -291,7 +291,7 @@ _PREDICTION_COLUMNS = ("time", "horizon", "id", "object", "x", "y")
 
 
 class _TableWriter:
-    """A CSV file with a header, `.gz` by its name, closed by `close` or at the end of a `with`."""
+    """A CSV file with a header, compressed if its name ends in `.gz`; closed by `close` or a `with` block."""
 
     def __init__(self, path: Path | str, columns: Sequence[str]) -> None:
         path = Path(path)
@@ -319,7 +319,7 @@ class _TableWriter:
 
 
 class TrackWriter(_TableWriter):
-    """Writes a table of tracks or of truth, one call a cycle.
+    """Writes a table of tracks or of truth, one call per cycle.
 
     Args:
         path: the file to write; it is replaced.
@@ -338,8 +338,8 @@ class TrackWriter(_TableWriter):
         """Write the rows of one cycle.
 
         Args:
-            time_ns: the instant they hold for.
-            columns: by column name, each of length n. `id` and `state` (codes or names) must be there; a number's
+            time_ns: the time they are valid for.
+            columns: by column name, each of length n. `id` and `state` (codes or names) are required; a number's
                 column may be absent, and a value that is not finite becomes an empty cell. `objects` holds text
                 or, for each row, its (sensor, object) pairs. `latitude` and `longitude`, deg, where the table has them.
 
@@ -371,7 +371,7 @@ class TrackWriter(_TableWriter):
 class PredictionWriter(_TableWriter):
     """Writes the table of predictions: `time,horizon,id,object,x,y`.
 
-    `time` is the instant a prediction was made at, `horizon` the s until it is due; `x`, `y` the expected position of
+    `time` is when a prediction was made, `horizon` the s until it is due; `x`, `y` the expected position of
     the detected point in the vehicle axes of `time + horizon`, m; `id` the obstacle, `object` the sensor's object.
 
     Args:
@@ -393,14 +393,14 @@ class PredictionWriter(_TableWriter):
         x: Sequence[float] | Floats,
         y: Sequence[float] | Floats,
     ) -> None:
-        """Write the predictions made at one instant for one horizon, each argument of length n.
+        """Write the predictions made at one time for one horizon, each argument of length n.
 
         Args:
-            time_ns: the instant they were made at.
+            time_ns: the time they were made at.
             horizon: s from then until they are due.
             ids: obstacles.
             objects: the sensor's object, a number or text, written as it is.
-            x: expected position, m forward in the vehicle axes of the due instant.
+            x: expected position, m forward in the vehicle axes of the due time.
             y: the same, m to the left.
         """
         if not len(ids):
@@ -429,7 +429,7 @@ def _table(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[
 
 
 def _rounded(values: Floats, decimals: int = _DECIMALS) -> Floats:
-    """Round to what is written, with −0 as 0 and what is not finite as NaN."""
+    """Round to the written decimals, with −0 as 0 and non-finite values as NaN."""
     rounded: Floats = values.round(decimals)
     rounded += 0.0
     rounded[~np.isfinite(rounded)] = np.nan
@@ -437,7 +437,7 @@ def _rounded(values: Floats, decimals: int = _DECIMALS) -> Floats:
 
 
 def _without_nan(text: str, values: Floats) -> str:
-    """Empty the cells of NaN; neither a state's name nor an object holds those letters."""
+    """Replace "nan" by an empty cell; no state's name and no object's text contains those letters."""
     return text.replace("nan", "") if np.isnan(values).any() else text
 
 
@@ -447,16 +447,16 @@ def _objects_text(used: str | Iterable[tuple[int, int]]) -> str:
 
 
 def track_columns(
-    obstacles: Obstacles, sensors: Sequence[str], placement: Georeference | None = None
+    obstacles: Obstacles, sensors: Sequence[str], georeference: Georeference | None = None
 ) -> dict[str, Sequence[object] | NDArray[Any]]:
-    """Return obstacles as columns of the table of tracks; with latitude and longitude where a placement gives them."""
+    """Return obstacles as columns of the table of tracks; with latitude and longitude if georeferenced."""
     used: list[list[tuple[str, int]]] = [[] for _ in range(len(obstacles))]
     columns = (obstacles.used_row, obstacles.used_sensor, obstacles.used_object)
     for row, sensor, key in zip(*(column.tolist() for column in columns), strict=True):
         used[row].append((sensors[sensor], key))
     earth: dict[str, Floats] = {}
-    if placement is not None:
-        places = np.degrees(placement.to_earth(obstacles.east, obstacles.north))
+    if georeference is not None:
+        places = np.degrees(georeference.to_earth(obstacles.east, obstacles.north))
         earth = dict(zip(EARTH_COLUMNS, places, strict=True))
     return {
         "id": obstacles.id,

@@ -1,4 +1,4 @@
-"""Obstacles → output slots → quantities → frames, and back again for who listens.
+"""Obstacles → output slots → quantities → frames, and decoding of these frames for readers of the bus.
 
 Knows nothing of estimation, sockets and clocks.
 """

@@ -1,4 +1,4 @@
-"""The other side of the output: obstacles as who listens on the bus reads them."""
+"""Decodes the output's frames into obstacles, as a reader on the bus does."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from candaemon.config.base import SignalRef
 from candaemon.tracking.obstacles import MOTION
 
 FIRST_STATE = 1
-"""State on the wire of what the tables number 0; the wire's 0 is an empty slot."""
+"""Value on the wire of the tables' state code 0; 0 on the wire is an empty slot."""
 
 
 @dataclass(frozen=True, slots=True)
 class DecodedCycle:
-    """Obstacles of one cycle as they were on the wire.
+    """Obstacles of one cycle as decoded from the wire.
 
     Attributes:
         number: of the cycle, from 0.
-        time_ns: the instant they hold for; 0 where it is not known.
+        time_ns: the time they are valid for; 0 where it is not known.
         quantities: by name, shape (n,), SI and vehicle axes.
     """
 
@@ -34,11 +34,11 @@ class DecodedCycle:
     quantities: dict[str, Floats]
 
     def at(self, time_ns: int) -> DecodedCycle:
-        """Return them with the instant they hold for."""
+        """Return the cycle with the time it is valid for."""
         return replace(self, time_ns=time_ns)
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Return them as columns of the table of tracks."""
+        """Return the obstacles as columns of the table of tracks."""
         quantities = self.quantities
         return {
             "id": quantities["id"].astype(np.int64),
@@ -48,7 +48,7 @@ class DecodedCycle:
 
 
 class OutputDecoder:
-    """Puts the frames of an output together again. A status message begins each cycle.
+    """Assembles the frames of an output into cycles. A status message begins each cycle.
 
     Args:
         output: the bound output; it must have a status message, and id and state among its quantities.
@@ -64,7 +64,7 @@ class OutputDecoder:
         self._cycles = -1
 
     def push(self, can_id: int, data: bytes) -> Iterator[DecodedCycle]:
-        """Take a frame; yield the cycle that it ends."""
+        """Process a frame; yield the cycle that it completes."""
         if can_id == self._status_id:
             yield from self.flush()
             self._cycles += 1
@@ -75,7 +75,7 @@ class OutputDecoder:
             self._payloads[part][slot] = data
 
     def flush(self) -> Iterator[DecodedCycle]:
-        """Yield the cycle that is open."""
+        """Yield the open cycle."""
         if self._cycles < 0:
             return
         objects = self._reader.read(self._payloads)
@@ -84,5 +84,5 @@ class OutputDecoder:
         yield DecodedCycle(self._cycles, 0, dict(zip(self._reader.quantities, values, strict=True)))
 
     def _clear(self) -> None:
-        """Forget the frames of the cycle."""
+        """Discard the frames of the cycle."""
         self._payloads = [[None] * self._reader.slots for _ in self._reader.parts]

@@ -1,4 +1,4 @@
-"""Obstacles of a cycle into frames: slots, quantities, payloads."""
+"""Encodes a cycle's obstacles as frames: slots, quantities, payloads."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ Columns: TypeAlias = dict[str, Floats | Integers]
 Value = TypeVar("Value", bound=np.generic)
 
 FARTHEST: Final = 1e5
-"""m and m/s; an obstacle with more, or with no number at all, is not sent."""
+"""m and m/s; an obstacle beyond this limit, or with a NaN, is not sent."""
 UNKNOWN: Final = 1e9
-"""Stands for a standard deviation or a place on earth that is no number: its signal shows the greatest value it can."""
+"""Replaces NaN in a standard deviation or a position on earth, so that the signal carries its greatest value."""
 MAY_BE_UNKNOWN: Final = frozenset({"sx", "sy", "svx", "svy", "latitude", "longitude"})
 OF_FRAME: Final = frozenset({"id", "counter"})
-"""Quantities that do not pass through the table of numbers: identities stay integers, the counter is the frame's."""
+"""Quantities outside the table of floats: identities stay integers, the counter belongs to the frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class OutputStatus:
-    """What the status message says beside the slots.
+    """Contents of the status message besides the slots.
 
     Attributes:
         ego: validity of ego motion, as `EgoStatus`.
@@ -47,16 +47,16 @@ class OutputStatus:
 
 @dataclass(slots=True)
 class OutputEncoderState:
-    """What the encoder remembers between two cycles.
+    """State of the encoder between two cycles.
 
     Attributes:
-        slots: who holds which.
-        ego_acceleration: of the quantities that are relative to it.
-        sent: frames of each slot so far (slots,), which its counters count; where all objects share their messages, the
-            first counts them all.
+        slots: the assignment of slots.
+        ego_acceleration: state of the derivation of the ego acceleration.
+        sent: frames of each slot so far (slots,), for its counters; where all objects share their messages, the first
+            element counts all frames.
         cycle: number of the next cycle.
         unreported: obstacles of the last cycle that have no slot, or no finite position and velocity.
-        saturated: values so far that did not fit their signal and were brought to its limits.
+        saturated: values so far that were out of their signal's range and were saturated.
     """
 
     slots: SlotState
@@ -70,11 +70,11 @@ class OutputEncoderState:
 class OutputEncoder:
     """Obstacles → slots → frames, cycle by cycle.
 
-    Sent are the status, then the occupied slots and once each freed one as empty, or with `send: all` every slot. Where
-    all objects share their messages, a list of those there are is sent: absence says enough.
+    Sends the status, then the occupied slots and, once, each freed slot as empty; with `send: all`, every slot. Where
+    all objects share their messages, only the occupied slots are sent.
 
-    Counters of the protection count the frames of each message; where `counter` is among the output's quantities they
-    count cycles, alike in all slots.
+    Counters of the protection count the frames of each message; where `counter` is among the output's quantities, they
+    count cycles, the same in all slots.
 
     Args:
         output: the bound output.
@@ -100,7 +100,7 @@ class OutputEncoder:
 
     @property
     def state(self) -> OutputEncoderState:
-        """What it remembers.
+        """State between two cycles.
 
         Raises:
             ValueError: a state that is set does not fit the configuration.
@@ -115,7 +115,7 @@ class OutputEncoder:
 
     @property
     def saturated(self) -> int:
-        """Values so far that did not fit their signal and were brought to its limits."""
+        """Number of values so far that were out of their signal's range and were saturated."""
         return self._state.saturated
 
     def encode(
@@ -125,7 +125,7 @@ class OutputEncoder:
 
         Args:
             obstacles: of the cycle.
-            status: what the status message says.
+            status: contents of the status message.
             pose: ego pose at the obstacles' time.
             georeference: of the local frame on earth; None: not known.
 
@@ -136,19 +136,19 @@ class OutputEncoder:
         rows = self._sendable(obstacles)
         slots = self._slots.assign(obstacles.id[rows], partial(self._urgency, obstacles, rows))
         held = len(slots.order)
-        state.unreported = self._worth(obstacles) - held
+        state.unreported = self._reportable(obstacles) - held
         frames = [] if self._status is None else [self._write_status(status, held, slots)]
         acceleration = self._ego_acceleration.update(pose) if self._relative else 0j
         view = MountView(obstacles, rows, self._mount, pose, acceleration, georeference)
         columns = self._columns(view, obstacles.id[rows], slots)
-        saturated = writer.saturated  # of all who write with it
+        saturated = writer.saturated  # the writer counts all of its callers
         frames += writer.write(slots.sent, columns, slots.occupied, counter=self._count(slots), new=slots.new)
         state.saturated += writer.saturated - saturated
         state.cycle += 1
         return frames
 
     def _count(self, slots: SlotColumns) -> int | Integers:
-        """Return what the counters of this cycle's frames show."""
+        """Return the counter values of this cycle's frames."""
         if self._counts_cycles:
             return self._state.cycle
         sent = self._state.sent
@@ -160,18 +160,18 @@ class OutputEncoder:
         sent[slots.sent] = counted + 1
         return counted
 
-    def _worth(self, obstacles: Obstacles) -> int:
-        """Count the obstacles that should be sent."""
+    def _reportable(self, obstacles: Obstacles) -> int:
+        """Count the obstacles whose state is to be sent."""
         return len(obstacles) if self._tentative else int(np.count_nonzero(obstacles.state != TENTATIVE))
 
     def _sendable(self, obstacles: Obstacles) -> Indices | slice:
-        """Return the rows that can be sent: of the states asked for, with position and velocity in bounds."""
+        """Return the rows that can be sent: of the configured states, with position and velocity in bounds."""
         motion = np.array([obstacles.x, obstacles.y, obstacles.vx, obstacles.vy])
-        asked = None if self._tentative else obstacles.state != TENTATIVE
-        if np.vdot(motion, motion) < FARTHEST**2:  # then each one is in bounds
-            return slice(None) if asked is None else asked.nonzero()[0]
+        requested = None if self._tentative else obstacles.state != TENTATIVE
+        if np.vdot(motion, motion) < FARTHEST**2:  # then every value is in bounds
+            return slice(None) if requested is None else requested.nonzero()[0]
         good = (np.abs(motion) < FARTHEST).all(axis=0)  # NaN is not
-        return np.flatnonzero(good if asked is None else good & asked)
+        return np.flatnonzero(good if requested is None else good & requested)
 
     def _urgency(self, obstacles: Obstacles, rows: Indices | slice) -> Floats:
         x, y = obstacles.x[rows], obstacles.y[rows]
@@ -179,8 +179,8 @@ class OutputEncoder:
         return np.hypot(x, y) + np.where(in_path, 0.0, OFF_PATH)
 
     def _columns(self, view: MountView, ids: Integers, slots: SlotColumns) -> Columns:
-        """Return each quantity of the slots sent: of their holders where occupied, 0 elsewhere; all are finite."""
-        with np.errstate(invalid="ignore", over="ignore"):  # what is no number is dealt with below
+        """Return each quantity of the slots sent: of the obstacle where occupied, 0 elsewhere; all finite."""
+        with np.errstate(invalid="ignore", over="ignore"):  # NaN is replaced below
             table = np.array([view.quantity(name, polar=self._polar) for name in self._names], np.float64)
         table = table.take(slots.order, axis=-1)
         if not isfinite(np.vdot(table, table)):
@@ -194,7 +194,7 @@ class OutputEncoder:
 
     def _write_status(self, status: OutputStatus, held: int, slots: SlotColumns) -> tuple[int, bytes]:
         """Write the status message."""
-        assert self._status is not None  # noqa: S101  # the caller asked
+        assert self._status is not None  # noqa: S101  # checked by the caller
         # A reader takes `count` objects from a list, or the first `count` of all slots.
         count = int(np.flatnonzero(slots.occupied).max(initial=-1)) + 1 if self._all else len(slots.sent)
         values = {
@@ -210,7 +210,7 @@ class OutputEncoder:
 
 
 def _spread(values: NDArray[Value], occupied: Booleans) -> NDArray[Value]:
-    """Put the values (…, occupied slots) in their places (…, slots), zeros between."""
+    """Scatter values (…, occupied slots) to their slots (…, slots), zeros elsewhere."""
     if values.shape[-1] == len(occupied):
         return values
     full = np.zeros((*values.shape[:-1], len(occupied)), values.dtype)

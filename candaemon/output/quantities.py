@@ -1,6 +1,6 @@
 """Obstacles as the quantities that an output's signals ask for, in the axes of its mount.
 
-Plane vectors are complex numbers, x + iy: a turn is a product.
+Plane vectors are complex numbers, x + iy: a rotation is a product.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ Value = TypeVar("Value")
 ACCELERATION_TIME: Final = 0.3
 """s, time constant of the ego acceleration, which is derived from the velocities of successive cycles."""
 LONGEST_GAP: Final = 1.0
-"""s between two cycles, over which no acceleration is derived."""
+"""s between two cycles; no acceleration is derived over a longer gap."""
 NEAREST: Final = 1e-3
-"""m, least distance that a direction is derived from."""
+"""m, least distance from which a direction is derived."""
 
 
 @dataclass(slots=True)
 class EgoAccelerationState:
-    """What the ego acceleration is derived from, axes east + i north.
+    """State of the derivation of the ego acceleration, axes east + i·north.
 
     Attributes:
         time_ns: of the latest cycle.
-        velocity: in it, m/s.
+        velocity: in that cycle, m/s.
         acceleration: smoothed, m/s².
     """
 
@@ -48,14 +48,14 @@ class EgoAcceleration:
     """Acceleration of the vehicle over ground, from its velocity in successive cycles.
 
     Attributes:
-        state: what it remembers.
+        state: of the previous cycle.
     """
 
     def __init__(self) -> None:
         self.state = EgoAccelerationState()
 
     def update(self, pose: EgoPose) -> complex:
-        """Take a cycle's pose; return the acceleration in vehicle axes, m/s²; 0 while it is not known."""
+        """Update with a cycle's pose; return the acceleration in vehicle axes, m/s²; 0 while it is not known."""
         state, velocity = self.state, complex(pose.ve, pose.vn)
         dt = (pose.time_ns - state.time_ns) * 1e-9
         if 0.0 < dt <= LONGEST_GAP:
@@ -67,8 +67,8 @@ class EgoAcceleration:
         return state.acceleration * exp(-1j * pose.heading)
 
 
-class _Once(Generic[Value]):
-    """A property worked out on first use; `functools.cached_property` takes a lock for it until Python 3.12."""
+class _CachedProperty(Generic[Value]):
+    """A property computed on first use; `functools.cached_property` acquires a lock for it until Python 3.12."""
 
     def __init__(self, find: Callable[[MountView], Value]) -> None:
         self._find, self._name = find, find.__name__
@@ -84,7 +84,7 @@ class MountView:
 
     Args:
         obstacles: of the cycle.
-        rows: those to show, (n,) or a slice.
+        rows: the obstacles to include, (n,) or a slice.
         mount: of the output's axes in vehicle axes.
         pose: ego pose at the obstacles' time.
         acceleration: of the vehicle over ground, in vehicle axes, m/s².
@@ -102,15 +102,15 @@ class MountView:
     ) -> None:
         self._obstacles, self._rows = obstacles, rows
         self._mount = complex(mount.x, mount.y)
-        self._turn = exp(-1j * radians(mount.yaw_deg))
+        self._rotation = exp(-1j * radians(mount.yaw_deg))
         self._pose, self._acceleration, self._georeference = pose, acceleration, georeference
 
     def quantity(self, name: str, *, polar: bool) -> Floats:
         """Return a quantity of each obstacle (n,), SI, as `candaemon.config.output.Quantity` names it.
 
-        `vx`, `vy`, `ax` and `ay` are over ground, turned into the mount's axes. `rel_vx` and `rel_vy` are the rates of
-        x and y in the mount's own, turning axes. All relative ones are to the mount, its share of the vehicle's
-        turning included.
+        `vx`, `vy`, `ax` and `ay` are over ground, rotated into the mount's axes. `rel_vx` and `rel_vy` are the rates of
+        x and y in the mount's rotating axes. Relative quantities refer to the motion of the mount, which includes yaw
+        rate × lever arm.
 
         Args:
             name: the quantity.
@@ -140,7 +140,7 @@ class MountView:
             case "rel_vy":
                 return self.rate.imag
             case "rel_ax":
-                relative = self.acceleration - self._acceleration * self._turn
+                relative = self.acceleration - self._acceleration * self._rotation
                 return self._along(relative) if polar else relative.real
             case "sx" | "sy" | "svx" | "svy":
                 return self._deviation(name)
@@ -153,42 +153,42 @@ class MountView:
             case _:
                 return self._take(name)
 
-    @_Once
+    @_CachedProperty
     def position(self) -> ComplexPlane:
         """Positions in the mount's axes, m."""
         position = self._plane("x", "y")
         position -= self._mount
-        return self._turned(position)
+        return self._rotated(position)
 
-    @_Once
+    @_CachedProperty
     def distance(self) -> Floats:
         """Distances from the mount, m."""
         return np.abs(self.position)
 
-    @_Once
+    @_CachedProperty
     def velocity(self) -> ComplexPlane:
         """Velocities over ground in the mount's axes, m/s."""
-        return self._turned(self._plane("vx", "vy"))
+        return self._rotated(self._plane("vx", "vy"))
 
-    @_Once
+    @_CachedProperty
     def acceleration(self) -> ComplexPlane:
         """Accelerations over ground in the mount's axes, m/s²."""
-        return self._turned(self._plane("ax", "ay"))
+        return self._rotated(self._plane("ax", "ay"))
 
-    @_Once
+    @_CachedProperty
     def relative_velocity(self) -> ComplexPlane:
-        """Velocities less the mount's own, m/s."""
-        mount = complex(*self._pose.velocity_in_vehicle_axes()) + 1j * self._pose.yaw_rate * self._mount
-        return self.velocity - mount * self._turn
+        """Velocities relative to the mount, m/s."""
+        mount_velocity = complex(*self._pose.velocity_in_vehicle_axes()) + 1j * self._pose.yaw_rate * self._mount
+        return self.velocity - mount_velocity * self._rotation
 
-    @_Once
+    @_CachedProperty
     def rate(self) -> ComplexPlane:
-        """Rates of the positions in the mount's axes, which turn with the vehicle, m/s."""
+        """Rates of the positions in the mount's axes, which rotate with the vehicle, m/s."""
         return self.relative_velocity - 1j * self._pose.yaw_rate * self.position
 
-    @_Once
+    @_CachedProperty
     def earth(self) -> tuple[Floats, Floats]:
-        """Latitudes and longitudes, rad; NaN while the local frame's place is not known."""
+        """Latitudes and longitudes, rad; NaN without a georeference."""
         east, north = self._take("east"), self._take("north")
         if self._georeference is None:
             return np.full_like(east, np.nan), np.full_like(north, np.nan)
@@ -204,19 +204,19 @@ class MountView:
         plane.real, plane.imag = real, imaginary
         return plane
 
-    def _turned(self, vector: ComplexPlane) -> ComplexPlane:
-        """Turn from vehicle axes into the mount's."""
-        return vector if self._turn == 1 else vector * self._turn
+    def _rotated(self, vector: ComplexPlane) -> ComplexPlane:
+        """Rotate from vehicle axes into the mount's."""
+        return vector if self._rotation == 1 else vector * self._rotation
 
     def _along(self, vector: ComplexPlane) -> Floats:
-        """Return the component away along the line of sight."""
+        """Return the component along the line of sight, positive away."""
         product: ComplexPlane = np.conj(self.position) * vector
         return product.real / np.maximum(self.distance, NEAREST)
 
     def _deviation(self, name: str) -> Floats:
         """Return a standard deviation along one of the mount's axes, x and y assumed uncorrelated."""
         kind, axis = name[:-1], name[-1]
-        if self._turn == 1:
+        if self._rotation == 1:
             return self._take(name)
-        c, s = (self._turn.real, self._turn.imag) if axis == "x" else (self._turn.imag, self._turn.real)
+        c, s = (self._rotation.real, self._rotation.imag) if axis == "x" else (self._rotation.imag, self._rotation.real)
         return np.hypot(c * self._take(f"{kind}x"), s * self._take(f"{kind}y"))

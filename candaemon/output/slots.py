@@ -1,4 +1,4 @@
-"""Slots of the output: an obstacle keeps its slot, and a freed one rests for a cycle."""
+"""Slots of the output: an obstacle keeps its slot, and a freed slot stays empty for one cycle."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 
 OFF_PATH: Final = 1e6
-"""Added to the distance (m) of an obstacle outside the vehicle's path: it comes after all those inside."""
+"""Added to the distance (m) of an obstacle outside the vehicle's path: it ranks after all those inside."""
 MARGIN: Final = 5.0
-"""m by which an obstacle must be more urgent to push another out of its slot, so that two do not take turns."""
+"""m by which an obstacle must be more urgent to displace another from its slot; prevents alternating between two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +22,8 @@ class SlotAssignment:
     """Slots of one cycle.
 
     Attributes:
-        slot: of each obstacle, −1 where it has none, in the order given.
-        new: whether it has the slot since this cycle, in the order given.
+        slot: of each obstacle, in the order of the argument; −1 where it has none.
+        new: whether the slot was assigned in this cycle, in the same order.
         freed: slots that were held in the cycle before and are empty in this one.
     """
 
@@ -37,7 +37,7 @@ class SlotState:
     """Which obstacle holds which slot.
 
     Attributes:
-        free: slots that nobody holds, a heap: the lowest first.
+        free: slots that no obstacle holds, a heap: the lowest first.
         holder: slot of each obstacle that holds one, by the obstacle's identity.
     """
 
@@ -49,8 +49,8 @@ class OutputSlots:
     """Which obstacle holds which slot.
 
     An obstacle keeps its slot while it lives. A slot that becomes free is assigned in the next cycle at the earliest,
-    so that whoever listens sees it empty in between. Where slots run short, an obstacle in the path takes that of the
-    least urgent one, a cycle later for the same reason.
+    so that a reader of the bus sees it empty in between. Where slots run short, an obstacle in the path displaces the
+    least urgent one and gets its slot one cycle later, for the same reason.
 
     Args:
         capacity: number of slots.
@@ -62,10 +62,10 @@ class OutputSlots:
 
     @property
     def state(self) -> SlotState:
-        """Who holds which slot.
+        """Which obstacle holds which slot.
 
         Raises:
-            ValueError: in a state that is set some slot is held twice, or not there.
+            ValueError: when set to a state in which a slot is held twice or missing.
         """
         return self._state
 
@@ -79,7 +79,7 @@ class OutputSlots:
         """Assign the slots of one cycle.
 
         Args:
-            ids: identities of the obstacles, each once.
+            ids: identities of the obstacles, without repetition.
             urgency: distance of each, m, `OFF_PATH` more outside the path; the lowest first.
         """
         free, holder = self._state.free, self._state.holder
@@ -89,7 +89,7 @@ class OutputSlots:
         served = waiting[: len(free)]
         for each in served:
             holder[each] = heappop(free)
-        # Slots freed just before are for the first of those that wait; only the others need an eviction.
+        # Slots freed above go to the first waiting obstacles in the next cycle; only the others need an eviction.
         for each in waiting[len(served) + len(freed) :]:
             if not self._make_room(urgent[each], urgent, freed):
                 break
@@ -99,7 +99,7 @@ class OutputSlots:
         return SlotAssignment([holder.get(each, -1) for each in ids], [each in fresh for each in ids], freed)
 
     def _make_room(self, urgency: float, urgent: dict[int, float], freed: list[int]) -> bool:
-        """Free the least urgent slot for an obstacle in the path; return whether one is less urgent enough."""
+        """Free the least urgent slot for an obstacle in the path; return whether one is less urgent by the margin."""
         holder = self._state.holder
         if urgency >= OFF_PATH or not holder:
             return False
@@ -115,11 +115,11 @@ class SlotColumns:
     """Slots of one cycle; k are held, m are sent.
 
     Attributes:
-        order: (k,) places of the holders among the obstacles given, in order of slot.
+        order: (k,) rows of the obstacles that hold a slot, in order of slot.
         sent: (m,) slots to send, ascending.
         occupied: (m,) whether the slot is held.
-        new: (m,) whether its holder has it since this cycle.
-        lasting: whether the same obstacles would get the same slots again: none came, left or waits.
+        new: (m,) whether the slot was assigned in this cycle.
+        lasting: whether the same obstacles would get the same slots again: none is new, gone or waiting.
     """
 
     order: Indices
@@ -130,7 +130,7 @@ class SlotColumns:
 
 
 class SlotEncoding:
-    """Assigns slots to the obstacles, cycle by cycle; where the same ones come again, at the cost of a comparison.
+    """Assigns slots to the obstacles, cycle by cycle; unchanged obstacles cost only a comparison of their ids.
 
     Args:
         capacity: number of slots.
@@ -142,16 +142,16 @@ class SlotEncoding:
         self._table = OutputSlots(capacity)
         self._every_slot = np.arange(capacity)
         self._send_all, self._send_freed = send_all, send_freed
-        # the latest cycle's, as long as the same obstacles would get the same again
+        # the latest cycle's slots, while the same obstacles would get the same again
         self._lasting: SlotColumns | None = None
         self._lasting_ids = b""
 
     @property
     def state(self) -> SlotState:
-        """Who holds which slot.
+        """Which obstacle holds which slot.
 
         Raises:
-            ValueError: in a state that is set some slot is held twice, or not there.
+            ValueError: when set to a state in which a slot is held twice or missing.
         """
         return self._table.state
 
@@ -163,8 +163,8 @@ class SlotEncoding:
         """Return the slots of one cycle.
 
         Args:
-            ids: (n,) identities of the obstacles, each once.
-            urgency: returns (n,) what `OutputSlots.assign` takes; called only where somebody came or waits.
+            ids: (n,) identities of the obstacles, without repetition.
+            urgency: returns the urgency of each, (n,); called only where an obstacle is new, gone or waiting.
         """
         key = ids.tobytes()
         columns = self._lasting
@@ -186,7 +186,7 @@ class SlotEncoding:
         return SlotColumns(order, sent, occupied, new, lasting)
 
     def _sent(self, held: Integers, freed: list[int]) -> Integers:
-        """List the slots to send, in order."""
+        """Return the slots to send, in order."""
         if self._send_all:
             return self._every_slot
         if not freed or not self._send_freed:

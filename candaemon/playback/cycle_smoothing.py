@@ -1,4 +1,4 @@
-"""Cycles told again, with what was learnt of the obstacles' motion since."""
+"""Fixed-lag smoothing of the reported cycles."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from candaemon.tracking.tracker import Tracker
 
 
 class CycleSmoother:
-    """Holds cycles back until a lag has passed, and gives them again in their order with smoothed motion.
+    """Delays cycles by a lag and returns them in order with smoothed motion.
 
-    What the daemon sends, and whom it takes for whom, is as it was. A cycle without obstacles is not given again.
+    Sent frames and identities are not affected. A cycle without obstacles is not returned.
 
     Args:
-        trackers: of the pipeline that tells the cycles, before their first step.
-        lag: s that a cycle learns from.
+        trackers: of the pipeline that makes the cycles, before their first step.
+        lag: s of later measurements that smooth a cycle.
     """
 
     def __init__(self, trackers: Sequence[Tracker], lag: float) -> None:
@@ -29,24 +29,24 @@ class CycleSmoother:
         self._smoother = FixedLag(round(lag * 1e9))
         self._waiting: deque[Cycle] = deque()
 
-    def take(self, cycle: Cycle) -> Iterator[Cycle]:
-        """Take a cycle as soon as it is told; yield those before it that are due."""
-        # so is a cycle for which the trackers made no step, own motion being unknown: it breaks no chain
+    def add(self, cycle: Cycle) -> Iterator[Cycle]:
+        """Add the newest cycle; yield the smoothed earlier ones that are due."""
+        # also empty: a cycle without ego motion, for which the trackers make no step
         if not len(cycle.obstacles):
             return
-        trail = concatenated(
+        history = concatenated(
             [tracker.smoother_history for tracker in self._trackers if tracker.smoother_history is not None]
         )
         self._waiting.append(cycle)
         due = self._smoother.add(
-            cycle.obstacles.time_ns, trail.id, trail.state, trail.covariance, trail.linked, trail.link
+            cycle.obstacles.time_ns, history.id, history.state, history.covariance, history.linked, history.link
         )
-        yield from map(self._again, due)
+        yield from map(self._smoothed, due)
 
     def finish(self) -> Iterator[Cycle]:
-        """Yield the cycles that are left, at the end of a drive."""
-        yield from map(self._again, self._smoother.finish())
+        """Yield the remaining cycles, at the end of a drive."""
+        yield from map(self._smoothed, self._smoother.finish())
 
-    def _again(self, smoothed: Smoothed) -> Cycle:
+    def _smoothed(self, smoothed: Smoothed) -> Cycle:
         cycle = self._waiting.popleft()
         return replace(cycle, obstacles=with_motion(cycle.obstacles, smoothed, cycle.pose))

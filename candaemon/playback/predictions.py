@@ -1,4 +1,4 @@
-"""Predictions of a replay: where each detection's reflection is expected some time ahead, in vehicle axes of then."""
+"""Predictions of a replay: expected positions of the detections' reflections, in the vehicle axes of the due time."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class _Pending:
 
 
 class PredictionQueue:
-    """Predicts where each used detection's reflection will be, and reports it when ego motion until then is known.
+    """Predicts the position of each used detection's reflection; reports it once ego motion covers the due time.
 
     Args:
-        pipeline: whose trackers predict, and whose ego motion is taken as known.
+        pipeline: gives the trackers that predict, and the ego motion.
         horizons: s.
         writer: of the table; None: only scored.
-        score: takes them too.
+        score: receives every prediction.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class PredictionQueue:
         self._waiting: deque[_Pending] = deque()
 
     def add(self, cycle: Cycle) -> None:
-        """Take one cycle and report the predictions that are due."""
+        """Add one cycle's predictions and report those that are due."""
         tracker, detections = cycle.tracker, cycle.detections
         if tracker is not None and detections is not None and tracker.update is not None:
             obstacles = cycle.obstacles
@@ -65,13 +65,13 @@ class PredictionQueue:
                 )
             )
         known_ns = self._pipeline.ego.known_until_ns
-        # ego motion that has gone silent is not waited for longer than this: the queue stays bounded
+        # bounds the queue where ego motion has stopped
         latest_ns = max(known_ns, cycle.obstacles.time_ns - _LONGEST_WAIT_NS)
         while self._waiting and self._waiting[0].time_ns + max(self._horizons_ns) <= latest_ns:
             self._report(self._waiting.popleft(), known_ns)
 
     def finish(self) -> None:
-        """Report what ego motion allows; what is due after its last sample cannot be."""
+        """Report the remaining predictions that are due before the last sample of ego motion; discard the others."""
         known_ns = self._pipeline.ego.known_until_ns
         while self._waiting:
             self._report(self._waiting.popleft(), known_ns)
@@ -82,9 +82,9 @@ class PredictionQueue:
             pose = self._pipeline.ego.pose(due_ns) if due_ns <= known_ns else None
             if pose is None:
                 continue
-            place = pose.to_vehicle(waiting.positions[k])
-            self._score.expect(waiting.sensor, waiting.time_ns, k, place[:, 0], place[:, 1])
+            position = pose.to_vehicle(waiting.positions[k])
+            self._score.add_predictions(waiting.sensor, waiting.time_ns, k, position[:, 0], position[:, 1])
             if self._writer is not None:
                 self._writer.write_cycle(
-                    waiting.time_ns, horizon, waiting.ids, waiting.objects, place[:, 0], place[:, 1]
+                    waiting.time_ns, horizon, waiting.ids, waiting.objects, position[:, 0], position[:, 1]
                 )

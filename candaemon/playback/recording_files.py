@@ -1,16 +1,17 @@
-"""Recordings of the service as they lie on the disk: which files there are, and what replays as one piece.
+"""Recordings of the service on disk: names of the files, and which of them replay as one run.
 
-A folder holds logs of candump, each with the state of the pipeline at its beginning beside it::
+A folder holds candump logs, each with a file of the pipeline's state at its beginning::
 
-    2026-11-21T22-12-52.123Z-000041.log      what the pipeline took, ticks of the clock too
-    2026-11-21T22-12-52.123Z-000041.state    what it knew before that
-    configurations/3f8a0c11d2e4/             YAML and DBC files that were in force
-    events/2026-11-21T22-14-07.501Z-mark/    the same kind of files again, kept, with event.json
+    2026-11-21T22-12-52.123Z-000041.log      input of the pipeline, ticks included
+    2026-11-21T22-12-52.123Z-000041.state    state of the pipeline before it
+    configurations/3f8a0c11d2e4/             YAML and DBC files of the configuration in use
+    events/2026-11-21T22-14-07.501Z-mark/    the same kinds of files, retained, with event.json
 
-The number counts on over restarts of the service and tells the order: the clock may have been set back in between.
-Logs are read in *runs*. A file that goes on where the one before ended belongs to its run; a start of the service, a
-reload, or input that was left out begins another one, with the state stored there. What is open at the end of a run is
-told only where the service told it: where it was stopped, which its last line says, `(1533226488.434433) tick 001#`.
+The number increases over restarts of the service and determines the order, since the clock may have been set back.
+Logs are read in *runs*. A file that continues where the previous one ended belongs to the same run; a start of the
+service, a reload, or input that was left out begins another run, with the state stored there. Open cycles at the end of
+a run are reported only where the service reported them, that is, where it was stopped. Such a log's last line is
+`(1533226488.434433) tick 001#`.
 """
 
 from __future__ import annotations
@@ -46,12 +47,12 @@ _STEM = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\d\.\d{3}Z-(\d{6,})")
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Logs that one pipeline takes without a break.
+    """Logs that one pipeline replays without interruption.
 
     Attributes:
         logs: in order.
-        state: file that the pipeline's state before them is read from; None: it begins with nothing.
-        ends: whether what is open behind them is to be told.
+        state: file with the pipeline's state before the first log; None: the pipeline starts empty.
+        ends: whether open cycles at the end are reported.
     """
 
     logs: tuple[Path, ...]
@@ -64,30 +65,30 @@ def stem(time_ns: int, number: int) -> str:
 
     Args:
         time_ns: of its first item.
-        number: counts the files.
+        number: running number of the file.
     """
     return f"{utc(time_ns)}-{number:06d}"
 
 
 def utc(time_ns: int) -> str:
-    """Return a time as it is written in names: these sort by time, and every file system takes them."""
+    """Return a time as written in file names: sortable, and valid on every file system."""
     moment = datetime.fromtimestamp(time_ns // 1_000_000_000, UTC)
     return f"{moment:%Y-%m-%dT%H-%M-%S}.{time_ns // 1_000_000 % 1000:03d}Z"
 
 
 def number_of(path: Path) -> int | None:
-    """Return the number of a recording's file; None for another one."""
+    """Return the number of a recording's file; None for any other file."""
     match = _STEM.fullmatch(path.stem)
     return None if match is None else int(match[1])
 
 
 def logs_in(folder: Path) -> list[Path]:
-    """Return a folder's logs in their order: a recording's by their numbers, others by their names before them."""
+    """Return a folder's logs in order: those of a recording by number, preceded by others by name."""
     return sorted(folder.glob(f"*{LOG}"), key=lambda path: (number_of(path) or 0, path.name))
 
 
 def header_beside(log: Path) -> StateHeader | None:
-    """Return the header of the state that a log begins with; None where there is none.
+    """Return the header of the state file that belongs to a log; None where there is none.
 
     Raises:
         InputError: it is damaged.
@@ -105,16 +106,16 @@ def header_beside(log: Path) -> StateHeader | None:
 
 
 def runs(log: Path, fingerprint: Fingerprint, *, fresh: bool = False) -> list[Run]:
-    """Return what is to be replayed, in order.
+    """Return the runs to replay, in order.
 
     Args:
         log: a log, or a folder of logs.
         fingerprint: of the configuration it is replayed with. Files of a folder that were recorded with another one, or
             by another version, are left out and named in the log, unless all were.
-        fresh: states are ignored: all logs are one run that begins with nothing.
+        fresh: states are ignored: all logs are one run, and the pipeline starts empty.
 
     Raises:
-        InputError: there is no log, or none of this configuration; says what differs.
+        InputError: there is no log, or none of this configuration; the message says what differs.
     """
     logs = logs_in(log) if log.is_dir() else [log]
     if not logs:
@@ -124,11 +125,11 @@ def runs(log: Path, fingerprint: Fingerprint, *, fresh: bool = False) -> list[Ru
     if not log.is_dir():
         header = header_beside(log)
         return [_run([(log, header)])]
-    return _joined(_usable(logs, fingerprint))
+    return _grouped(_usable(logs, fingerprint))
 
 
 def _usable(logs: Sequence[Path], fingerprint: Fingerprint) -> list[tuple[Path, StateHeader | None]]:
-    """Return the logs of this configuration and version with their headers; name the others.
+    """Return the logs of this configuration and version with their headers; log a warning for each other one.
 
     Raises:
         InputError: there is none.
@@ -141,7 +142,7 @@ def _usable(logs: Sequence[Path], fingerprint: Fingerprint) -> list[tuple[Path, 
         except InputError as error:
             reasons[log] = error.message
             continue
-        reason = "" if header is None else _other(header, fingerprint)
+        reason = "" if header is None else _difference(header, fingerprint)
         if reason:
             reasons[log] = reason
         else:
@@ -157,16 +158,16 @@ def _usable(logs: Sequence[Path], fingerprint: Fingerprint) -> list[tuple[Path, 
     return found
 
 
-def _other(header: StateHeader, fingerprint: Fingerprint) -> str:
-    """Say what a log was recorded with that is not what it is to be replayed with; nothing where all is alike."""
+def _difference(header: StateHeader, fingerprint: Fingerprint) -> str:
+    """Return how version or configuration of a recording differ from the present ones; empty where they are equal."""
     if header.version != __version__:
         return f"recorded by candaemon {header.version}, this is {__version__}"
     differs = differences(header.fingerprint, fingerprint)
     return f"recorded with another configuration ({differs})" if differs else ""
 
 
-def _joined(pieces: Sequence[tuple[Path, StateHeader | None]]) -> list[Run]:
-    """Join the logs that go on where the one before ended."""
+def _grouped(pieces: Sequence[tuple[Path, StateHeader | None]]) -> list[Run]:
+    """Group logs into runs: a log joins the run that ended where it begins."""
     groups: list[list[tuple[Path, StateHeader | None]]] = []
     for log, header in pieces:
         before = groups[-1][-1][0].name if groups else ""
@@ -178,14 +179,14 @@ def _joined(pieces: Sequence[tuple[Path, StateHeader | None]]) -> list[Run]:
 
 
 def _run(pieces: Sequence[tuple[Path, StateHeader | None]]) -> Run:
-    """Return the run of logs that go on in each other."""
+    """Return the run of consecutive logs."""
     logs = tuple(log for log, _ in pieces)
     plain = pieces[0][1] is None
     return Run(logs, None if plain else logs[0].with_suffix(STATE), ends=plain or _was_stopped(logs[-1]))
 
 
 def _was_stopped(log: Path) -> bool:
-    """Tell whether a log ends where the service was stopped."""
+    """Return whether a log ends where the service was stopped."""
     try:
         with log.open("rb") as file:
             file.seek(0, os.SEEK_END)

@@ -35,15 +35,15 @@ class ReplayRequest:
     """What to replay and what to write.
 
     Attributes:
-        log: the recorded drive, or a folder: of a recording of the service, or of logs that follow one another.
-        output: log of the frames that the daemon would have sent; None: not written.
+        log: the recorded drive, or a folder: a recording of the service, or consecutive logs.
+        output: log of the frames that the service would have sent; None: not written.
         tracks: table of obstacles; None: not written.
         predictions: table of expected positions; None: not written.
         horizons: of the predictions, s.
         speed: times real time; None: as fast as it goes.
-        channels: further names of channels in the log: channel → bus.
-        smooth: s of what comes that the table of obstacles learns from; None: it holds what was known at the time.
-        fresh: begin with nothing, even where the recording says what the service knew.
+        channels: additional channel names in the log: channel → bus.
+        smooth: lag of the smoothing of the table of obstacles, s; None: the table holds the causal estimates.
+        fresh: start with an empty pipeline, even where the recording holds the service's state.
     """
 
     log: Path
@@ -59,15 +59,15 @@ class ReplayRequest:
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """What a replay did.
+    """Result of a replay.
 
     Attributes:
-        pipeline: with its counts, which go on from those that the recording began with; of the last run of several.
-        log: counts of the reader.
-        sequence: with its counts of clock steps.
-        score: figures without truth.
-        first_ns, last_ns: times of the first and last frame; 0 where there was none.
-        seconds: how long it took.
+        pipeline: the pipeline of the last run; its counts continue from the state that the recording began with.
+        log: counts of the log reader.
+        sequence: counts of clock steps and reordering.
+        score: scores without ground truth.
+        first_ns, last_ns: times of the first and last frame; 0 without frames.
+        seconds: duration of the replay.
     """
 
     pipeline: Pipeline
@@ -84,11 +84,11 @@ def replay(binding: Binding, request: ReplayRequest, progress: Callable[[LogCoun
 
     Args:
         binding: the configuration, bound to its DBC files.
-        request: what to replay and write.
+        request: the log and the files to write.
         progress: called once a cycle.
 
     Raises:
-        InputError: there is no such log, it holds not one frame of the configured buses, or a file cannot be written.
+        InputError: there is no such log, it holds no frame of the configured buses, or a file cannot be written.
     """
     started = time.perf_counter()
     channels, counts, steps = _channels(binding, request.channels), LogCounts(), ReorderCounts()
@@ -101,11 +101,11 @@ def replay(binding: Binding, request: ReplayRequest, progress: Callable[[LogCoun
             outputs = _Outputs(binding, pipeline, request, writers, score)
             blocks = chain.from_iterable(read_log_blocks(log, channels, counts) for log in run.logs)
             for cycle in _cycles(pipeline, sequence, blocks, clock, request.speed):
-                outputs.take(cycle)
+                outputs.write(cycle)
                 if progress is not None:
                     progress(counts)
             for cycle in pipeline.finish() if run.ends else ():
-                outputs.take(cycle)
+                outputs.write(cycle)
             outputs.finish()
             steps.add(sequence)
     counts.require_frames(request.log)
@@ -115,14 +115,14 @@ def replay(binding: Binding, request: ReplayRequest, progress: Callable[[LogCoun
 def _cycles(
     pipeline: Pipeline, sequence: ReorderBuffer, blocks: Iterable[LogBlock], clock: _LogClock, speed: float | None
 ) -> Iterator[Cycle]:
-    """Take a log through the pipeline: frame by frame at a pace, otherwise in blocks, which gives the same cycles."""
+    """Run a log through the pipeline: frame by frame at a given speed, else in blocks; both give the same cycles."""
     if speed is None:
-        return pipeline.run_blocks(clock.noted(sequence.sequenced_blocks(blocks)))
+        return pipeline.run_blocks(clock.observed(sequence.sequenced_blocks(blocks)))
     return pipeline.run(clock.paced(sequence.sequenced(frames_of(blocks)), speed))
 
 
 class _LogClock:
-    """Notes the log's time, and holds frames back to a multiple of real time.
+    """Records the log's time, and paces frames to a multiple of real time.
 
     Attributes:
         first_ns, last_ns: times of the first and last item that passed. A first time of 0 counts as none.
@@ -132,8 +132,8 @@ class _LogClock:
         self.first_ns = 0
         self.last_ns = 0
 
-    def noted(self, blocks: Iterable[ItemBlock]) -> Iterator[ItemBlock]:
-        """Pass blocks on as they come."""
+    def observed(self, blocks: Iterable[ItemBlock]) -> Iterator[ItemBlock]:
+        """Pass blocks on unchanged."""
         for block in blocks:
             if len(block):
                 times = block.time_ns.tolist() if isinstance(block, FrameBlock) else [item[0] for item in block]
@@ -142,7 +142,7 @@ class _LogClock:
             yield block
 
     def paced(self, items: Iterable[Frame | Tick], speed: float) -> Iterator[Frame | Tick]:
-        """Pass single items on when their time has come.
+        """Pass single items on at their time.
 
         Args:
             items: in order of time.
@@ -159,26 +159,26 @@ class _LogClock:
 
 
 def _channels(binding: Binding, further: dict[str, str]) -> dict[str, int]:
-    """Return the bus of each channel name that a log may use."""
+    """Return the bus index of each channel name that a log may use."""
     index = {bus.name: bus.index for bus in binding.buses}
     channels = {name: bus.index for bus in binding.buses for name in bus.settings.names_in_logs}
     return channels | {channel: index[bus] for channel, bus in further.items()}
 
 
 class _Writers:
-    """The files that a replay writes."""
+    """The open files that a replay writes."""
 
     def __init__(self, binding: Binding, request: ReplayRequest, files: ExitStack) -> None:
         channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
         self.log = files.enter_context(open_log_writer(request.output, channels)) if request.output else None
         ego = binding.settings.ego
-        placed = isinstance(ego, InsSettings) and ego.gnss is not None
-        self.tracks = files.enter_context(TrackWriter(request.tracks, earth=placed)) if request.tracks else None
+        georeferenced = isinstance(ego, InsSettings) and ego.gnss is not None
+        self.tracks = files.enter_context(TrackWriter(request.tracks, earth=georeferenced)) if request.tracks else None
         self.predictions = files.enter_context(PredictionWriter(request.predictions)) if request.predictions else None
 
 
 class _Outputs:
-    """Hands each cycle of a run to the writers and the score."""
+    """Passes each cycle of a run to the writers and the score."""
 
     def __init__(
         self, binding: Binding, pipeline: Pipeline, request: ReplayRequest, writers: _Writers, score: DriveScore
@@ -190,22 +190,22 @@ class _Outputs:
         self._smoother = CycleSmoother(pipeline.trackers, smooth) if smooth is not None else None
         self._predictions = PredictionQueue(pipeline, request.horizons, writers.predictions, score)
 
-    def take(self, cycle: Cycle) -> None:
-        """Take one cycle."""
+    def write(self, cycle: Cycle) -> None:
+        """Write and score one cycle."""
         if self._writers.log is not None:
             self._writers.log.write(cycle.frames)
-        self._tabulate([cycle] if self._smoother is None else self._smoother.take(cycle))
+        self._write_tracks([cycle] if self._smoother is None else self._smoother.add(cycle))
         self._score.add(cycle)
         self._predictions.add(cycle)
 
     def finish(self) -> None:
-        """Tell what is still waiting."""
+        """Report pending predictions and smoothed cycles."""
         self._predictions.finish()
         if self._smoother is not None:
-            self._tabulate(self._smoother.finish())
+            self._write_tracks(self._smoother.finish())
 
-    def _tabulate(self, cycles: Iterable[Cycle]) -> None:
-        """Write cycles into the table of obstacles."""
+    def _write_tracks(self, cycles: Iterable[Cycle]) -> None:
+        """Write cycles to the table of obstacles."""
         for cycle in cycles:
             if self._writers.tracks is not None:
                 columns = track_columns(cycle.obstacles, self._names, cycle.georeference)

@@ -1,4 +1,4 @@
-"""What a user without truth wants to know of a drive: what was read and lost, how far the tracks can be believed."""
+"""Summary of a replay for a user without ground truth: input read and lost, and scores of the tracks."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from candaemon.playback.replay import Replayed
 
 
 def summarise(replayed: Replayed) -> dict[str, Any]:
-    """Return the figures of a replay, ready for JSON. The keys are stable.
+    """Return the summary of a replay, ready for JSON. The keys are stable.
 
     ==================  ==============================================================================
-    `log`               frames read, lines that are none, remote and error frames, other channels
-    `buses`             per bus: frames, used, spare (nobody asks), unknown (no DBC entry), short
-    `sensors`           per sensor: frames by fate, objects left out by cause, scans, incomplete and discarded scans,
+    `log`               frames read, malformed lines, remote and error frames, other channels
+    `buses`             per bus: frames, used, spare (not evaluated), unknown (no DBC entry), short
+    `sensors`           per sensor: frames by outcome, objects rejected by cause, scans, incomplete and discarded scans,
                         frames missing
-    `own_motion`        frames of own motion refused, by cause
-    `clock`             steps back that were rebased; frames whose time was raised because they came late; reordered
-    `cycles`            told, coasting (every sensor silent), dropped for want of own motion
-    `tracks`            detections given and used, obstacles begun, confirmed, merged, slot jumps
+    `own_motion`        frames of ego motion rejected, by cause
+    `clock`             steps back that were rebased; late frames whose time was raised; reordered frames
+    `cycles`            reported, coasting (every sensor silent), dropped for lack of ego motion
+    `tracks`            detections received and used, obstacles initiated, confirmed, merged, slot jumps
     `nis`               mean, expected, coverage of the 95 % quantile, samples
-    `predictions`       per horizon: RMSE of x and y in m against the sensor's own later word
-    `stationary`        RMS over ground of what stands: vx, plane speed, m/s
+    `predictions`       per horizon: RMSE of x and y against the sensor's later measurements, m
+    `stationary`        RMS over ground of stationary objects: vx, speed in the plane, m/s
     `duplicates`        share of confirmed samples with another one within 3 m, 1 m and 1 m/s
     `output`            frames sent, values that had to be saturated
-    `gnss`              only with `ego.gnss`: fixes told and by fate, RMS distance of the used ones from where they were
-                        expected, one standard deviation of the last placement, m
-    `seconds`           of the log
+    `gnss`              only with `ego.gnss`: fixes received and by outcome, RMS innovation of the used ones, standard
+                        deviation of the last georeference, m
+    `seconds`           duration of the log
     ==================  ==============================================================================
     """
     pipeline, log, score = replayed.pipeline, replayed.log, replayed.score
@@ -85,14 +85,14 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
         },
         "duplicates": {"share": _rounded(score.duplicates.share), "samples": score.duplicates.samples},
         "output": {"frames": counts.sent, "saturated": pipeline.saturated},
-        **({} if pipeline.georeferencer is None else {"gnss": _placing(pipeline.georeferencer)}),
+        **({} if pipeline.georeferencer is None else {"gnss": _gnss(pipeline.georeferencer)}),
         "seconds": _rounded((replayed.last_ns - replayed.first_ns) * 1e-9),
     }
 
 
-def _placing(placer: Georeferencer) -> dict[str, Any]:
-    """Return what became of the fixes."""
-    counts = placer.counts
+def _gnss(georeferencer: Georeferencer) -> dict[str, Any]:
+    """Return the counts of GNSS fixes."""
+    counts = georeferencer.counts
     return {
         "fixes": counts.fixes,
         "invalid": counts.invalid,
@@ -100,10 +100,10 @@ def _placing(placer: Georeferencer) -> dict[str, Any]:
         "rejected": counts.rejected,
         "restarts": counts.restarts,
         "innovation_rms": _rounded(counts.innovation_rms),
-        "deviation": _rounded(placer.deviation),
+        "deviation": _rounded(georeferencer.deviation),
     }
 
 
 def _rounded(value: float) -> float | None:
-    """Return a figure with six decimals; None where there is none, for JSON knows no NaN."""
+    """Return a figure with six decimals; None for NaN, which JSON does not have."""
     return round(value, 6) if np.isfinite(value) else None

@@ -17,18 +17,18 @@ from candaemon.arrays import ComplexPlane, Floats
 from candaemon.simulation.scenario import Segment
 
 _SLOW = 0.1
-"""m/s under which a velocity's direction says nothing about the heading."""
+"""Speed below which the direction of a velocity is no measure of the heading, m/s."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrueMotion:
-    """Motion at n instants, over ground in level axes (real part along the first axis, imaginary along the second).
+    """Motion at n instants, over ground in local axes (real part east, imaginary part north).
 
     Attributes:
         position: m.
         velocity: m/s.
         acceleration: m/s².
-        yaw: direction of the vehicle's x axis, rad, counter-clockwise from the first axis.
+        yaw: direction of the vehicle's x axis, rad, counter-clockwise from east.
         yaw_rate: rad/s, positive to the left.
 
     """
@@ -40,15 +40,15 @@ class TrueMotion:
     yaw_rate: Floats
 
 
-class Piece(Protocol):
-    """A stretch of motion with a closed form."""
+class MotionPiece(Protocol):
+    """A part of a trajectory with a closed form."""
 
     def at(self, elapsed: Floats) -> TrueMotion:
         """Return the motion at seconds since the piece's start, shape (n,)."""
 
 
 def _turning_integrals(turn: Floats) -> tuple[ComplexPlane, ComplexPlane]:
-    """Return ∫₀¹ e^(i·turn·s) ds and ∫₀¹ s·e^(i·turn·s) ds; by their series where the closed form cancels."""
+    """Return ∫₀¹ e^(i·turn·s) ds and ∫₀¹ s·e^(i·turn·s) ds; by power series where the closed form loses precision."""
     z = 1j * turn
     small = np.abs(turn) < 0.02
     safe = np.where(small, 1.0, z)
@@ -60,8 +60,8 @@ def _turning_integrals(turn: Floats) -> tuple[ComplexPlane, ComplexPlane]:
 
 
 @dataclass(frozen=True, slots=True)
-class Along:
-    """Constant acceleration along a heading that turns at a constant rate."""
+class TurningMotion:
+    """Constant turn rate and constant acceleration along the heading."""
 
     position: complex
     yaw: float
@@ -87,8 +87,8 @@ class Along:
 
 
 @dataclass(frozen=True, slots=True)
-class ByAxes:
-    """Constant acceleration in fixed axes; the vehicle points where it moves."""
+class StraightMotion:
+    """Constant acceleration in fixed axes; the heading is the direction of the velocity."""
 
     position: complex
     velocity: complex
@@ -111,7 +111,7 @@ class ByAxes:
 
 
 @dataclass(frozen=True, slots=True)
-class Sideways:
+class LaneChangeMotion:
     """A lane change: constant acceleration along the lane, a fifth-order polynomial across it."""
 
     position: complex
@@ -144,14 +144,14 @@ class Sideways:
 
 
 class Trajectory:
-    """Motion over the whole scenario: pieces in closed form, each from its start to the next one's.
+    """Motion over the whole scenario: a sequence of pieces in closed form, each valid until the next one starts.
 
     Before the first piece's start, the first piece is continued backwards.
     """
 
     __slots__ = ("_pieces", "_starts")
 
-    def __init__(self, starts: Sequence[float], pieces: Sequence[Piece]) -> None:
+    def __init__(self, starts: Sequence[float], pieces: Sequence[MotionPiece]) -> None:
         self._starts = np.asarray(starts, dtype=np.float64)
         self._pieces = tuple(pieces)
 
@@ -174,7 +174,7 @@ class Trajectory:
 
 @dataclass(slots=True)
 class _Cursor:
-    """Where the motion stands while its pieces are laid end to end."""
+    """End of the trajectory built so far."""
 
     time: float
     position: complex
@@ -183,11 +183,11 @@ class _Cursor:
 
     @property
     def speed(self) -> float:
-        """Speed along the heading; what is left by rounding after a stop is none."""
+        """Speed along the heading; a rounding residue after a stop counts as 0."""
         speed = abs(self.velocity)
         return speed if speed > 1e-9 else 0.0
 
-    def advance(self, piece: Piece, duration: float) -> None:
+    def advance(self, piece: MotionPiece, duration: float) -> None:
         """Move to the piece's end."""
         end = piece.at(np.array([duration]))
         self.time += duration
@@ -208,49 +208,49 @@ def _duration(segment: Segment, cursor: _Cursor) -> float:
 
 
 def _acceleration(segment: Segment, cursor: _Cursor, duration: float) -> float:
-    """Return the acceleration along the heading that the segment asks for; its sign follows a speed to reach."""
+    """Return the segment's acceleration along the heading, towards its target speed where it has one."""
     if segment.speed is not None and duration > 0.0:
         return (segment.speed - cursor.speed) / duration
     return segment.acceleration or 0.0
 
 
-def _pieces_of(segment: Segment, cursor: _Cursor, duration: float, axes_yaw: float) -> list[tuple[Piece, float]]:
-    """Return a segment's pieces and how long each lasts."""
+def _pieces_of(segment: Segment, cursor: _Cursor, duration: float, axes_yaw: float) -> list[tuple[MotionPiece, float]]:
+    """Return a segment's pieces and the duration of each."""
     if segment.by_axes:
-        pull = complex(segment.ax or 0.0, segment.ay or 0.0) * cmath.exp(1j * axes_yaw)
-        return [(ByAxes(cursor.position, cursor.velocity, pull, cursor.yaw), duration)]
+        acceleration = complex(segment.ax or 0.0, segment.ay or 0.0) * cmath.exp(1j * axes_yaw)
+        return [(StraightMotion(cursor.position, cursor.velocity, acceleration, cursor.yaw), duration)]
     speed, acceleration = cursor.speed, _acceleration(segment, cursor, duration)
     stop = -speed / acceleration if acceleration < 0.0 else math.inf
     moving = min(duration, stop)
-    piece: Piece
+    piece: MotionPiece
     if segment.lane_change is not None:
         change = segment.lane_change
-        piece = Sideways(cursor.position, cursor.yaw, speed, acceleration, change.offset, change.duration)
+        piece = LaneChangeMotion(cursor.position, cursor.yaw, speed, acceleration, change.offset, change.duration)
     else:
-        piece = Along(cursor.position, cursor.yaw, speed, acceleration, math.radians(segment.yaw_rate_deg))
+        piece = TurningMotion(cursor.position, cursor.yaw, speed, acceleration, math.radians(segment.yaw_rate_deg))
     if stop >= duration:
         return [(piece, duration)]
     end = piece.at(np.array([moving]))
-    standing = Along(complex(end.position[0]), float(end.yaw[0]), 0.0, 0.0, 0.0)
+    standing = TurningMotion(complex(end.position[0]), float(end.yaw[0]), 0.0, 0.0, 0.0)
     return [(piece, moving), (standing, duration - moving)]
 
 
 def trajectory(
     position: complex, velocity: complex, yaw: float, segments: Sequence[Segment], *, axes_yaw: float
 ) -> Trajectory:
-    """Lay segments end to end.
+    """Return the trajectory of consecutive segments.
 
     Args:
-        position: at time 0, level axes, m.
-        velocity: at time 0, level axes, m/s.
-        yaw: heading at time 0, rad, counter-clockwise from the level frame's first axis.
-        segments: what follows; after the last one velocity and heading stay.
-        axes_yaw: direction of the scenario's x axis in the level frame, rad.
+        position: at time 0, local axes, m.
+        velocity: at time 0, local axes, m/s.
+        yaw: heading at time 0, rad, counter-clockwise from east.
+        segments: in order; after the last one velocity and heading stay constant.
+        axes_yaw: direction of the scenario's x axis in the local frame, rad, counter-clockwise from east.
 
     """
     cursor = _Cursor(0.0, position, velocity, yaw)
     starts: list[float] = []
-    pieces: list[Piece] = []
+    pieces: list[MotionPiece] = []
     for segment in segments:
         for piece, duration in _pieces_of(segment, cursor, _duration(segment, cursor), axes_yaw):
             if duration <= 0.0:
@@ -261,5 +261,5 @@ def trajectory(
                 return Trajectory(starts, pieces)
             cursor.advance(piece, duration)
     starts.append(cursor.time)
-    pieces.append(ByAxes(cursor.position, cursor.velocity, 0j, cursor.yaw))
+    pieces.append(StraightMotion(cursor.position, cursor.velocity, 0j, cursor.yaw))
     return Trajectory(starts, pieces)

@@ -1,4 +1,4 @@
-"""Writes what a simulation gives: a log of its frames, a table of its truth."""
+"""Writes a simulation to files: a log of its frames, a table of its truth."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def record(simulation: Simulation, binding: Binding, log: Path, truth: Path | No
     Args:
         simulation: the drive.
         binding: the configuration it was made with.
-        log: where its frames go; the suffix tells the format.
-        truth: where the table of truth goes; None: it is not written.
+        log: path of the log; its suffix determines the format.
+        truth: path of the table of truth; None: it is not written.
 
     Returns:
         The number of frames.
@@ -47,5 +47,5 @@ def write_truth(simulation: Simulation, path: Path) -> None:
 
 
 def log_channels(binding: Binding) -> list[str]:
-    """Return what each bus is called in logs."""
+    """Return each bus's channel name in logs."""
     return [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]

@@ -17,20 +17,20 @@ from candaemon.objects.signals import SignalBinding
 from candaemon.simulation.actor_motion import TrueMotion
 from candaemon.simulation.message_writer import MessageWriter
 from candaemon.simulation.random_streams import stream
-from candaemon.simulation.scenario import EgoStart, OwnMotion, Scenario
+from candaemon.simulation.scenario import EgoMotionSensors, EgoStart, Scenario
 from candaemon.simulation.scene import Scene
 from candaemon.simulation.schedule import start_ns
 
 LEAD_IN = 0.3
-"""s before the scenario's time 0 from which own motion is told, so that the first scan finds it known."""
+"""The ego motion is sent from this many s before the scenario's time 0, so that it is known at the first scan."""
 _BLOCK = 256
 
 
 class EgoEncoder:
-    """Writes the ego's motion at its rate; all messages of an instant carry the same stamp.
+    """Writes the ego's motion at its rate; all messages of an instant carry the same time stamp.
 
     Args:
-        ego: the configuration's own motion, bound.
+        ego: the configuration's ego, bound to its DBC.
         scenario: gives rate, errors, loss and jitter.
         seed: of the simulation.
         source: index of its random streams.
@@ -53,23 +53,23 @@ class EgoEncoder:
         ]
         self._protectors = [None if each.guard is None else each.guard.protector for each in ego.messages.values()]
         self._names = [each.quantities for each in ego.messages.values()]
-        own = scenario.ego.own_motion
+        sensors = scenario.ego.own_motion
         self._drift: Drift | None = None
         if isinstance(ego.settings, InsSettings):
             noise = ego.settings.noise
             turns = [math.radians(noise.heading_deg), math.radians(noise.yaw_rate_deg)]
-            deviation = own.noise * np.array([noise.velocity, noise.velocity, *turns])
-            self._drift = Drift(deviation, 1.0 / own.rate, own.drift_time, self._random)
+            deviation = sensors.noise * np.array([noise.velocity, noise.velocity, *turns])
+            self._drift = Drift(deviation, 1.0 / sensors.rate, sensors.drift_time, self._random)
 
     def frames(self, scene: Scene) -> Iterator[Frame]:
         """Yield the frames in order of time, lost ones left out."""
-        own, transmission = self._scenario.ego.own_motion, self._scenario.frames
-        first = -math.floor(LEAD_IN * own.rate)
-        count = math.ceil(self._scenario.duration * own.rate) + 1 - first
+        sensors, transmission = self._scenario.ego.own_motion, self._scenario.frames
+        first = -math.floor(LEAD_IN * sensors.rate)
+        count = math.ceil(self._scenario.duration * sensors.rate) + 1 - first
         start, last = start_ns(self._scenario), -(1 << 62)
         for begin in range(0, count, _BLOCK):
             steps = first + np.arange(begin, min(begin + _BLOCK, count))
-            micro = np.rint(steps / own.rate * 1e6).astype(np.int64)
+            micro = np.rint(steps / sensors.rate * 1e6).astype(np.int64)
             exact = self._exact(scene.ego(micro / 1e6))
             coded = [(writer.message, self._payloads(k, steps, exact)) for k, writer in enumerate(self._writers)]
             delay = self._settings.latency + transmission.jitter * self._loss.exponential(1.0, len(steps))
@@ -92,16 +92,16 @@ class EgoEncoder:
         return [protector.seal(writer.message.can_id, payload) for payload in payloads]
 
     def _exact(self, motion: TrueMotion) -> dict[str, Floats]:
-        """Return the quantities that the ego's sensors tell, by name, SI; an INS's drift is in them."""
-        settings, own = self._settings, self._scenario.ego.own_motion
+        """Return the quantities that the ego's sensors measure, by name, in SI units; an INS's drift is included."""
+        settings, sensors = self._settings, self._scenario.ego.own_motion
         if isinstance(settings, OdometrySettings):
-            return odometry_values(motion, settings, own)
+            return odometry_values(motion, settings, sensors)
         count = len(motion.yaw)
         errors = np.zeros((4, count)) if self._drift is None else self._drift.next(count)
         return ins_values(motion, errors, settings, self._scenario.ego.start)
 
     def _reading(self, quantity: str, exact: Floats) -> Floats:
-        """Return one signal's reading of a quantity: odometry with noise of its own, speeds never below 0."""
+        """Return one signal's reading of a quantity: odometry with its white noise, speeds never below 0."""
         settings = self._settings
         if isinstance(settings, InsSettings):
             return exact
@@ -111,25 +111,25 @@ class EgoEncoder:
         return np.maximum(exact + factor * settings.noise.speed * draws, 0.0)
 
 
-def _counter(own: EgoMessage, protection: InputProtectionSettings | None) -> tuple[tuple[SignalBinding, ...], int]:
-    """Find the counter that protects a message, where one does, and how many values it has."""
+def _counter(message: EgoMessage, protection: InputProtectionSettings | None) -> tuple[tuple[SignalBinding, ...], int]:
+    """Return the counter that protects a message and its number of values; none and 0 where there is no counter."""
     if protection is None or protection.counter is None:
         return (), 0
-    signal = own.message.signal(protection.counter)
+    signal = message.message.signal(protection.counter)
     return (SignalBinding("counter", signal, 1.0, 0.0),), counter_period(protection, signal)
 
 
 _SEMI_MAJOR = 6_378_137.0
 _ECCENTRICITY_SQUARED = 6.694_379_990_14e-3
 _CRAWL = 0.5
-"""m/s under which a path's curvature is told as 0."""
+"""Speed below which the curvature is reported as 0, m/s."""
 
 
 def geodetic(east: Floats, north: Floats, start: EgoStart) -> tuple[Floats, Floats]:
-    """Return latitude and longitude in degrees of level positions in m, WGS 84.
+    """Return latitude and longitude (deg, WGS 84) of positions in the local frame (m).
 
     North is measured along the origin's meridian, east along the point's own parallel; the radii of curvature are
-    those of the origin: millimetres per kilometre off the geodesic.
+    those of the origin. The deviation from the geodesic is millimetres per kilometre.
     """
     latitude = math.radians(start.latitude)
     squared = 1 - _ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
@@ -140,7 +140,7 @@ def geodetic(east: Floats, north: Floats, start: EgoStart) -> tuple[Floats, Floa
 
 
 class Drift:
-    """Errors that change slowly: first-order Gauss-Markov processes, continued from call to call.
+    """Slowly varying errors: first-order Gauss-Markov processes, continued from call to call.
 
     Args:
         deviation: standard deviation of each, shape (n,).
@@ -169,12 +169,12 @@ class Drift:
 
 
 def ins_values(motion: TrueMotion, errors: Floats, settings: InsSettings, start: EgoStart) -> dict[str, Floats]:
-    """Return what an INS tells, by the names of `InsSignals`; SI, angles in radians, n instants.
+    """Return the readings of an INS at n instants, by the names of `InsSignals`, in SI units, angles in radians.
 
     Args:
-        motion: of the ego, level axes.
+        motion: of the ego, local axes.
         errors: of velocity north and east (m/s), heading and yaw rate (rad, rad/s), shape (4, n).
-        settings: the lever arm is where it measures.
+        settings: give the lever arm of the INS.
         start: the origin on earth.
 
     """
@@ -197,16 +197,16 @@ def ins_values(motion: TrueMotion, errors: Floats, settings: InsSettings, start:
     }
 
 
-def odometry_values(motion: TrueMotion, settings: OdometrySettings, own: OwnMotion) -> dict[str, Floats]:
-    """Return what wheels, speedometer and yaw rate sensor tell, by the names of `OdometrySignals`, n instants.
+def odometry_values(motion: TrueMotion, settings: OdometrySettings, sensors: EgoMotionSensors) -> dict[str, Floats]:
+    """Return the readings of wheels, speedometer and yaw rate sensor at n instants, by the names of `OdometrySignals`.
 
-    SI; biases and factors are in it, noise is not. The wheels are those of the rear axle.
+    In SI units, with biases and scale factors but without noise. The wheels are those of the rear axle.
     """
     speed = np.real(motion.velocity * np.exp(-1j * motion.yaw))
     inward = settings.track_width / 2 * motion.yaw_rate
     return {
-        "left_wheels": own.speed_factor * (speed - inward),
-        "right_wheels": own.speed_factor * (speed + inward),
-        "speed": own.speed_factor * speed + own.speed_offset,
-        "yaw_rate": motion.yaw_rate + math.radians(own.yaw_rate_bias_deg),
+        "left_wheels": sensors.speed_factor * (speed - inward),
+        "right_wheels": sensors.speed_factor * (speed + inward),
+        "speed": sensors.speed_factor * speed + sensors.speed_offset,
+        "yaw_rate": motion.yaw_rate + math.radians(sensors.yaw_rate_bias_deg),
     }

@@ -1,9 +1,9 @@
 """The radar front end of Avatirak et al. 2012: LFM-FSK, range and speed from a beat frequency and a phase difference.
 
 Two chirps A and B sweep the same bandwidth in steps taken in turn, B a little below A. A target is a peak at the same
-beat frequency in both spectra; neither that nor the phase between the two tells range and speed, but both together do,
-in one short measurement and for each peak apart (Rohling and Meinecke, "Waveform design principles for automotive radar
-systems", 2001). Targets of one beat frequency are one peak.
+beat frequency in both spectra; neither that nor the phase between the two determines range and speed, but both together
+do, in one short measurement and for each peak on its own (Rohling and Meinecke, "Waveform design principles for
+automotive radar systems", 2001). Targets of one beat frequency form one peak.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ SPEED_OF_LIGHT = 299_792_458.0
 _REFERENCE_RANGE = 50.0
 """m, to which the signal-to-noise ratio of the settings refers."""
 _BELOW_ZERO = 0.05
-"""Share of the unambiguous interval that lies below range 0, lest noise throws a near target to its far end."""
+"""Share of the unambiguous interval below range 0, so that noise does not wrap a near target to the far end."""
 
 
 class LfmFsk:
-    """The waveform: what a target is in the two spectra, and what a peak tells of its target.
+    """The waveform: beat frequency and phase of a target, and range and speed of a peak.
 
     Args:
         settings: of the front end.
@@ -44,11 +44,11 @@ class LfmFsk:
 
     @property
     def unambiguous_range(self) -> float:
-        """Range at which the phase difference comes round, m, at one beat frequency."""
+        """Range at which the phase difference wraps, m, at one beat frequency."""
         return 2 * math.pi / (self._phase_per_range + self._phase_per_speed) * self.range_cell
 
     def beat(self, distance: Floats, rate: Floats) -> tuple[Floats, Floats]:
-        """Return where targets are in the spectra.
+        """Return where targets appear in the spectra.
 
         Args:
             distance: m, (n,).
@@ -56,7 +56,7 @@ class LfmFsk:
 
         Returns:
             Beat frequency in cells of 1 / T, in [−N/2, N/2), and phase of B less that of A, rad, in [−π, π); both
-            come round.
+            wrapped.
         """
         ranges, speeds = distance / self.range_cell, -rate / self.speed_cell
         phase = self._phase_per_speed * speeds + self._phase_per_range * ranges
@@ -65,8 +65,8 @@ class LfmFsk:
     def target(self, beat: Floats, phase: Floats) -> tuple[Floats, Floats]:
         """Return range (m) and range rate (m/s, positive away) of peaks, the inverse of `beat`.
 
-        A target beyond the unambiguous range, or of a beat frequency that came round, comes out at a wrong place, as it
-        does at a real radar.
+        A target beyond the unambiguous range, or with a wrapped beat frequency, appears at a wrong range, as
+        with a real radar.
         """
         ranges = (phase - self._phase_per_speed * beat) / (self._phase_per_speed + self._phase_per_range)
         interval = self.unambiguous_range / self.range_cell
@@ -76,13 +76,13 @@ class LfmFsk:
 
 
 def _wrapped(value: Floats, interval: float) -> Floats:
-    """Return values within half an interval round 0."""
+    """Return values wrapped to half an interval around 0."""
     return np.asarray(np.mod(value + interval / 2, interval) - interval / 2)
 
 
 @dataclass(frozen=True, slots=True)
 class Peaks:
-    """What a receiver tells apart in one measurement.
+    """The peaks that a receiver resolves in one measurement.
 
     Attributes:
         strongest: index of each peak's strongest echo (p,).
@@ -113,9 +113,9 @@ class LfmFskReceiver:
     def receive(self, distance: Floats, rate: Floats, azimuth: Floats, noise: Floats) -> Peaks:
         """Return the peaks, those of the strongest echoes first.
 
-        Echoes less than a cell of beat frequency from a stronger one are its peak; in it each counts with its power,
-        which falls with the fourth power of its range. Beat frequency and phase of a peak err as the Cramér-Rao bound
-        has it.
+        Echoes less than one cell of beat frequency from a stronger one merge into its peak, weighted by their power,
+        which falls with the fourth power of range. The errors of a peak's beat frequency and phase have the variance of
+        the Cramér-Rao bound.
 
         Args:
             distance: of the echoes, m, (n,).
@@ -137,10 +137,10 @@ class LfmFskReceiver:
 
 
 def _unresolved(beat: Floats, power: Floats) -> tuple[Indices, Indices]:
-    """Return the peak that each echo is part of (n,), and the echo that each peak stands out by, the strongest first.
+    """Return the peak that each echo belongs to (n,), and each peak's strongest echo, in order of falling power.
 
-    The strongest echo takes those less than a cell away, then the strongest of the rest, and so on: no peak is wider
-    than two cells, however close the echoes follow each other.
+    The strongest echo absorbs those less than one cell away, then the strongest of the rest, and so on: no peak is
+    wider than two cells, however closely the echoes are spaced.
     """
     strongest: list[int] = []
     peak: Indices = np.full(len(beat), -1, dtype=np.intp)
@@ -152,5 +152,5 @@ def _unresolved(beat: Floats, power: Floats) -> tuple[Indices, Indices]:
 
 
 def _mean_angle(peak: Indices, power: Floats, angle: Floats) -> Floats:
-    """Return the phase of each peak's echoes added up."""
+    """Return the phase of the sum of each peak's echoes, weighted by power."""
     return np.arctan2(np.bincount(peak, power * np.sin(angle)), np.bincount(peak, power * np.cos(angle)))

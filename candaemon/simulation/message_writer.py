@@ -1,4 +1,4 @@
-"""Whole messages from quantities: headers, triggers and what the ego's sensors send."""
+"""Writes whole messages from quantities: headers, triggers and the messages of the ego's sensors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class MessageWriter:
     Args:
         message: its layout.
         bindings: the quantities in it, in the order of the rows to write.
-        fixed: signal → value in the DBC's unit, the same in each frame.
+        fixed: signal → constant value, in the DBC's unit.
 
     """
 
@@ -34,7 +34,7 @@ class MessageWriter:
         self._fixed = np.array([[value] for value in fixed.values()]).reshape(-1, 1)
 
     def payloads(self, values: Floats) -> list[bytes]:
-        """Return n payloads of quantities in SI, shape (bindings, n)."""
+        """Return n payloads of quantities in SI units, shape (bindings, n)."""
         count = values.shape[1]
         rows = np.concatenate([(values - self._bias) / self._gain, np.repeat(self._fixed, count, axis=1)])
         coded, _ = self._encoder.encode(rows)

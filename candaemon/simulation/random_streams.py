@@ -1,4 +1,4 @@
-"""Random numbers: one stream a sensor and purpose, so that a change to one leaves the others as they were."""
+"""Random numbers: one stream for each sensor and purpose, so that a change to one does not affect the others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def stream(seed: int, source: int, purpose: Purpose) -> np.random.Generator:
     Args:
         seed: of the whole simulation, ≥ 0.
         source: index of the sensor, or the number of sensors for the ego.
-        purpose: what is drawn from it.
+        purpose: what it is used for.
 
     """
     sequence = np.random.SeedSequence(seed, spawn_key=(source, _PURPOSES.index(purpose)))

@@ -1,4 +1,4 @@
-"""A scenario's settings and their YAML file: who drives how, what stands by the road, what the sensors make of it.
+"""A scenario's settings and their YAML file: trajectories, stationary objects, measurement and transmission effects.
 
 A scenario is given in *its own axes*: the vehicle axes of the ego at time 0 (x forward, y left, at rest over
 ground). `ego.start` places them on earth. Speeds and accelerations are over ground.
@@ -18,18 +18,18 @@ from candaemon.config.yaml_text import read_yaml
 
 
 class LaneChange(Settings):
-    """A smooth sideways move along a fifth-order polynomial, at rest sideways at both ends."""
+    """A lateral move along a fifth-order polynomial, with zero lateral velocity and acceleration at both ends."""
 
     offset: float = Field(ge=-20, le=20, description="m, to the left of the heading at its start")
     duration: float = Field(gt=0.2, le=60, description="s")
 
 
 class Segment(Settings):
-    """A stretch of motion: along the heading (speed, acceleration, yaw rate, lane change) or by axes (ax, ay).
+    """A section of a trajectory: along the heading (speed, acceleration, yaw rate, lane change) or by axes (ax, ay).
 
-    It ends after `duration`, at `until`, with its lane change, or, where it ramps to a `speed` at a given
-    `acceleration`, when that is reached. Without an end it lasts as long as the scenario. A vehicle that brakes to
-    0 stands for the rest of its segment.
+    It ends after `duration`, at `until`, with its lane change, or, with both a `speed` and an `acceleration`, when that
+    speed is reached. Without an end it lasts as long as the scenario. A vehicle that brakes to 0 stands still for the
+    rest of its segment.
     """
 
     duration: float | None = Field(None, gt=0, description="s")
@@ -59,18 +59,18 @@ class Segment(Settings):
 
     @property
     def by_axes(self) -> bool:
-        """Whether the motion is told by axes rather than along the heading."""
+        """Whether the motion is given along fixed axes rather than along the heading."""
         return self.ax is not None or self.ay is not None
 
     @property
     def open_ended(self) -> bool:
-        """Whether nothing in the segment says when it ends."""
-        told = self.duration is not None or self.until is not None
-        return not told and self.lane_change is None and self.speed is None
+        """Whether the segment has no defined end."""
+        timed = self.duration is not None or self.until is not None
+        return not timed and self.lane_change is None and self.speed is None
 
 
 def _checked(segments: tuple[Segment, ...]) -> None:
-    """Raise where a segment could never begin."""
+    """Raise a ValueError where a segment could never begin."""
     reached = 0.0
     for number, segment in enumerate(segments):
         if segment.open_ended and number + 1 < len(segments):
@@ -82,7 +82,7 @@ def _checked(segments: tuple[Segment, ...]) -> None:
 
 
 class EgoStart(Settings):
-    """Where the ego, and with it the scenario's axes, begins."""
+    """Initial position, heading and speed of the ego; the scenario's axes start there."""
 
     latitude: float = Field(48.0, ge=-89, le=89, description="deg, of the level frame's origin")
     longitude: float = Field(11.0, ge=-180, le=180, description="deg, of the level frame's origin")
@@ -92,8 +92,8 @@ class EgoStart(Settings):
     speed: float = Field(0.0, ge=0, le=100, description="m/s")
 
 
-class OwnMotion(Settings):
-    """What the ego's own sensors say of its motion."""
+class EgoMotionSensors(Settings):
+    """Rate and errors of the sensors that measure the ego motion."""
 
     rate: float = Field(100.0, ge=1, le=1000, description="Hz")
     noise: float = Field(1.0, ge=0, le=10, description="times the standard deviations of the configuration's ego")
@@ -108,7 +108,7 @@ class Ego(Settings):
 
     start: EgoStart = Field(default_factory=EgoStart)
     segments: tuple[Segment, ...] = ()
-    own_motion: OwnMotion = Field(default_factory=OwnMotion)
+    own_motion: EgoMotionSensors = Field(default_factory=EgoMotionSensors)
 
     @model_validator(mode="after")
     def _segments_follow(self) -> Ego:
@@ -181,14 +181,14 @@ class Rail(Settings):
 
 
 class Stationary(Settings):
-    """What stands by the road. Each post reflects as a point and hides nothing."""
+    """Stationary objects. Each post is a point reflector and occludes nothing."""
 
     posts: tuple[Post, ...] = ()
     rails: tuple[Rail, ...] = ()
 
 
 class NoiseOverride(Settings):
-    """Standard deviations to draw with, in place of those in the sensor's configuration."""
+    """Standard deviations of the simulated noise, in place of those in the sensor's configuration."""
 
     x: float | None = Field(None, ge=0, description="m")
     y: float | None = Field(None, ge=0, description="m")
@@ -201,7 +201,7 @@ class NoiseOverride(Settings):
 
 
 class MeasurementEffects(Settings):
-    """How the sensors see."""
+    """Detection, clutter, noise, occlusion and slot behaviour of the sensors."""
 
     detection_probability: float = Field(0.95, gt=0, le=1, description="of each visible reflection in each scan")
     clutter: float = Field(0.5, ge=0, le=50, description="mean false objects a scan, uniform over the field of view")
@@ -224,7 +224,7 @@ class MeasurementEffects(Settings):
 
 
 class Transmission(Settings):
-    """How the frames reach the log."""
+    """Timing, order and loss of the frames on their way to the log."""
 
     burst: float = Field(
         0.017, ge=0, le=0.5, description="s from a scan's first frame to its last; at most 40 % of its cycle"
@@ -262,7 +262,7 @@ def load_scenario(path: Path) -> Scenario:
         path: the YAML file.
 
     Raises:
-        ConfigError: naming every problem with file, line, key, what was found and what was expected.
+        ConfigError: names every problem with file, line, key, what was found and what was expected.
 
     """
     path = Path(path)
@@ -277,7 +277,9 @@ def load_scenario(path: Path) -> Scenario:
             while depth and location[:depth] not in lines:
                 depth -= 1
             what = (
-                details["ctx"]["error"] if details["type"] == "value_error" else _told(details["type"], details["msg"])
+                details["ctx"]["error"]
+                if details["type"] == "value_error"
+                else _expected(details["type"], details["msg"])
             )
             found = f"; found {details['input']!r}" if isinstance(details["input"], str | int | float) else ""
             key = ".".join(str(step) for step in location) or "the file"
@@ -285,8 +287,8 @@ def load_scenario(path: Path) -> Scenario:
         raise join_problems(path, sorted(problems)) from None
 
 
-def _told(kind: str, message: str) -> str:
-    """Say what was expected."""
+def _expected(kind: str, message: str) -> str:
+    """Return what was expected instead, as text."""
     match kind:
         case "missing":
             return "missing; add it"

@@ -1,4 +1,4 @@
-"""The scene at an instant: where the ego, the actors and what stands by the road truly are."""
+"""The true scene at an instant: motion of the ego and the actors, positions of the stationary objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from candaemon.simulation.scenario import Actor, Rail, Scenario
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """True motion of one rigid body at one instant, level axes (east + i·north), over ground.
+    """True motion of one rigid body at one instant, local axes (east + i·north), over ground.
 
     Attributes:
         position, velocity, acceleration: m, m/s, m/s².
@@ -32,8 +32,8 @@ class Pose:
     yaw: float
     yaw_rate: float
 
-    def carried(self, mount: Mount) -> Pose:
-        """Return the motion of a sensor mounted on the body; its yaw acceleration is left out."""
+    def at_mount(self, mount: Mount) -> Pose:
+        """Return the motion of a sensor mounted on the body; the body's yaw acceleration is neglected."""
         arm = complex(mount.x, mount.y) * cmath.exp(1j * self.yaw)
         return Pose(
             self.position + arm,
@@ -46,7 +46,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Points:
-    """Motion of n points at one instant, level axes, over ground: m, m/s, m/s²."""
+    """Motion of n points at one instant, local axes, over ground: m, m/s, m/s²."""
 
     position: ComplexPlane
     velocity: ComplexPlane
@@ -72,7 +72,7 @@ class SceneState:
         """Return the motion of points fixed to actors.
 
         Args:
-            actor: whose point it is, shape (n,).
+            actor: index of the actor that each point belongs to, shape (n,).
             offset: from the actor's centre in its own axes, m, shape (n,).
 
         """
@@ -87,7 +87,7 @@ class SceneState:
 
 
 def _posts_of(rail: Rail) -> ComplexPlane:
-    """Return a rail's posts in the scenario's axes, both ends among them."""
+    """Return a rail's posts in the scenario's axes, both ends included."""
     begin, end = complex(rail.begin.x, rail.begin.y), complex(rail.end.x, rail.end.y)
     spans = max(round(abs(end - begin) / rail.spacing), 1)
     return np.asarray(begin + (end - begin) * np.linspace(0.0, 1.0, spans + 1))
@@ -99,7 +99,7 @@ class Scene:
     Attributes:
         actors: the actors' settings, in the scenario's order.
         half_length, half_width: of each actor, m, shape (actors,); 0 for a point.
-        stationary: posts and rails' posts in level axes, shape (stationary,).
+        stationary: posts and rails' posts in local axes, shape (stationary,).
 
     """
 
@@ -109,7 +109,7 @@ class Scene:
         axes = cmath.exp(1j * yaw)
         origin = complex(start.east, start.north)
         self._ego = trajectory(origin, start.speed * axes, yaw, scenario.ego.segments, axes_yaw=yaw)
-        self._trajectories = tuple(_of_actor(actor, origin, yaw) for actor in scenario.actors)
+        self._trajectories = tuple(_actor_trajectory(actor, origin, yaw) for actor in scenario.actors)
         self.actors = scenario.actors
         self.half_length: Floats = np.array([actor.size.length / 2 for actor in scenario.actors])
         self.half_width: Floats = np.array([actor.size.width / 2 for actor in scenario.actors])
@@ -121,18 +121,18 @@ class Scene:
         """Return the ego's motion at seconds since the scenario's start, shape (n,)."""
         return self._ego.at(times)
 
-    def instants(self, times: Floats, *, block: int = 256) -> Iterator[SceneState]:
-        """Yield the scene at each of the times (s since the start, shape (n,)), worked out `block` at a time."""
+    def states(self, times: Floats, *, block: int = 256) -> Iterator[SceneState]:
+        """Yield the scene at each of the times (s since the start, shape (n,)), computed `block` at a time."""
         for first in range(0, len(times), block):
             part = times[first : first + block]
             ego = self._ego.at(part)
-            actors = _side_by_side([one.at(part) for one in self._trajectories], len(part))
+            actors = _stacked([one.at(part) for one in self._trajectories], len(part))
             for k, time in enumerate(part):
                 yield SceneState(float(time), _pose(ego, k), _row(actors, k))
 
 
-def _of_actor(actor: Actor, origin: complex, axes_yaw: float) -> Trajectory:
-    """Return an actor's trajectory in level axes."""
+def _actor_trajectory(actor: Actor, origin: complex, axes_yaw: float) -> Trajectory:
+    """Return an actor's trajectory in local axes."""
     start = actor.start
     if start.vx is not None or start.vy is not None:
         velocity = complex(start.vx or 0.0, start.vy or 0.0)
@@ -144,7 +144,7 @@ def _of_actor(actor: Actor, origin: complex, axes_yaw: float) -> Trajectory:
     return trajectory(position, velocity * axes, axes_yaw + heading, actor.segments, axes_yaw=axes_yaw)
 
 
-def _side_by_side(motions: list[TrueMotion], instants: int) -> TrueMotion:
+def _stacked(motions: list[TrueMotion], instants: int) -> TrueMotion:
     """Return the actors' motions as one, arrays of shape (instants, actors)."""
     if not motions:
         plane = np.empty((instants, 0), dtype=np.complex128)
@@ -160,12 +160,12 @@ def _side_by_side(motions: list[TrueMotion], instants: int) -> TrueMotion:
 
 
 def _row(motion: TrueMotion, k: int) -> TrueMotion:
-    """Return one instant's row."""
+    """Return the motion of all actors at index k of time."""
     return TrueMotion(motion.position[k], motion.velocity[k], motion.acceleration[k], motion.yaw[k], motion.yaw_rate[k])
 
 
 def _pose(motion: TrueMotion, k: int) -> Pose:
-    """Return one instant of one body."""
+    """Return the pose of one body at index k of time."""
     return Pose(
         complex(motion.position[k]),
         complex(motion.velocity[k]),

@@ -1,4 +1,4 @@
-"""When sensors measure, and when their frames are stamped. Whole microseconds, which every log format keeps."""
+"""Measurement times of sensors and time stamps of their frames, in whole µs, which every log format preserves."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from candaemon.simulation.scenario import Scenario, Transmission
 
 _MICROSECOND = 1_000
 _LARGEST_BURST = 0.4
-"""Share of a cycle that the frames of one scan fill at most."""
+"""Largest share of a cycle that the frames of one scan may fill."""
 
 
 def start_ns(scenario: Scenario) -> int:
-    """Return the log's time of the scenario's time 0."""
+    """Return the scenario's time 0 in the log's clock, ns."""
     return round(scenario.start_time * 1e6) * _MICROSECOND
 
 
 def scan_times(scenario: Scenario, sensors: list[SensorSettings], source: int, seed: int) -> Indices:
     """Return the instants at which a sensor measures, ns of the log's clock, in order.
 
-    Several sensors start evenly spread over their cycle. An instant is off its place in the raster by a normal error,
-    at most by a quarter of a cycle.
+    Several sensors start evenly spread over their cycle. Each instant deviates from the regular raster by a normally
+    distributed error, limited to a quarter of a cycle.
     """
     cycle = sensors[source].cycle_time
     lag = cycle * source / len(sensors)
@@ -40,8 +40,8 @@ def stamps(
 ) -> Indices:
     """Return the time stamps of a scan's frames, ns, in order, shape (count,).
 
-    The first (or last, as the sensor's `time_from` says) is the sensor's latency after the measurement; the others fill
-    the burst at random.
+    The first frame (or the last, according to the sensor's `time_from`) follows the measurement by the sensor's
+    latency; the others are spread over the burst at random.
     """
     burst = min(frames.burst, _LARGEST_BURST * settings.cycle_time)
     after = np.sort(random.random(count)) * burst

@@ -1,4 +1,4 @@
-"""A sensor's reports as the frames that a real one sends: headers, triggers, counters, empty slots, bursts."""
+"""Encodes a sensor's reports as the frames of a real one: headers, triggers, counters, empty slots, bursts."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from candaemon.simulation.slot_reports import SlotReport
 class SensorEncoder:
     """Writes one sensor's scans.
 
-    An object keeps its slot. Where an identity signal tells the objects, they are instead packed into the first slots
-    and only the identity stays, as such radars do; it is the slot they keep, plus 1. Where a header counts the objects
-    that follow, or all share one message, only occupied slots are sent; elsewhere all are.
+    An object keeps its slot. Where the DBC has an identity signal, the objects are instead packed into the first slots
+    and only the identity is constant, as with such radars; it is the slot assigned by the simulation, plus 1. Where a
+    header counts the objects that follow, or all share one message, only occupied slots are sent; otherwise all are.
 
     Args:
-        sensor: of the configuration, bound.
+        sensor: of the configuration, bound to its DBC.
         transmission: burst, order, jitter and loss.
         seed: of the simulation.
-        where: the sensor's place in the configuration.
+        where: location of the sensor in the configuration.
 
     Raises:
-        ConfigError: a slot cannot be written as the configuration says.
+        ConfigError: a slot cannot be written as configured.
 
     """
 
@@ -54,7 +54,7 @@ class SensorEncoder:
 
     @property
     def saturated(self) -> int:
-        """Values so far that did not fit their signal."""
+        """Number of values so far that were outside the range of their signal."""
         return self._writer.saturated
 
     def frames(self, report: SlotReport, index: int, measured_ns: int) -> list[Frame]:
@@ -62,8 +62,8 @@ class SensorEncoder:
 
         Args:
             report: the occupied slots.
-            index: number of the scan, which counters show modulo their width.
-            measured_ns: the measurement's instant, log time.
+            index: number of the scan; counters carry it modulo their width.
+            measured_ns: measurement time, log clock.
 
         """
         sent = self._in_order(self._objects(report, index))
@@ -81,7 +81,7 @@ class SensorEncoder:
         ]
 
     def _objects(self, report: SlotReport, index: int) -> list[tuple[int, bytes]]:
-        """Return the object messages, first those of the first part."""
+        """Return the object messages, in order of the message layout's parts."""
         held = report.slot
         count = len(held)
         place = np.arange(count) if self._packed else held
@@ -100,7 +100,7 @@ class SensorEncoder:
         return self._writer.write(np.arange(slots), spread, occupied, counter=index, new=new, identity=identity)
 
     def _in_order(self, sent: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
-        """Return frames in the order they are sent: a closing one last, one message of shared ones after the other."""
+        """Return frames in sending order: by part where objects share messages, the trigger frame last."""
         if self._transmission.order == "shuffled":
             sent = [sent[k] for k in self._order.permutation(len(sent)).tolist()]
         if self._rank:

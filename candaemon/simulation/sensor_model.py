@@ -1,4 +1,4 @@
-"""What a sensor makes of the scene: visible reflections, misses, noise, clutter, as quantities in sensor axes."""
+"""Sensor model: visible reflections, missed detections, noise and clutter, as quantities in sensor axes."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from candaemon.simulation.scene import Points, Pose, Scene, SceneState
 from candaemon.simulation.visibility import VisibleReflections, hidden, in_view, seen_from
 
 NOISY = ("x", "y", "range", "azimuth", "range_rate", "vx", "vy", "ax")
-"""Quantities that are drawn with noise."""
+"""Quantities with measurement noise."""
 QUANTITIES = (*NOISY, "width", "length", "score")
 """Quantities an object can have, as `ObjectSignals` names them."""
 
 _DRIFT_TIME = 2.0
-"""s, correlation time of a reflection's wandering on its outline."""
+"""s, correlation time of a reflection's movement along its actor's outline."""
 _CLUTTER_SPEED = 30.0
 """m/s, bound of a false object's range rate."""
-_STATIONARY_LATER, _CLUTTER_LATER = 60.0, 30.0
-"""m that stationary and false objects count as farther away when slots run short."""
+_STATIONARY_OFFSET, _CLUTTER_OFFSET = 60.0, 30.0
+"""m added to the distance of stationary and false objects, which lowers their priority when slots run short."""
 
 
 @dataclass(frozen=True, slots=True)
-class Relative:
-    """Motion of n points relative to a sensor, in its axes: m, m/s, m/s²; velocity as the sensor defines it."""
+class RelativeMotion:
+    """Motion of n points relative to a sensor, in its axes, m, m/s, m/s²; velocity as the sensor's `rates` says."""
 
     position: ComplexPlane
     velocity: ComplexPlane
     acceleration: ComplexPlane
 
     def quantity(self, name: str) -> Floats:
-        """Return a motion quantity of each point, shape (n,), SI units, left positive, away positive."""
+        """Return a motion quantity of each point, shape (n,), SI units, positive to the left and away."""
         z = self.position
         match name:
             case "x":
@@ -49,7 +49,7 @@ class Relative:
             case "azimuth":
                 return np.angle(z)
             case "range_rate":
-                # a rotation of the axes turns the velocity across the line of sight only
+                # a rotation of the axes changes the velocity only across the line of sight
                 return np.real(np.conj(z) * self.velocity) / np.maximum(np.abs(z), 1e-9)
             case "vx":
                 return self.velocity.real
@@ -59,11 +59,11 @@ class Relative:
                 raise KeyError(name)
 
 
-def relative(points: Points, sensor: Pose, settings: SensorSettings) -> Relative:
-    """Return points as a sensor's axes show them.
+def relative(points: Points, sensor: Pose, settings: SensorSettings) -> RelativeMotion:
+    """Return the motion of points in a sensor's axes.
 
-    Rates of position are those of coordinates in the turning axes; `over_ground` leaves the turning out. Both are
-    relative to the sensor itself, whose velocity includes yaw rate × lever arm.
+    With `rates` `of_position`, velocities are time derivatives of the coordinates in the rotating axes; otherwise the
+    rotation is left out. Both are relative to the sensor itself, whose velocity includes yaw rate × lever arm.
     """
     turn = np.exp(-1j * sensor.yaw)
     position = (points.position - sensor.position) * turn
@@ -71,10 +71,10 @@ def relative(points: Points, sensor: Pose, settings: SensorSettings) -> Relative
     acceleration = (points.acceleration - sensor.acceleration) * turn
     if settings.rates == "of_position":
         velocity = velocity - 1j * sensor.yaw_rate * position
-    return Relative(position, velocity, acceleration)
+    return RelativeMotion(position, velocity, acceleration)
 
 
-def _acceleration(motion: Relative, polar: bool) -> Floats:
+def _acceleration(motion: RelativeMotion, polar: bool) -> Floats:
     """Return the acceleration along the line of sight (polar sensors) or along x."""
     z = motion.position
     if not polar:
@@ -84,34 +84,34 @@ def _acceleration(motion: Relative, polar: bool) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedDetections:
-    """What one scan detects.
+    """The detections of one scan.
 
     Attributes:
-        key: identity of each detection, the same in each scan, shape (n,).
+        key: identity of each detected object, constant over the scans, shape (n,).
         values: quantities as `SensorModel.quantities` lists them, shape (quantities, n), SI, sensor axes.
-        urgency: m; which objects come first when slots run short: the lowest.
-        there: identities of all that could have been detected.
+        urgency: m; the objects with the lowest are served first when slots run short, shape (n,).
+        detectable: identities of all objects that could have been detected.
 
     """
 
     key: Indices
     values: Floats
     urgency: Floats
-    there: frozenset[int]
+    detectable: frozenset[int]
 
 
 class SensorModel:
-    """One sensor's view of a scene, scan by scan.
+    """One sensor that observes a scene, scan by scan.
 
     Args:
         scene: the truth.
         settings: of the sensor: mount, field of view, signals, noise.
-        measurement: the scenario's.
+        measurement: the scenario's measurement effects.
         seed: of the simulation.
         source: the sensor's index.
 
     Attributes:
-        quantities: names of the rows of `SimulatedDetections.values`: what the sensor's signals give.
+        quantities: names of the rows of `SimulatedDetections.values`: those for which the sensor has a signal.
 
     """
 
@@ -124,17 +124,17 @@ class SensorModel:
         self._noise = np.array([[_deviation(name, settings, measurement)] for name in self.quantities])
         self._detection = stream(seed, source, "detection")
         self._draw = stream(seed, source, "noise")
-        self._drifting = stream(seed, source, "drift")
-        self._false = stream(seed, source, "clutter")
+        self._drift_random = stream(seed, source, "drift")
+        self._clutter_random = stream(seed, source, "clutter")
         self._receiver = None if settings.front_end is None else LfmFskReceiver(settings.front_end)
         moving, still = len(self._reflections.actor), len(scene.stationary)
         self._owner = np.concatenate([self._reflections.actor, np.full(still, -1, dtype=np.int64)])
         posts = len(scene.actors) + np.arange(still, dtype=np.int64)
         self._source = np.concatenate([self._reflections.actor, posts, [-1]])  # never empty
-        self._later = np.concatenate([np.zeros(moving), np.full(still, _STATIONARY_LATER)])
+        self._priority_offset = np.concatenate([np.zeros(moving), np.full(still, _STATIONARY_OFFSET)])
         self._width = np.concatenate([2 * scene.half_width[self._reflections.actor], np.zeros(still)])
         self._length = np.concatenate([2 * scene.half_length[self._reflections.actor], np.zeros(still)])
-        self._drift = measurement.drift * self._drifting.standard_normal(moving)
+        self._drift = measurement.drift * self._drift_random.standard_normal(moving)
         self._still = np.zeros(still, dtype=np.complex128)
         self._next_false = moving + still
         self._clutter_key = np.empty(0, dtype=np.int64)
@@ -143,12 +143,12 @@ class SensorModel:
 
     def observe(self, instant: SceneState) -> SimulatedDetections:
         """Return one scan's detections; call it for each scan in order."""
-        sensor = instant.ego.carried(self._settings.mount)
-        motion, there = self._motion(instant, sensor)
+        sensor = instant.ego.at_mount(self._settings.mount)
+        motion, detectable = self._motion(instant, sensor)
         chance = self._detection.random(len(self._owner))
         noise = self._draw.standard_normal((len(self.quantities), len(self._owner))) * self._noise
-        seen = np.flatnonzero(there & (chance < self._measurement.detection_probability))
-        seen_motion = Relative(motion.position[seen], motion.velocity[seen], motion.acceleration[seen])
+        seen = np.flatnonzero(detectable & (chance < self._measurement.detection_probability))
+        seen_motion = RelativeMotion(motion.position[seen], motion.velocity[seen], motion.acceleration[seen])
         values = self._values(seen_motion, self._width[seen], self._length[seen], score=0.95) + noise[:, seen]
         if self._receiver is not None:
             strongest, values = self._received(self._receiver, seen, seen_motion, values)
@@ -158,18 +158,18 @@ class SensorModel:
         return SimulatedDetections(
             np.concatenate([seen, self._clutter_key]),
             np.concatenate([values, self._clutter], axis=1),
-            np.concatenate([distance + self._later[seen], self._clutter_range + _CLUTTER_LATER]),
-            frozenset(np.flatnonzero(there).tolist()),
+            np.concatenate([distance + self._priority_offset[seen], self._clutter_range + _CLUTTER_OFFSET]),
+            frozenset(np.flatnonzero(detectable).tolist()),
         )
 
     def owner(self, key: Indices) -> Indices:
-        """Return what each is of: index of the actor, actors + index of the stationary object, −1 for clutter."""
+        """Return each detection's source: the actor's index, actors + the stationary object's index, −1 for clutter."""
         return np.where(key < len(self._source), self._source[np.minimum(key, len(self._source) - 1)], -1)
 
-    def _motion(self, instant: SceneState, sensor: Pose) -> tuple[Relative, Booleans]:
+    def _motion(self, instant: SceneState, sensor: Pose) -> tuple[RelativeMotion, Booleans]:
         """Return the motion of every point relative to the sensor, and which can be seen."""
         reflections, measurement = self._reflections, self._measurement
-        self._wander()
+        self._advance_drift()
         offset = reflections.offsets(seen_from(instant, sensor.position), self._drift)
         moving = instant.on_actors(reflections.actor, offset)
         points = Points(
@@ -178,21 +178,21 @@ class SensorModel:
             np.concatenate([moving.acceleration, self._still]),
         )
         motion = relative(points, sensor, self._settings)
-        there = in_view(motion.position, self._settings.field_of_view)
-        there[: len(reflections.actor)] &= np.abs(motion.position[: len(reflections.actor)]) <= reflections.reach
+        detectable = in_view(motion.position, self._settings.field_of_view)
+        detectable[: len(reflections.actor)] &= np.abs(motion.position[: len(reflections.actor)]) <= reflections.reach
         if measurement.occlusion:
-            candidates = np.flatnonzero(there)
+            candidates = np.flatnonzero(detectable)
             covered = hidden(self._scene, instant, sensor, motion.position[candidates], self._owner[candidates])
-            there[candidates[covered]] = False
-        return motion, there
+            detectable[candidates[covered]] = False
+        return motion, detectable
 
-    def _wander(self) -> None:
-        """Move each reflection a little on its outline: a first-order Gauss-Markov process."""
+    def _advance_drift(self) -> None:
+        """Advance each reflection's displacement on its outline, a first-order Gauss-Markov process, by one scan."""
         keep = math.exp(-self._settings.cycle_time / _DRIFT_TIME)
         spread = self._measurement.drift * math.sqrt(1 - keep**2)
-        self._drift = keep * self._drift + spread * self._drifting.standard_normal(len(self._drift))
+        self._drift = keep * self._drift + spread * self._drift_random.standard_normal(len(self._drift))
 
-    def _values(self, motion: Relative, width: Floats, length: Floats, *, score: float) -> Floats:
+    def _values(self, motion: RelativeMotion, width: Floats, length: Floats, *, score: float) -> Floats:
         """Return exact quantities, shape (quantities, n)."""
         rows = np.empty((len(self.quantities), len(width)))
         for row, name in zip(rows, self.quantities, strict=True):
@@ -210,15 +210,16 @@ class SensorModel:
         return rows
 
     def _received(
-        self, receiver: LfmFskReceiver, seen: Indices, motion: Relative, values: Floats
+        self, receiver: LfmFskReceiver, seen: Indices, motion: RelativeMotion, values: Floats
     ) -> tuple[Indices, Floats]:
-        """Return which detections a radar front end tells apart, and their quantities with its ranges and rates.
+        """Return the detections that a radar front end resolves, and their quantities with its ranges and rates.
 
         Args:
             receiver: the front end.
-            seen: whose detections they are (n,).
+            seen: index of the reflection of each detection (n,).
             motion: their exact motion (n,).
-            values: quantities with noise (quantities, n), of which azimuth and what lies across the line of sight stay.
+            values: quantities with noise (quantities, n), of which azimuth
+                and the components across the line of sight are kept.
         """
         rows = dict(zip(self.quantities, values, strict=True))
         azimuth = rows["azimuth"] if "azimuth" in rows else np.arctan2(rows["y"], rows["x"])
@@ -228,22 +229,22 @@ class SensorModel:
         line = np.exp(1j * peaks.azimuth)
         along = np.real(np.conj(line) * velocity[peaks.strongest])
         place, velocity = peaks.distance * line, velocity[peaks.strongest] + (peaks.rate - along) * line
-        told = {"range": peaks.distance, "azimuth": peaks.azimuth, "range_rate": peaks.rate}
-        told |= {"x": place.real, "y": place.imag, "vx": velocity.real, "vy": velocity.imag}
+        measured = {"range": peaks.distance, "azimuth": peaks.azimuth, "range_rate": peaks.rate}
+        measured |= {"x": place.real, "y": place.imag, "vx": velocity.real, "vy": velocity.imag}
         values = values[:, peaks.strongest]
         for row, name in zip(values, self.quantities, strict=True):
-            row[:] = told.get(name, row)
+            row[:] = measured.get(name, row)
         return peaks.strongest, values
 
     def _renew_clutter(self) -> None:
-        """Let most false objects go and draw others, uniform over the area of the field of view."""
-        view, measurement, random = self._settings.field_of_view, self._measurement, self._false
+        """Remove most false objects and draw others, uniform over the area of the field of view."""
+        view, measurement, random = self._settings.field_of_view, self._measurement, self._clutter_random
         stay = random.random(len(self._clutter_key)) < measurement.clutter_persistence
         count = int(random.poisson(measurement.clutter * (1 - measurement.clutter_persistence)))
         distance = np.sqrt(random.uniform(view.min_range**2, view.range**2, count))
         direction = np.exp(1j * random.uniform(-1.0, 1.0, count) * math.radians(view.azimuth_deg))
         velocity = random.uniform(-_CLUTTER_SPEED, _CLUTTER_SPEED, count) * direction
-        motion = Relative(distance * direction, velocity, np.zeros(count, dtype=np.complex128))
+        motion = RelativeMotion(distance * direction, velocity, np.zeros(count, dtype=np.complex128))
         fresh = self._values(motion, np.zeros(count), np.zeros(count), score=0.2)
         keys = np.arange(self._next_false, self._next_false + count)
         self._next_false += count
@@ -253,7 +254,7 @@ class SensorModel:
 
 
 def _deviation(name: str, settings: SensorSettings, measurement: MeasurementEffects) -> float:
-    """Return the standard deviation to draw a quantity with, SI."""
+    """Return the standard deviation of a quantity's noise, SI units."""
     if name not in NOISY:
         return 0.0
     if name == "ax":

@@ -1,4 +1,4 @@
-"""A scenario through a configuration's sensors: frames, and the truth beside them."""
+"""Simulates a scenario through a configuration's sensors: frames, and the truth that belongs to them."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from candaemon.simulation.truth import Truth, TruthCycle
 
 
 class Simulation:
-    """A scenario as the sensors of a configuration tell it. The same arguments give the same frames.
+    """A scenario as the sensors of a configuration report it. The same arguments give the same frames.
 
     Args:
         scenario: the drive.
         binding: the configuration, bound to its DBC files.
-        seed: of all random numbers; default: the scenario's.
+        seed: of all random streams; default: the scenario's.
 
     Raises:
-        ConfigError: the ego of the scenario moves but that of the configuration stands for good, or a sensor's frames
+        ConfigError: the ego of the scenario moves but that of the configuration is static, or a sensor's frames
             cannot be written with its DBC.
 
     """
@@ -61,30 +61,30 @@ class Simulation:
         return heapq.merge(*streams, key=itemgetter(0))
 
     def reports(self, sensor: int) -> Iterator[tuple[int, SlotReport]]:
-        """Yield what one sensor reports: the measurement's instant (ns, log time) and its occupied slots."""
+        """Yield the reports of one sensor: measurement time (ns, log clock) and occupied slots."""
         settings = self._settings[sensor]
         reporter = SlotReporter(self._scene, settings, self.scenario, seed=self.seed, source=sensor)
         times = self._times(sensor)
-        for instant, time_ns in zip(self._instants(times), times.tolist(), strict=True):
+        for instant, time_ns in zip(self._states(times), times.tolist(), strict=True):
             yield time_ns, reporter.report(instant)
 
     def truth(self) -> Iterator[TruthCycle]:
-        """Yield the truth at each instant at which any sensor measures, in order."""
+        """Yield the truth at each measurement time of any sensor, in order."""
         truth = Truth(self._scene, self._settings, occlusion=self.scenario.measurement.occlusion)
         times = np.unique(np.concatenate([self._times(k) for k in range(len(self._settings))]))
-        for instant, time_ns in zip(self._instants(times), times.tolist(), strict=True):
+        for instant, time_ns in zip(self._states(times), times.tolist(), strict=True):
             yield truth.cycle(instant, time_ns)
 
     def _times(self, sensor: int) -> Indices:
-        """Return the instants at which a sensor measures, ns, log time."""
+        """Return the measurement times of a sensor, ns, log clock."""
         return scan_times(self.scenario, self._settings, sensor, self.seed)
 
-    def _instants(self, times: Indices) -> Iterator[SceneState]:
-        """Yield the scene at instants of the log's time."""
-        return self._scene.instants((times - start_ns(self.scenario)) / 1e9)
+    def _states(self, times: Indices) -> Iterator[SceneState]:
+        """Yield the scene at times of the log's clock, ns."""
+        return self._scene.states((times - start_ns(self.scenario)) / 1e9)
 
     def _encoder(self, sensor: BoundSensor) -> SensorEncoder:
-        """Return the writer of a sensor's frames."""
+        """Return the encoder of a sensor's frames."""
         where = SettingLocation(self._binding.loaded, ("sensors", sensor.name))
         return SensorEncoder(sensor, self.scenario.frames, seed=self.seed, where=where)
 

@@ -1,6 +1,6 @@
-"""A sensor's report of one scan: which object in which slot, and what of it.
+"""A sensor's report of one scan: the objects, the slots that hold them and their quantities.
 
-Slots are handed out as real radars do: kept while an object is seen, reused without warning.
+Slots are assigned as real radars do: kept while an object is detected, reused without warning.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from candaemon.simulation.scene import Scene, SceneState
 from candaemon.simulation.sensor_model import SensorModel
 
 FALSE = -1
-"""Owner of a false object in `Report.owner`."""
+"""Owner of a false object in `SlotReport.owner`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class SlotReport:
 
     Attributes:
         slot: 0-based, shape (n,).
-        new: whether the object took its slot in this scan, shape (n,).
+        new: whether the object was assigned its slot in this scan, shape (n,).
         quantities: names of the rows of `values`.
         values: shape (quantities, n), SI, sensor axes.
         owner: 0-based index of the actor, actors + index of the stationary object, or `FALSE`, shape (n,).
@@ -42,12 +42,12 @@ class SlotReport:
 
 
 class SlotReporter:
-    """One sensor that sees a scene and keeps its objects in slots, scan by scan.
+    """One sensor that observes a scene and reports its objects in slots, scan by scan.
 
     Args:
         scene: the truth.
         settings: the sensor's.
-        scenario: how it measures.
+        scenario: gives the measurement effects.
         seed: of the simulation.
         source: the sensor's index.
 
@@ -55,8 +55,8 @@ class SlotReporter:
 
     def __init__(self, scene: Scene, settings: SensorSettings, scenario: Scenario, *, seed: int, source: int) -> None:
         measurement = scenario.measurement
-        self._observer = SensorModel(scene, settings, measurement, seed=seed, source=source)
-        self.quantities = self._observer.quantities
+        self._sensor = SensorModel(scene, settings, measurement, seed=seed, source=source)
+        self.quantities = self._sensor.quantities
         slots = settings.objects.slots
         self._table = RadarSlots(
             slots, hold=measurement.hold, reuse=measurement.slot_reuse, random=stream(seed, source, "slots")
@@ -68,30 +68,30 @@ class SlotReporter:
 
     def report(self, instant: SceneState) -> SlotReport:
         """Return one scan's report; call it for each scan in order."""
-        seen = self._observer.observe(instant)
-        given = self._table.assign(seen.key.tolist(), seen.urgency.tolist(), seen.there)
-        slot = np.array(given.slot, dtype=np.int64)
+        seen = self._sensor.observe(instant)
+        assigned = self._table.assign(seen.key.tolist(), seen.urgency.tolist(), seen.detectable)
+        slot = np.array(assigned.slot, dtype=np.int64)
         placed = np.flatnonzero(slot >= 0)
         order = placed[np.argsort(slot[placed])]
         new = np.zeros(self._values.shape[1], dtype=bool)
-        new[slot[order]] = np.array(given.new, dtype=bool)[order]
+        new[slot[order]] = np.array(assigned.new, dtype=bool)[order]
         self._values[:, slot[order]] = seen.values[:, order]
-        self._owner[slot[order]] = self._observer.owner(seen.key[order])
+        self._owner[slot[order]] = self._sensor.owner(seen.key[order])
         reported = slot[order]
-        if self._coast and given.missed:
-            missed = np.array(given.missed, dtype=np.int64)
-            self._move_on(missed)
+        if self._coast and assigned.missed:
+            missed = np.array(assigned.missed, dtype=np.int64)
+            self._extrapolate(missed)
             reported = np.sort(np.concatenate([reported, missed]))
         return SlotReport(reported, new[reported], self.quantities, self._values[:, reported], self._owner[reported])
 
-    def _move_on(self, slot: Indices) -> None:
-        """Move objects that were missed by their last reported rates."""
+    def _extrapolate(self, slot: Indices) -> None:
+        """Extrapolate objects that were missed by their last reported rates."""
         row = {name: k for k, name in enumerate(self.quantities)}
         for position, rate in (("x", "vx"), ("y", "vy"), ("range", "range_rate")):
             if position in row and rate in row:
                 self._values[row[position], slot] += self._cycle * self._values[row[rate], slot]
         if "x" in row and "range_rate" in row:
-            # along the line of sight, which x and y give
+            # the range rate acts along the line of sight, which follows from x and y
             along = self._values[row["x"], slot] + 1j * self._values[row["y"], slot]
             step = self._cycle * self._values[row["range_rate"], slot] * along / np.maximum(np.abs(along), 1e-9)
             self._values[row["x"], slot] += step.real
@@ -99,7 +99,7 @@ class SlotReporter:
 
 
 _MARGIN = 5.0
-"""How much more urgent (in m) a new object must be to push another out of its slot."""
+"""Difference in urgency (m) from which a new object displaces another from its slot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,9 +107,9 @@ class RadarSlotAssignment:
     """Slots after one scan.
 
     Attributes:
-        slot: of each object seen, −1 where none was left, in the order given.
-        new: whether it took that slot in this scan, in the order given.
-        missed: slots kept by objects that are there but were not seen in this scan.
+        slot: of each detected object, in the order of the argument; −1 where none was free.
+        new: whether the slot was assigned in this scan, in the same order.
+        missed: slots held by objects that are visible but were not detected in this scan.
 
     """
 
@@ -120,7 +120,7 @@ class RadarSlotAssignment:
 
 @dataclass(slots=True)
 class _Holder:
-    """What holds a slot."""
+    """An object that holds a slot."""
 
     slot: int
     urgency: float
@@ -128,13 +128,13 @@ class _Holder:
 
 
 class RadarSlots:
-    """Which object holds which slot.
+    """The assignment of objects to slots.
 
     Args:
-        capacity: slots there are.
-        hold: scans an object that is there but not seen keeps its slot.
-        reuse: probability that a new object takes a slot that became free in the same scan, if there is one;
-            otherwise it takes the lowest slot that was free before.
+        capacity: number of slots.
+        hold: scans for which a visible but undetected object keeps its slot.
+        reuse: probability that a new object is assigned a slot freed in the same scan, if there is one;
+            otherwise it is assigned the lowest slot that was free before.
         random: generator for that choice.
 
     """
@@ -146,44 +146,44 @@ class RadarSlots:
         self._free = list(range(capacity))
         self._holders: dict[int, _Holder] = {}
 
-    def assign(self, keys: Sequence[int], urgency: Sequence[float], there: Collection[int]) -> RadarSlotAssignment:
-        """Hand out slots for one scan.
+    def assign(self, keys: Sequence[int], urgency: Sequence[float], visible: Collection[int]) -> RadarSlotAssignment:
+        """Assign slots for one scan.
 
         Args:
-            keys: identity of each object seen.
-            urgency: of each object seen, the lowest first (m; a distance, more for what matters less).
-            there: identities of the objects that could be seen, whether they were or not; others give up their slot.
+            keys: identity of each detected object.
+            urgency: of each detected object, the lowest first (m; its distance, increased for less important objects).
+            visible: identities of all objects that could be detected, detected or not; all others lose their slot.
 
         """
         seen = set(keys)
-        freed, missed = self._release(seen, there)
+        freed, missed = self._release(seen, visible)
         for key, urgent in zip(keys, urgency, strict=True):
             holder = self._holders.get(key)
             if holder is not None:
                 holder.urgency, holder.misses = urgent, 0
         fresh = [k for k in np.argsort(np.asarray(urgency), kind="stable").tolist() if keys[k] not in self._holders]
-        taken: set[int] = set()
+        admitted: set[int] = set()
         for k in fresh:
             if not self._admit(keys[k], urgency[k], freed):
-                break  # the others are less urgent still
-            taken.add(keys[k])
+                break  # all further objects are less urgent
+            admitted.add(keys[k])
         self._free = sorted(self._free + freed)
         holders = [self._holders.get(key) for key in keys]
         held = {holder.slot for holder in holders if holder is not None}
         return RadarSlotAssignment(
             [-1 if holder is None else holder.slot for holder in holders],
-            [key in taken and holder is not None for key, holder in zip(keys, holders, strict=True)],
+            [key in admitted and holder is not None for key, holder in zip(keys, holders, strict=True)],
             [slot for slot in missed if slot not in held],
         )
 
-    def _release(self, seen: set[int], there: Collection[int]) -> tuple[list[int], list[int]]:
-        """Free the slots of what left or was missed too long; return those slots, and those kept through a miss."""
+    def _release(self, seen: set[int], visible: Collection[int]) -> tuple[list[int], list[int]]:
+        """Free the slots of objects that left or were missed too long; return the freed and the missed slots."""
         freed: list[int] = []
         missed: list[int] = []
         for key in [key for key in self._holders if key not in seen]:
             holder = self._holders[key]
             holder.misses += 1
-            if key in there and holder.misses <= self._hold:
+            if key in visible and holder.misses <= self._hold:
                 missed.append(holder.slot)
             else:
                 freed.append(holder.slot)
@@ -191,7 +191,7 @@ class RadarSlots:
         return freed, missed
 
     def _admit(self, key: int, urgency: float, freed: list[int]) -> bool:
-        """Give a new object a slot, if need be that of a less urgent one; tell whether it got one."""
+        """Assign a slot to a new object, if need be that of a less urgent one; return whether it got one."""
         if freed and (not self._free or self._random.random() < self._reuse):
             slot = freed.pop(0)
         elif self._free:

@@ -1,4 +1,4 @@
-"""Truth tables: what a perfect tracker would tell at each scan."""
+"""Truth tables: the obstacles that an ideal tracker would report at each scan."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from candaemon.simulation.scene import Points, Scene, SceneState
 from candaemon.simulation.visibility import VisibleReflections, hidden, in_view, reference_offsets, seen_from
 
 _MARGIN = 20.0
-"""m beyond the longest range of a sensor up to which stationary objects are told."""
+"""Stationary objects are listed up to this far beyond the longest range of a sensor, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +23,11 @@ class TruthCycle:
     """The truth at one instant: n objects, the actors first.
 
     Attributes:
-        time_ns: the measurement's instant, in the log's clock.
+        time_ns: measurement time, in the log's clock.
         columns: column of `--truth` → values, each of length n. `id` is 1 for the scenario's first actor, …; stationary
             objects follow. `state` is `actor`, `hidden` (an actor that no sensor can see at this instant) or
-            `stationary`. The others are of the reference point, as the tables say; `objects` and what only a tracker
-            knows are not there.
+            `stationary`. The others describe the reference point, as in `candaemon.evaluation.tables`; `objects`
+            and the columns that only a tracker can fill are absent.
 
     """
 
@@ -36,12 +36,12 @@ class TruthCycle:
 
 
 class Truth:
-    """The truth of a scenario as the given sensors could at best see it.
+    """The truth of a scenario, with the actors' visibility to the given sensors.
 
     Args:
         scene: the scenario's scene.
         sensors: the sensors' settings: mounts and fields of view.
-        occlusion: whether actors hide one another.
+        occlusion: whether actors occlude one another.
 
     """
 
@@ -50,16 +50,16 @@ class Truth:
         self._sensors = tuple(sensors)
         self._occlusion = occlusion
         self._reflections = VisibleReflections(scene)
-        self._still = np.zeros(len(self._reflections.actor))
+        self._no_drift = np.zeros(len(self._reflections.actor))
         self._reach = max((settings.field_of_view.range for settings in self._sensors), default=0.0) + _MARGIN
 
     def visible(self, instant: SceneState) -> Booleans:
-        """Tell which actors any sensor can see at an instant, by any of their reflections, shape (actors,)."""
+        """Return which actors are visible to any sensor at an instant, by any of their reflections, shape (actors,)."""
         seen = np.zeros(len(self._scene.actors), dtype=bool)
         actor = self._reflections.actor
         for settings in self._sensors:
-            sensor = instant.ego.carried(settings.mount)
-            offset = self._reflections.offsets(seen_from(instant, sensor.position), self._still)
+            sensor = instant.ego.at_mount(settings.mount)
+            offset = self._reflections.offsets(seen_from(instant, sensor.position), self._no_drift)
             point = instant.on_actors(actor, offset).position
             local = (point - sensor.position) * np.exp(-1j * sensor.yaw)
             in_sight = in_view(local, settings.field_of_view)
@@ -69,14 +69,14 @@ class Truth:
         return seen
 
     def references(self, instant: SceneState) -> Points:
-        """Return the motion of each actor's reference point, as `outline` has it, seen from the ego's origin."""
+        """Return the motion of each actor's reference point, as seen from the origin of the ego's vehicle axes."""
         scene = self._scene
         eye = seen_from(instant, instant.ego.position)
         offset = reference_offsets(eye, scene.half_length, scene.half_width)
         return instant.on_actors(np.arange(len(scene.actors), dtype=np.int64), offset)
 
     def cycle(self, instant: SceneState, time_ns: int) -> TruthCycle:
-        """Return one instant: all actors, and the stationary objects near enough to matter."""
+        """Return the truth at one instant: all actors, and the stationary objects within reach of the sensors."""
         ego, scene = instant.ego, self._scene
         turn = np.exp(-1j * ego.yaw)
         actors, seen = self.references(instant), self.visible(instant)
@@ -85,10 +85,17 @@ class Truth:
         position = np.concatenate([actors.position, scene.stationary[near]])
         velocity = np.concatenate([actors.velocity, still])
         local, speed = (position - ego.position) * turn, velocity * turn
-        pull = np.concatenate([actors.acceleration, still]) * turn
+        acceleration = np.concatenate([actors.acceleration, still]) * turn
         count = len(scene.actors)
-        plane = {"x": local.real, "y": local.imag, "vx": speed.real, "vy": speed.imag, "ax": pull.real, "ay": pull.imag}
-        level = {"east": position.real, "north": position.imag, "ve": velocity.real, "vn": velocity.imag}
+        plane = {
+            "x": local.real,
+            "y": local.imag,
+            "vx": speed.real,
+            "vy": speed.imag,
+            "ax": acceleration.real,
+            "ay": acceleration.imag,
+        }
+        local_frame = {"east": position.real, "north": position.imag, "ve": velocity.real, "vn": velocity.imag}
         identity = np.concatenate([np.arange(1, count + 1), count + 1 + near])
         state = np.concatenate([np.where(seen, "actor", "hidden"), np.full(len(near), "stationary")])
-        return TruthCycle(time_ns, {"id": identity, "state": state, **plane, **level})
+        return TruthCycle(time_ns, {"id": identity, "state": state, **plane, **local_frame})

@@ -1,12 +1,12 @@
 """Which points of an actor a sensor sees, and which of them another actor hides.
 
 An actor is a rectangle in its own axes (x along its length), or a point. A radar sees the sides that face it: an
-end, and of a flank the part next to that end, where wheels and corners reflect.
+end (front or rear), and of a flank the part next to that end, where wheels and corners reflect.
 
-The *reference point* of an actor lies on the side that the observer is farther out from: it is the middle of an end
-(the rear of a vehicle ahead, the front of one that comes) or of a car's flank; of a long vehicle's flank the point
-nearest to the observer, but not nearer to the end than the middle of a car's. It is what truth tables tell, and where
-the first reflection lies.
+The *reference point* of an actor lies on the side from which the observer is farther away: it is the middle of an end
+(the rear of a preceding vehicle, the front of an oncoming one) or of a car's flank; of a long vehicle's flank the point
+nearest to the observer, but not nearer to the end than the middle of a car's. Truth tables
+report this point, and the first reflection lies there.
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ def _along_flank(eye: ComplexPlane, half_length: Floats) -> Floats:
 
 
 def _sees_end(eye: ComplexPlane, half_length: Floats, half_width: Floats) -> Booleans:
-    """Tell of which actors the observer sees an end rather than a flank."""
+    """Return of which actors the observer sees an end rather than a flank."""
     return np.asarray(np.abs(eye.real) - half_length >= np.abs(eye.imag) - half_width)
 
 
 class VisibleReflections:
-    """The reflections of all actors, enumerated: each actor's first, second, … in turn.
+    """The reflection points of all actors, numbered actor by actor.
 
     Attributes:
-        actor: whose reflection it is, shape (n,).
-        order: 0 for the first of its actor, shape (n,).
-        reach: m up to which it is seen, shape (n,).
+        actor: index of the actor each belongs to, shape (n,).
+        order: number within its actor, from 0, shape (n,).
+        reach: greatest range at which it is visible, m, shape (n,).
 
     """
 
@@ -81,7 +81,7 @@ class VisibleReflections:
 
         Args:
             eye: the observer in each actor's own axes, m, shape (actors,).
-            drift: how far each has wandered along its side, m, shape (n,).
+            drift: displacement of each along its side, m, shape (n,).
 
         """
         length, width = self._half_length[self.actor], self._half_width[self.actor]
@@ -106,7 +106,7 @@ def _reflections_of(actor: Actor) -> int:
 
 
 def in_view(point: ComplexPlane, view: FieldOfView) -> Booleans:
-    """Tell which points (sensor axes, m, shape (n,)) lie in a field of view."""
+    """Return which points (sensor axes, m, shape (n,)) lie in a field of view."""
     distance = np.abs(point)
     direction = np.abs(np.angle(point))
     near_enough = (distance >= view.min_range) & (distance <= view.range)
@@ -114,14 +114,14 @@ def in_view(point: ComplexPlane, view: FieldOfView) -> Booleans:
 
 
 def hidden(scene: Scene, instant: SceneState, sensor: Pose, point: ComplexPlane, owner: Integers) -> Booleans:
-    """Tell which points another actor hides: one behind the middle of an actor, within the angle this one fills.
+    """Return which points are occluded: those farther away than another actor's centre, within the angle it subtends.
 
     Args:
-        scene: sizes of the actors; a point hides nothing.
-        instant: where the actors are.
+        scene: sizes of the actors; a point-like actor occludes nothing.
+        instant: poses of the actors.
         sensor: the sensor's pose.
         point: in sensor axes, m, shape (n,).
-        owner: whose point it is, −1 for nobody's, shape (n,).
+        owner: index of the actor that each point belongs to, −1 for none, shape (n,).
 
     """
     solid = np.flatnonzero(scene.half_length > 0.0)

@@ -20,7 +20,7 @@ from can.interfaces.udp_multicast.utils import pack_message
 from candaemon.binding.bind import bind
 from candaemon.can_io.python_can import to_message
 from candaemon.config.load import load_config
-from candaemon.simulation.scenario import OwnMotion, load_scenario
+from candaemon.simulation.scenario import EgoMotionSensors, load_scenario
 from candaemon.simulation.simulate import simulate
 
 from .live_wire import OWN_MOTION_SHARE, ROOT, SLOTS, Wire
@@ -60,7 +60,7 @@ class Datagram:
 def make_drive(config: Path, rate: float, seconds: float) -> list[Datagram]:
     """Simulate 64 objects ahead of the radar and the INS of a configuration, which send `rate` frames/s together."""
     scenario = load_scenario(ROOT / "config/scenarios/dense.yaml")
-    own = OwnMotion(rate=rate * OWN_MOTION_SHARE)
+    own = EgoMotionSensors(rate=rate * OWN_MOTION_SHARE)
     ego = scenario.ego.model_copy(update={"own_motion": own})
     scenario = scenario.model_copy(update={"duration": seconds, "ego": ego})
     drive, start_ns, in_scan = [], None, 0

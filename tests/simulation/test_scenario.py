@@ -101,7 +101,7 @@ def test_the_scenarios_load_and_actors_do_not_drive_through_one_another(path: Pa
     scenario = load_scenario(path)
     scene = Scene(scenario)
     solid = scene.half_width > 0
-    for instant in scene.instants(np.arange(0.0, scenario.duration, 0.2)):
+    for instant in scene.states(np.arange(0.0, scenario.duration, 0.2)):
         centre = np.append(instant.actors.position[solid], instant.ego.position)
         gap = np.abs(centre[:, None] - centre) + 100 * np.eye(len(centre))
         assert gap.min() > 2.2, f"at {instant.time:.1f} s"
@@ -109,7 +109,7 @@ def test_the_scenarios_load_and_actors_do_not_drive_through_one_another(path: Pa
 
 def test_the_brake_of_the_automotive_set_is_the_one_of_the_notes() -> None:
     scene = Scene(load_scenario(ROOT / "config" / "scenarios" / "automotive_brake.yaml"))
-    instants = list(scene.instants(np.array([0.0, 8.0, 14.0])))
+    instants = list(scene.states(np.array([0.0, 8.0, 14.0])))
     relative = [complex(i.actors.position[0] - i.ego.position) for i in instants]
     speeds = [float((i.actors.velocity[0] - i.ego.velocity).real) for i in instants]
     assert relative == pytest.approx([103.6 + 1j, 91.6 + 1j, 43.6 + 1j])
@@ -120,7 +120,7 @@ def test_the_level_frame_is_turned_by_the_ego_heading() -> None:
     ego = {"start": {"speed": 10.0, "heading_deg": 0.0, "east": 5.0}}
     actors = ({"name": "lead", "start": {"x": 20.0, "y": 1.0, "vx": 10.0, "vy": 2.0}},)
     scene = Scene(Scenario.model_validate({"duration": 2.0, "ego": ego, "actors": actors}))
-    (instant,) = scene.instants(np.array([1.0]))
+    (instant,) = scene.states(np.array([1.0]))
     assert instant.ego.position == pytest.approx(5 + 10j)
     assert complex(instant.actors.position[0]) == pytest.approx(5 - 1 - 2 + 30j)
     assert complex(instant.actors.velocity[0]) == pytest.approx(-2 + 10j)

@@ -216,7 +216,7 @@ def _moved(name: str, scenario: Scenario) -> tuple[EgoMotion, Simulation]:
 def test_an_ins_tells_the_true_motion() -> None:
     scenario = drive("turning_ego", duration=7.0, ego={"own_motion": {"noise": 0.0}})
     ego, _ = _moved("esr_ins", scenario)
-    (truth,) = Scene(scenario).instants(np.array([6.5]))
+    (truth,) = Scene(scenario).states(np.array([6.5]))
     pose = ego.pose(start_ns(scenario) + 6_500_000_000)
     assert pose is not None
     assert complex(pose.ve, pose.vn) == pytest.approx(truth.ego.velocity, abs=0.02)

@@ -49,7 +49,7 @@ def smoothed(trackers: Sequence[Tracker], told: Iterator[Obstacles], lag: float 
     for obstacles in told:
         if len(obstacles):
             before.append(obstacles)
-        after += [cycle.obstacles for cycle in smoother.take(cycle_of(obstacles))]
+        after += [cycle.obstacles for cycle in smoother.add(cycle_of(obstacles))]
     after += [cycle.obstacles for cycle in smoother.finish()]
     return list(zip(before, after, strict=True))
 
