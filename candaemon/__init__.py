@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from candaemon.config.load import json_schema as json_schema
     from candaemon.config.load import load_config as load_config
     from candaemon.config.shipped import shared_folder as shared_folder
-    from candaemon.estimation.adaptive import AdaptiveFilter as AdaptiveFilter
-    from candaemon.estimation.adaptive import InnovationNoise as InnovationNoise
+    from candaemon.estimation.adaptive_filter import AdaptiveFilter as AdaptiveFilter
     from candaemon.estimation.alignment import lagrange as lagrange
     from candaemon.estimation.alignment import mounting_rotation as mounting_rotation
     from candaemon.estimation.axis_filter import AxisFilter as AxisFilter
@@ -34,12 +33,14 @@ if TYPE_CHECKING:
     from candaemon.estimation.federated import Federated as Federated
     from candaemon.estimation.imm import Imm as Imm
     from candaemon.estimation.information import InformationFilter as InformationFilter
+    from candaemon.estimation.innovation_noise import InnovationNoise as InnovationNoise
     from candaemon.estimation.manoeuvre_detection import SwitchRule as SwitchRule
     from candaemon.estimation.measurement import Measurement as Measurement
     from candaemon.estimation.motion_models import CoordinatedTurn as CoordinatedTurn
     from candaemon.estimation.motion_models import CurrentStatistical as CurrentStatistical
     from candaemon.estimation.motion_models import LinearModel as LinearModel
     from candaemon.estimation.motion_models import Singer as Singer
+    from candaemon.estimation.noise_factor import NoiseScale as NoiseScale
     from candaemon.estimation.radial import ModifiedLinearKalman as ModifiedLinearKalman
     from candaemon.estimation.smoothing import FixedLag as FixedLag
     from candaemon.estimation.smoothing import Link as Link
@@ -49,8 +50,7 @@ if TYPE_CHECKING:
     from candaemon.estimation.trilateration import Status as Status
     from candaemon.estimation.trilateration import Trilateration as Trilateration
     from candaemon.estimation.trilateration import trilaterate as trilaterate
-    from candaemon.estimation.variational import NoiseScale as NoiseScale
-    from candaemon.estimation.variational import VariationalNoise as VariationalNoise
+    from candaemon.estimation.variational_noise import VariationalNoise as VariationalNoise
     from candaemon.evaluation.metrics import evaluate as evaluate
     from candaemon.frames.frame import Frame as Frame
     from candaemon.frames.frame import Tick as Tick
@@ -73,20 +73,22 @@ _NAMES = {
     "candaemon.can_io.logs.stream": ("LogCounts",),
     "candaemon.config.load": ("json_schema", "load_config"),
     "candaemon.config.shipped": ("shared_folder",),
-    "candaemon.estimation.adaptive": ("AdaptiveFilter", "InnovationNoise"),
+    "candaemon.estimation.adaptive_filter": ("AdaptiveFilter",),
     "candaemon.estimation.alignment": ("lagrange", "mounting_rotation"),
     "candaemon.estimation.axis_filter": ("AxisFilter", "WhiteAxis"),
     "candaemon.estimation.switching": ("CvCsmSwitch",),
     "candaemon.estimation.federated": ("Federated",),
     "candaemon.estimation.imm": ("Imm",),
     "candaemon.estimation.information": ("InformationFilter",),
+    "candaemon.estimation.innovation_noise": ("InnovationNoise",),
     "candaemon.estimation.manoeuvre_detection": ("SwitchRule",),
     "candaemon.estimation.measurement": ("Measurement",),
     "candaemon.estimation.motion_models": ("CoordinatedTurn", "CurrentStatistical", "LinearModel", "Singer"),
+    "candaemon.estimation.noise_factor": ("NoiseScale",),
     "candaemon.estimation.radial": ("ModifiedLinearKalman",),
     "candaemon.estimation.smoothing": ("FixedLag", "Link", "Step", "smooth"),
     "candaemon.estimation.trilateration": ("Status", "Trilateration", "trilaterate"),
-    "candaemon.estimation.variational": ("NoiseScale", "VariationalNoise"),
+    "candaemon.estimation.variational_noise": ("VariationalNoise",),
     "candaemon.evaluation.metrics": ("evaluate",),
     "candaemon.frames.frame": ("Frame", "Tick"),
     "candaemon.pipeline.cycle": ("Cycle",),

@@ -1,6 +1,6 @@
 """Sensors brought to one instant and into one set of axes: Gao et al. 2016, sections 3.4 and 3.5.
 
-Its equations are counted as in `candaemon.estimation.adaptive`.
+Its equations are counted as in `candaemon.estimation.innovation_noise`.
 """
 
 from __future__ import annotations

@@ -161,7 +161,7 @@ def directed(along: Floats, across: Floats, direction: Floats, width: int) -> Fl
     Args:
         along: matrix of the axis along the direction.
         across: matrix of the axis to its left.
-        direction: unit vector in the level frame, (n, 2).
+        direction: unit vector in the local frame, (n, 2).
         width: of the plane's state.
     """
     if along is across or not (along != across).any():

@@ -21,7 +21,7 @@ class FilterBankState:
         probability: weights of the M models, (n, M).
         mean_nis: normalised innovation squared per degree of freedom, averaged over the latest updates, (n, M).
         dt: s of the latest prediction.
-        noise: what was found out of the sensors' noise; None where they are as noisy as they say.
+        noise: estimates of the sensors' noise; None where it is as stated.
     """
 
     probability: Floats

@@ -203,7 +203,7 @@ class FederatedTracks(MomentBank):
         jerk: standard deviation of a track's first jerk, m/s³.
         outage: times the noise of the best sensor from which on a sensor is left the least share.
         least: that share; never more than an even one.
-        noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
+        noise: estimates how noisy each track's detections are; None: they are as noisy as stated.
     """
 
     _state: FederatedTracksState

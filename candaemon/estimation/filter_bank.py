@@ -14,7 +14,7 @@ from candaemon.estimation.kalman import propagated, symmetrise
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct
 from candaemon.estimation.motion_models import VELOCITY, CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel
-from candaemon.estimation.output_state import TOLD, OutputState
+from candaemon.estimation.output_state import REPORTED, OutputState
 from candaemon.estimation.sensor_noise import SensorNoise, SensorNoiseState
 from candaemon.estimation.smoothing import Link, smoothing_gain
 
@@ -25,7 +25,7 @@ _NOT_BY_TRACK = frozenset({"columns", "stated", "trace"})
 class FilterBank(ABC):
     """Batched filters on M motion models; rows are tracks.
 
-    State order [x, y, vx, vy, ax, ay, ω, jx, jy], cut after what the models use; level frame, SI units. Each model has
+    State order [x, y, vx, vy, ax, ay, ω, jx, jy], cut after what the models use; local frame, SI units. Each model has
     the components that it uses; the others stay zero.
 
     Args:
@@ -33,13 +33,13 @@ class FilterBank(ABC):
         acceleration: standard deviation of a track's first acceleration, m/s².
         turn_rate: standard deviation of a track's first turn rate, rad/s.
         jerk: standard deviation of a track's first jerk, m/s³.
-        noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
+        noise: estimates how noisy each track's detections are; None: they are as noisy as stated.
 
     Attributes:
         mean: (n, M, D).
         covariance: (n, M, D, D).
         linking: whether `predict` leaves a `link` for smoothing.
-        link: what the latest prediction tells a smoother; None before the first.
+        link: of the latest prediction, for a smoother; None before the first.
     """
 
     mean: Floats
@@ -206,7 +206,7 @@ class FilterBank(ABC):
 
     @property
     def adapting(self) -> bool:
-        """Whether each track finds out how noisy the sensors are."""
+        """Whether each track estimates how noisy the sensors are."""
         return self._noise is not None
 
     @property
@@ -240,9 +240,9 @@ class FilterBank(ABC):
         return weighted
 
     def inflated(self, rows: Indices, measurement: Measurement) -> Measurement:
-        """Return a measurement with the most noise that is believed of a sensor that keeps an object's id.
+        """Return a measurement of a sensor that keeps an object's id with its noise inflated to the largest plausible.
 
-        As it says where its noise is not found out. Nothing is learnt.
+        With its stated noise where the noise is not estimated. Nothing is learnt.
 
         Args:
             rows: the tracks of the ids, (m,).
@@ -267,10 +267,10 @@ class FilterBank(ABC):
         A constant velocity model says that the acceleration is zero, a coordinated turn that it is ω × v. To be read:
         the arrays may be the filter's own, which `predict` and `update` change.
         """
-        if len(self._models) == 1 and self._width == TOLD:
+        if len(self._models) == 1 and self._width == REPORTED:
             return self.mean[:, 0], self.covariance[:, 0]
         reading = self._reading()
-        return moments(self.probability, reading.told(), reading.covariance_told())
+        return moments(self.probability, reading.reported_mean(), reading.reported_covariance())
 
     def expected_position(self, rows: Indices, horizon: float, direction: Floats) -> Floats:
         """Return where the given rows' models expect their targets after a time.
@@ -297,13 +297,13 @@ class FilterBank(ABC):
         return self._noise.adapted(rows, measurement, mean[rows, :2], covariance[rows, :2, :2])
 
     def _note_fit(self, rows: Indices, nis: Floats, measurement: Measurement) -> None:
-        """Remember how the innovations of late fitted, for models whose noise follows them; NIS is (m, M)."""
+        """Update the recent mean NIS, for models whose noise follows them; NIS is (m, M)."""
         if not self._memories:
             return
-        freedom, state = measurement.measured, self._state
+        degrees, state = measurement.measured, self._state
         for j, memory in self._memories:
             share = -np.expm1(-state.dt / memory)
-            state.mean_nis[rows, j] += share * (nis[:, j] / freedom - state.mean_nis[rows, j])
+            state.mean_nis[rows, j] += share * (nis[:, j] / degrees - state.mean_nis[rows, j])
 
     def _link(self, before: OutputState, transitions: Sequence[Floats]) -> Link:
         """Return what a smoother needs of a prediction.

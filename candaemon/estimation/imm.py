@@ -13,7 +13,7 @@ Hong 2004 take over in their section 3:
 Steps 1 and 2 are `predict`, 3 and 4 `update`; 5 does not enter the next cycle.
 
 A model that lacks a component (a constant velocity model has no acceleration) takes part in the mixing of that
-component with the estimate of those models that have it; so it biases nobody (Yuan, Bar-Shalom et al. 2012).
+component with the estimate of those models that have it; so it biases none (Yuan, Bar-Shalom et al. 2012).
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ Form: TypeAlias = Literal["covariance", "information"]
 
 _LEAST_PROBABILITY = 1e-12
 _LEAST_LOG_LIKELIHOOD = -1e300
-_BORROWED = (ACCELERATION, slice(TURN, TURN + 1), JERK)
+_BLOCKS = (ACCELERATION, slice(TURN, TURN + 1), JERK)
 
 
 class Imm(MomentBank):
     """Batched IMM over any motion models; rows are tracks.
 
-    State order [x, y, vx, vy, ax, ay, ω, jx, jy], cut after what the models use; level frame, SI units.
+    State order [x, y, vx, vy, ax, ay, ω, jx, jy], cut after what the models use; local frame, SI units.
 
     Args:
         models: the motion models.
@@ -53,7 +53,7 @@ class Imm(MomentBank):
         jerk: standard deviation of a track's first jerk, m/s³.
         forms: of each model's measurement update; none: all are Kalman filters. In information form the measurement's
             parts are linearised at the prediction together, Kim and Hong 2004, eq. (17); else one after another.
-        noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
+        noise: estimates how noisy each track's detections are; None: they are as noisy as stated.
 
     Attributes:
         mean: (n, M, D).
@@ -77,7 +77,7 @@ class Imm(MomentBank):
         self._forms = tuple(forms) or ("covariance",) * len(self._models)
         if len(self._forms) != len(self._models):
             raise ValueError(f"{len(self._models)} models, {len(self._forms)} forms; give one form a model, or none")
-        self._lending = lendings(self._has, _BORROWED)
+        self._unequal = unequal_blocks(self._has, _BLOCKS)
 
     def _update_models(
         self, rows: Indices, mean: Floats, covariance: Floats, measurement: Measurement
@@ -87,9 +87,9 @@ class Imm(MomentBank):
         nis, log_likelihood = np.empty(mean.shape[:2]), np.empty(mean.shape[:2])
         for form in dict.fromkeys(self._forms):
             chosen = [j for j, each in enumerate(self._forms) if each == form]
-            part, spread = mean[:, chosen], covariance[:, chosen]
-            nis[:, chosen], log_likelihood[:, chosen] = _CORRECT[form](part, spread, measurement)
-            mean[:, chosen], covariance[:, chosen] = part, spread
+            chosen_mean, chosen_covariance = mean[:, chosen], covariance[:, chosen]
+            nis[:, chosen], log_likelihood[:, chosen] = _CORRECT[form](chosen_mean, chosen_covariance, measurement)
+            mean[:, chosen], covariance[:, chosen] = chosen_mean, chosen_covariance
         return nis, log_likelihood
 
     def _update_probabilities(self, rows: Indices, log_likelihood: Floats) -> None:
@@ -99,8 +99,8 @@ class Imm(MomentBank):
         """Mix the models' estimates with their spread, and predict the mode probabilities by the chain (3)."""
         if len(self._models) == 1:
             return
-        for lending in self._lending:
-            lending.fill(self.mean, self.covariance, self.probability)
+        for block in self._unequal:
+            block.fill(self.mean, self.covariance, self.probability)
         switch = switching(self._switch_rate, dt, len(self._models))
         mean, covariance, self.probability = mix(self.mean, self.covariance, self.probability, switch)
         covariance *= self._has_both
@@ -155,7 +155,7 @@ def posterior(prior: Floats, log_likelihood: Floats) -> Floats:
 
     Args:
         prior: predicted mode probabilities, (n, M).
-        log_likelihood: of the measurement under each model, (n, M); −∞ under all of them tells nothing.
+        log_likelihood: of the measurement under each model, (n, M); −∞ under all of them changes nothing.
     """
     log_likelihood = np.maximum(log_likelihood, _LEAST_LOG_LIKELIHOOD)
     probability = prior * np.exp(log_likelihood - log_likelihood.max(axis=1, keepdims=True))
@@ -165,21 +165,21 @@ def posterior(prior: Floats, log_likelihood: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class Lending:
-    """Who has a block of components, and who borrows it.
+class UnequalBlock:
+    """A block of components that some models have and others lack, for mixing models of unequal dimension.
 
     Attributes:
         block: the components.
-        lenders: models that have them.
-        borrowers: models that do not.
+        having: models that have them.
+        lacking: models that do not.
     """
 
     block: slice
-    lenders: list[int]
-    borrowers: list[int]
+    having: list[int]
+    lacking: list[int]
 
     def fill(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
-        """Give the borrowers what the lenders say, in place.
+        """Give the models that lack the block the estimate of those that have it, in place.
 
         Args:
             mean: (n, M, D).
@@ -187,30 +187,30 @@ class Lending:
             probability: of the modes, (n, M).
         """
         block = self.block
-        lent, spread = self._estimate(mean, covariance, probability)
-        for j in self.borrowers:
-            mean[:, j, block] = lent
+        combined, spread = self._estimate(mean, covariance, probability)
+        for j in self.lacking:
+            mean[:, j, block] = combined
             covariance[:, j, block, block] = spread
 
     def _estimate(self, mean: Floats, covariance: Floats, probability: Floats) -> tuple[Floats, Floats]:
-        """Combine what the lenders say: mean (n, C) and covariance (n, C, C)."""
-        block, models = self.block, self.lenders
+        """Combine the estimates of the models that have it: mean (n, C) and covariance (n, C, C)."""
+        block, models = self.block, self.having
         if len(models) == 1:
             return mean[:, models[0], block], covariance[:, models[0], block, block]
         share = probability[:, models]
         share = share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300)
-        lent = np.einsum("nj,njc->nc", share, mean[:, models, block])
-        deviation = mean[:, models, block] - lent[:, None]
+        combined = np.einsum("nj,njc->nc", share, mean[:, models, block])
+        deviation = mean[:, models, block] - combined[:, None]
         spread = np.einsum("nj,njcd->ncd", share, covariance[:, models, block, block])
         spread += np.einsum("nj,njc,njd->ncd", share, deviation, deviation)
-        return lent, spread
+        return combined, spread
 
 
-def lendings(has: Booleans, blocks: Sequence[slice]) -> list[Lending]:
+def unequal_blocks(has: Booleans, blocks: Sequence[slice]) -> list[UnequalBlock]:
     """Return the blocks that some models have and others lack, by the table has[model, component]."""
     found = []
     for block in blocks:
         have = has[:, block].any(axis=1)
         if have.any() and not have.all():
-            found.append(Lending(block, np.flatnonzero(have).tolist(), np.flatnonzero(~have).tolist()))
+            found.append(UnequalBlock(block, np.flatnonzero(have).tolist(), np.flatnonzero(~have).tolist()))
     return found

@@ -81,17 +81,17 @@ def update(mean: Floats, covariance: Floats, innovation: Floats, observation: Fl
         The fit before the update; as many degrees of freedom as S has rank, m as a rule.
     """
     cross = covariance @ np.swapaxes(observation, -1, -2)
-    doubt = factorise(observation @ cross + noise)
-    root = doubt.inverse
+    factor = factorise(observation @ cross + noise)
+    root = factor.inverse
     half = cross @ np.swapaxes(root, -1, -2)
-    surprise = times(root, bounded(innovation))
+    whitened = times(root, bounded(innovation))
     gain = half @ root
-    mean += times(half, surprise)
+    mean += times(half, whitened)
     rest = np.eye(mean.shape[-1]) - gain @ observation
     covariance[...] = rest @ covariance @ np.swapaxes(rest, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
     symmetrise(covariance)
-    nis = np.square(surprise).sum(axis=-1)
-    return Fit(nis, -0.5 * (nis + doubt.log_determinant + doubt.rank * LOG_2PI))
+    nis = np.square(whitened).sum(axis=-1)
+    return Fit(nis, -0.5 * (nis + factor.log_determinant + factor.rank * LOG_2PI))
 
 
 def update_position(mean: Floats, covariance: Floats, position: Floats, noise: Floats) -> Fit:
@@ -112,12 +112,12 @@ def update_position(mean: Floats, covariance: Floats, position: Floats, noise: F
         covariance[..., 0, 1] + noise[..., 0, 1],
         covariance[..., 1, 1] + noise[..., 1, 1],
     )
-    surprise = np.einsum("...ij,...j->...i", root, bounded(position - mean[..., :2]))
+    whitened = np.einsum("...ij,...j->...i", root, bounded(position - mean[..., :2]))
     # G P of the symmetric P: whole rows, which numpy multiplies several times faster than columns.
     half = np.matmul(root, covariance[..., :2, :])
-    mean += np.einsum("...i,...ij->...j", surprise, half)
+    mean += np.einsum("...i,...ij->...j", whitened, half)
     covariance -= np.matmul(np.swapaxes(half, -1, -2).copy(), half)
-    nis = np.vecdot(surprise, surprise)
+    nis = np.vecdot(whitened, whitened)
     return Fit(nis, np.log(root[..., 0, 0] * root[..., 1, 1]) - 0.5 * nis - LOG_2PI)
 
 
@@ -140,11 +140,11 @@ def update_scalar(mean: Floats, covariance: Floats, row: Floats, innovation: Flo
     s = np.maximum(np.vecdot(row, cross[..., :width]), 0.0) + variance
     s += LOST * np.abs(np.einsum("...i,...i,...ii->...", row, row, covariance[..., :width, :width]))
     root = np.sqrt(np.maximum(s, LEAST_VARIANCE))
-    surprise = bounded(innovation) / root
+    whitened = bounded(innovation) / root
     half = cross / root[..., None]
-    mean += half * surprise[..., None]
+    mean += half * whitened[..., None]
     covariance -= half[..., :, None] * half[..., None, :]
-    nis = surprise * surprise
+    nis = whitened * whitened
     return Fit(nis, -0.5 * (nis + LOG_2PI) - np.log(root))
 
 
@@ -169,30 +169,6 @@ def triangular_root(a: Floats, b: Floats, d: Floats) -> tuple[Floats, Floats, Fl
 def bounded(innovation: Floats) -> Floats:
     """Return innovations no larger than what a double can still square after it was divided by a tiny deviation."""
     return np.minimum(np.maximum(innovation, -_FARTHEST), _FARTHEST)
-
-
-def line_of_sight(mean: Floats, origin: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-    """Return the predicted range rate (…) and its Jacobian (…, 4) over x, y, vx, vy.
-
-    Args:
-        mean: states (…, D).
-        origin: the sensor's position (…, 2), m, in the axes of the state.
-        velocity: the sensor's velocity over ground (…, 2), m/s.
-    """
-    x, y = mean[..., 0] - origin[..., 0], mean[..., 1] - origin[..., 1]
-    vx, vy = mean[..., 2] - velocity[..., 0], mean[..., 3] - velocity[..., 1]
-    distance = np.sqrt(x * x + y * y)
-    nearest = np.maximum(distance, 1e-3)
-    x /= nearest
-    y /= nearest
-    rate = x * vx + y * vy
-    row = np.empty((*mean.shape[:-1], 4))
-    far = np.maximum(distance, 1.0)
-    row[..., 0] = (vx - rate * x) / far
-    row[..., 1] = (vy - rate * y) / far
-    row[..., 2] = x
-    row[..., 3] = y
-    return rate, row
 
 
 def propagated(covariance: Floats, transition: Floats) -> Floats:

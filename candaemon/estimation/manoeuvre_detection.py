@@ -142,8 +142,8 @@ class ManoeuvreWatch:
         contrary = (change > threshold) != manoeuvring
         counted = np.minimum(elapsed, _LONGEST * rule.interval)
         against = np.where(contrary, state.against[rows] + counted, 0.0)
-        patience = np.where(manoeuvring, rule.steady_time, rule.manoeuvre_time)
-        over = contrary & (against + counted / 2 >= patience)
+        required = np.where(manoeuvring, rule.steady_time, rule.manoeuvre_time)
+        over = contrary & (against + counted / 2 >= required)
         state.manoeuvring[rows] = manoeuvring ^ over
         state.against[rows] = np.where(over, 0.0, against)
         state.compared[rows], state.since[rows] = velocity, 0.0

@@ -1,4 +1,4 @@
-"""What a filter is told: positions and speeds in the level frame."""
+"""Measurements as the filters take them: positions and speeds in the local frame."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from candaemon.arrays import Floats, Indices, Integers
-from candaemon.estimation.kalman import line_of_sight
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +14,7 @@ class Projection:
     """A measured component of the velocity over ground in a fixed direction, with one entry a detection.
 
     Attributes:
-        direction: unit vectors (m, 2), level frame.
+        direction: unit vectors (m, 2), local frame.
         value: m/s (m,); NaN where it was not measured.
         variance: (m/s)², (m,).
     """
@@ -27,7 +26,7 @@ class Projection:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """m detections of one scan in the level frame.
+    """m detections of one scan in the local frame.
 
     Attributes:
         position: (m, 2), m.
@@ -50,7 +49,7 @@ class Measurement:
     sensor: int = 0
 
     @property
-    def freedom(self) -> int:
+    def degrees_of_freedom(self) -> int:
         """Degrees of freedom of a detection of which everything was measured."""
         return 2 + (self.range_rate is not None) + len(self.projections)
 
@@ -77,7 +76,7 @@ class Measurement:
         Returns:
             Innovation (m, f), Jacobian H (m, f, D) and noise R (m, f, f), f the degrees of freedom.
         """
-        m, f = len(mean), self.freedom
+        m, f = len(mean), self.degrees_of_freedom
         innovation, observation, noise = np.zeros((m, f)), np.zeros((m, f, mean.shape[1])), np.zeros((m, f, f))
         innovation[:, :2] = self.position - mean[:, :2]
         observation[:, 0, 0] = observation[:, 1, 1] = 1.0
@@ -119,3 +118,27 @@ class Measurement:
     def scaled(self, factor: Floats) -> Measurement:
         """Return the detections with the variances of their positions multiplied by a factor each (m,)."""
         return replace(self, noise=self.noise * factor[:, None, None])
+
+
+def line_of_sight(mean: Floats, origin: Floats, velocity: Floats) -> tuple[Floats, Floats]:
+    """Return the predicted range rate (…) and its Jacobian (…, 4) over x, y, vx, vy.
+
+    Args:
+        mean: states (…, D).
+        origin: the sensor's position (…, 2), m, in the axes of the state.
+        velocity: the sensor's velocity over ground (…, 2), m/s.
+    """
+    x, y = mean[..., 0] - origin[..., 0], mean[..., 1] - origin[..., 1]
+    vx, vy = mean[..., 2] - velocity[..., 0], mean[..., 3] - velocity[..., 1]
+    distance = np.sqrt(x * x + y * y)
+    nearest = np.maximum(distance, 1e-3)
+    x /= nearest
+    y /= nearest
+    rate = x * vx + y * vy
+    row = np.empty((*mean.shape[:-1], 4))
+    far = np.maximum(distance, 1.0)
+    row[..., 0] = (vx - rate * x) / far
+    row[..., 1] = (vy - rate * y) / far
+    row[..., 2] = x
+    row[..., 3] = y
+    return rate, row

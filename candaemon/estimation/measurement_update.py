@@ -6,8 +6,8 @@ import numpy as np
 
 from candaemon.arrays import Floats
 from candaemon.estimation import information
-from candaemon.estimation.kalman import line_of_sight, update_position, update_scalar
-from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.kalman import update_position, update_scalar
+from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.estimation.motion_models import VELOCITY
 
 

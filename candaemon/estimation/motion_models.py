@@ -1,6 +1,6 @@
 """Motion models over ground, batched over tracks.
 
-Every model speaks of the state [x, y, vx, vy, ax, ay, ω, jx, jy] in the level frame (m, m/s, m/s², rad/s, m/s³; ω
+Every model speaks of the state [x, y, vx, vy, ax, ay, ω, jx, jy] in the local frame (m, m/s, m/s², rad/s, m/s³; ω
 positive to the left) and uses the `components` it has; the others stay zero. Where a model treats the two axes
 differently, the axes are along and across the direction of travel, a unit vector a track.
 
@@ -39,7 +39,7 @@ class MotionModel(Protocol):
         Args:
             mean: state, (n, D), D the width of the state that the filter carries.
             dt: time step, s.
-            direction: unit vector of travel in the level frame, (n, 2).
+            direction: unit vector of travel in the local frame, (n, 2).
         """
         ...
 
@@ -58,18 +58,19 @@ class LinearModel:
             states of an axis).
         noise: power of the white noise along and across, (m/s²)²/Hz for order 1, (m/s³)²/Hz for order 2, (m/s⁴)²/Hz
             for order 3.
-        settling: time constants along and across with which the highest derivative decays, s; None: it keeps, as the
+        decay_time: time constants along and across with which the highest derivative decays, s; None: it keeps, as the
             jerk always does. Across, it is the *velocity* that decays, whatever the order: vehicles keep to their lane.
-        wander: power of a random walk of position along and across, m²/s: the reflection moves over the vehicle.
+        position_noise: power spectral density of the position's random walk along and across, m²/s: the reflection
+            moves over the vehicle.
     """
 
     order: int
     noise: tuple[float, float]
-    settling: tuple[float | None, float | None] = (None, None)
-    wander: tuple[float, float] = (0.0, 0.0)
+    decay_time: tuple[float | None, float | None] = (None, None)
+    position_noise: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if self.order == 3 and self.settling != (None, None):
+        if self.order == 3 and self.decay_time != (None, None):
             raise ValueError("a constant jerk does not settle")
 
     @property
@@ -80,22 +81,26 @@ class LinearModel:
     @property
     def isotropic(self) -> bool:
         """Whether the model is the same along and across the travel."""
-        return self.settling == (None, None) and self.noise[0] == self.noise[1] and self.wander[0] == self.wander[1]
+        return (
+            self.decay_time == (None, None)
+            and self.noise[0] == self.noise[1]
+            and self.position_noise[0] == self.position_noise[1]
+        )
 
     def axes(self, dt: float) -> tuple[Axis, Axis]:
         """Return the axis along and the axis across the direction of travel."""
         along = self._axis(0, self.order, dt)
         if self.isotropic:
             return along, along
-        return along, self._axis(1, self.order if self.settling[1] is None else 1, dt)
+        return along, self._axis(1, self.order if self.decay_time[1] is None else 1, dt)
 
     def _axis(self, which: int, order: int, dt: float) -> Axis:
-        time_constant = self.settling[which]
+        time_constant = self.decay_time[which]
         if time_constant is None:
             axis = white_axis(dt, self.noise[which], order=order)
         else:
             axis = decaying_axis(1.0 / time_constant, dt, self.noise[which], order=order)
-        axis.noise[0, 0] += self.wander[which] * dt
+        axis.noise[0, 0] += self.position_noise[which] * dt
         return axis
 
     def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
@@ -178,7 +183,7 @@ class CurrentStatistical:
             mean: state, (n, D).
             dt: time step, s.
             direction: of travel, (n, 2).
-            fit: mean NIS of late over its degrees of freedom (n,), where the variance follows the innovations.
+            fit: recent mean NIS over its degrees of freedom (n,), where the variance follows the innovations.
         """
         del direction  # the model is the same in every direction
         width = mean.shape[1]
@@ -212,7 +217,7 @@ def driven_variance(variance: Floats, floor: float, fit: Floats) -> Floats:
     Args:
         variance: by (8) and (20), (m/s²)².
         floor: smallest variance, (m/s²)².
-        fit: mean NIS of late over its degrees of freedom.
+        fit: recent mean NIS over its degrees of freedom.
     """
     return np.asarray(floor + np.clip(fit - 1.0, 0.0, 1.0) * (variance - floor))
 
@@ -229,14 +234,14 @@ class CoordinatedTurn:
     Attributes:
         noise: power of the white noise on velocity, (m/s²)²/Hz.
         turn_noise: power of the white noise on ω, (rad/s²)²/Hz.
-        wander: power of a random walk of position, m²/s.
+        position_noise: power spectral density of the position's random walk, m²/s.
         limit: largest turn rate, rad/s; beyond it, as far as no vehicle goes, the estimate is drawn back to it. A slow
-            target tells little of its turn rate, and past π/T any turn looks like another.
+            target shows little of its turn rate, and past π/T any turn looks like another.
     """
 
     noise: float
     turn_noise: float
-    wander: float = 0.0
+    position_noise: float = 0.0
     limit: float = np.inf
 
     @property
@@ -279,7 +284,7 @@ class CoordinatedTurn:
         f[:, 2, TURN] = -dt * predicted[:, 3]
         f[:, 3, TURN] = dt * predicted[:, 2]
         axis = white_axis(dt, self.noise, order=1).noise
-        axis[0, 0] += self.wander * dt
+        axis[0, 0] += self.position_noise * dt
         q = isotropic(axis, mean.shape[1])
         q[TURN, TURN] = self.turn_noise * dt
         return predicted, f, q[None]

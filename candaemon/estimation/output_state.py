@@ -1,4 +1,4 @@
-"""What the models of a bank say of the state that is told, [x, y, vx, vy, ax, ay].
+"""The estimates of a bank's models in the reported state, [x, y, vx, vy, ax, ay].
 
 A constant velocity model says that the acceleration is zero, a coordinated turn that it is ω × v.
 """
@@ -13,8 +13,8 @@ import numpy as np
 from candaemon.arrays import Floats
 from candaemon.estimation.motion_models import ACCELERATION, TURN
 
-TOLD = 6
-"""Components that are told."""
+REPORTED = 6
+"""Components that are reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +33,13 @@ class OutputState:
 
     @property
     def _shared(self) -> int:
-        """How many of the told components any model has."""
+        """How many of the reported components any model has."""
         width: int = self.mean.shape[2]
-        return min(width, TOLD)
+        return min(width, REPORTED)
 
-    def told(self) -> Floats:
-        """Return what each model says, (n, M, 6)."""
-        mean = np.zeros((*self.mean.shape[:2], TOLD))
+    def reported_mean(self) -> Floats:
+        """Return the mean of each model, (n, M, 6)."""
+        mean = np.zeros((*self.mean.shape[:2], REPORTED))
         mean[:, :, : self._shared] = self.mean[:, :, : self._shared]
         for j in self.turning:
             turn_rate = self.mean[:, j, TURN]
@@ -47,8 +47,8 @@ class OutputState:
             mean[:, j, 5] = turn_rate * self.mean[:, j, 2]
         return mean
 
-    def covariance_told(self) -> Floats:
-        """Return how well each model knows what it says, (n, M, C, C) over the first C of the six that any has."""
+    def reported_covariance(self) -> Floats:
+        """Return the covariance of each model, (n, M, C, C) over the first C of the six components that any has."""
         covariance = self.covariance[:, :, : self._shared, : self._shared]
         if not self.turning:
             return covariance
@@ -62,14 +62,14 @@ class OutputState:
         return covariance
 
     def cross(self, predicted: OutputState, probability: Floats, transitions: Sequence[Floats]) -> Floats:
-        """Return the covariance of what is told here with what is told after a prediction, (n, 6, 6).
+        """Return the cross covariance of the reported state with that after a prediction, (n, 6, 6).
 
         Args:
             predicted: the same tracks after it.
             probability: of the models, (n, M).
             transitions: F of each model, (n or 1, D, D).
         """
-        before, after = self.told(), predicted.told()
+        before, after = self.reported_mean(), predicted.reported_mean()
         before -= np.matmul(probability[:, None, :], before)
         after -= np.matmul(probability[:, None, :], after)
         cross = np.matmul(np.swapaxes(before, 1, 2) * probability[:, None, :], after)
@@ -80,7 +80,7 @@ class OutputState:
         return np.asarray(cross)
 
     def _slope(self, j: int) -> Floats:
-        """Return how the acceleration ω × v that a turning model says depends on its state, (n, 2, D)."""
+        """Return the Jacobian of a turning model's acceleration ω × v over its state, (n, 2, D)."""
         turn_rate = self.mean[:, j, TURN]
         slope = np.zeros((len(self.mean), 2, self.mean.shape[2]))
         slope[:, 0, 3], slope[:, 0, TURN] = -turn_rate, -self.mean[:, j, 3]
@@ -88,8 +88,8 @@ class OutputState:
         return slope
 
     def _slopes(self) -> Floats:
-        """Return how what each model says depends on its state, (n, M, 6, D)."""
-        slopes = np.zeros((*self.mean.shape[:2], TOLD, self.mean.shape[2]))
+        """Return the Jacobian of each model's reported state over its own, (n, M, 6, D)."""
+        slopes = np.zeros((*self.mean.shape[:2], REPORTED, self.mean.shape[2]))
         shared = np.arange(self._shared)
         slopes[:, :, shared, shared] = 1.0
         for j in self.turning:

@@ -1,6 +1,6 @@
 """A Kalman filter of many tracks in the plane, by one model that treats x and y alike.
 
-It tells what an `Imm` of that one model tells. As in `AxisFilter`, whose tracks have x and y apart, all that is known
+It gives what an `Imm` of that one model gives. As in `AxisFilter`, whose tracks have x and y apart, all that is known
 of a track is one column of one array: the covariance by its upper triangle, then the variances that drive x and y. So
 a prediction is one matrix product for all tracks, and no covariance can lose its symmetry.
 """
@@ -14,8 +14,8 @@ from candaemon.estimation.axis_filter import axis_matrices
 from candaemon.estimation.discretisation import X, Y, isotropic
 from candaemon.estimation.estimator_state import PlaneFilterState
 from candaemon.estimation.filter_bank import FilterBank
-from candaemon.estimation.kalman import LEAST_VARIANCE, LOST, bounded, line_of_sight, triangular_root
-from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.kalman import LEAST_VARIANCE, LOST, bounded, triangular_root
+from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.estimation.motion_models import ACCELERATION, CurrentStatistical, Singer, driven_variance
 from candaemon.estimation.packed_symmetric import PackedSymmetric
 from candaemon.estimation.sensor_noise import SensorNoise
@@ -53,13 +53,13 @@ _FIRST, _SECOND = _spread()
 class PlaneFilter(FilterBank):
     """Batched Kalman filter of one model; rows are tracks.
 
-    State order [x, y, vx, vy, ax, ay], level frame, SI units. A position is taken jointly, then speed by speed, each
+    State order [x, y, vx, vy, ax, ay], local frame, SI units. A position is taken jointly, then speed by speed, each
     linearised at the state so far, as `correction.correct` does.
 
     Args:
         model: of Han et al. 2015.
         acceleration: standard deviation of a track's first acceleration, m/s².
-        noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
+        noise: estimates how noisy each track's detections are; None: they are as noisy as stated.
     """
 
     _state: PlaneFilterState
@@ -222,7 +222,7 @@ def _take_speed(state: Floats, row: Floats, innovation: Floats, variance: Floats
     spread = np.maximum(np.add.reduce(row * cross[:4]), 0.0) + variance
     spread += LOST * np.abs(np.add.reduce(row * row * covariance.take(_TRIANGLE.diagonal[:4], axis=0)))
     root = np.sqrt(np.maximum(spread, LEAST_VARIANCE))
-    surprise, half = bounded(innovation) / root, cross / root
-    mean += half * surprise
+    whitened, half = bounded(innovation) / root, cross / root
+    mean += half * whitened
     covariance -= _TRIANGLE.product(half)
-    return np.asarray(surprise * surprise)
+    return np.asarray(whitened * whitened)

@@ -14,7 +14,7 @@ from candaemon.estimation.kalman import times
 from candaemon.estimation.radial import radial, radial_jacobian
 
 UNKNOWN = 1e3
-"""Standard deviation, SI units, of what the measurements do not tell."""
+"""Standard deviation, SI units, of what the measurements do not determine."""
 _LARGEST = 1e6
 """Beyond it, in SI units, a number is none that a sensor measures."""
 _ITERATIONS, _FIRST_DAMPING = 8, 1e-3
@@ -94,7 +94,7 @@ class RadialFit:
 
 
 def covariance_of(information: Floats) -> Floats:
-    """Return covariances (…, 6, 6); what is not told, whether exactly or but for rounding, has the largest variance."""
+    """Return covariances (…, 6, 6); what is not determined, exactly or but for rounding, has the largest variance."""
     weight, axes = np.linalg.eigh(information)
     return np.asarray((axes / np.maximum(weight, UNKNOWN**-2)[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
@@ -102,8 +102,8 @@ def covariance_of(information: Floats) -> Floats:
 def _moved(state: Floats, step: Floats, middle: Floats) -> Floats:
     """Return states (…, 6) after steps that keep to circles round the sensors' middle (n, 2).
 
-    Ranges tell the distance well and the direction badly: a long step straight across the line of sight would spoil
-    the distance, and only tiny ones would be taken.
+    Ranges determine the distance well and the direction badly: a long step straight across the line of sight would
+    spoil the distance, and only tiny ones would be taken.
     """
     centre = _complex(middle)
     place, velocity, acceleration = (_complex(state[..., c : c + 2]) for c in (0, 2, 4))

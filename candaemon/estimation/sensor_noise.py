@@ -1,63 +1,24 @@
-"""How noisy each track finds the detections of each sensor."""
+"""The noise of each sensor's detections, estimated by each track."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.measurement import Measurement
-from candaemon.estimation.variational import NoiseFactorState
-
-
-class NoiseFactor(Protocol):
-    """Learns a factor on the stated measurement noise of each of n rows; `candaemon.estimation.variational` has two."""
-
-    def __len__(self) -> int: ...
-
-    @property
-    def state(self) -> NoiseFactorState:
-        """All that it remembers."""
-        ...
-
-    @state.setter
-    def state(self, state: NoiseFactorState) -> None: ...
-
-    @property
-    def scale(self) -> Floats:
-        """The factors (n,)."""
-        ...
-
-    def spawn(self, count: int) -> None:
-        """Append rows whose factor is one."""
-        ...
-
-    def keep(self, rows: Indices | Booleans) -> None:
-        """Keep the given rows and forget the others; a row given twice becomes two."""
-        ...
-
-    def observe(self, rows: Indices, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
-        """Learn from an innovation of each of the rows before the filter's own update; return their factors (m,).
-
-        Args:
-            rows: (m,), each once.
-            innovation: (m, d).
-            predicted: H P⁻ Hᵀ, (m, d, d).
-            noise: as stated, (m, d, d).
-        """
-        ...
+from candaemon.estimation.noise_factor import NoiseFactor, NoiseFactorState
 
 
 @dataclass(slots=True)
 class SensorNoiseState:
-    """What was found out of the noise of the sensors.
+    """Estimates of the noise of the sensors.
 
     Attributes:
         count: of tracks, n.
-        factors: what is known of each sensor that has reported, by its number.
+        factors: state of the factor of each sensor that has reported, by its number.
     """
 
     count: int = 0
@@ -102,7 +63,7 @@ class SensorNoise:
         self._state, self._factors = state, factors
 
     def spawn(self, count: int) -> None:
-        """Append tracks for which all sensors are as noisy as they say."""
+        """Append tracks for which all sensors have their stated noise."""
         self._state.count += count
         for factor in self._factors.values():
             factor.spawn(count)
@@ -114,12 +75,12 @@ class SensorNoise:
             factor.keep(rows)
 
     def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
-        """Give sensors other numbers; what was found out of those left out is forgotten."""
+        """Give sensors other numbers; the estimates for those left out are dropped."""
         self._factors = {sensors[each]: factor for each, factor in self._factors.items() if each in sensors}
         self._state.factors = {each: factor.state for each, factor in self._factors.items()}
 
     def inflated(self, rows: Indices, measurement: Measurement) -> Measurement:
-        """Return the measurement with the most noise that is believed; nothing is learnt.
+        """Return the measurement with its noise inflated to the largest plausible; nothing is learnt.
 
         Args:
             rows: the tracks, (m,).
@@ -130,7 +91,7 @@ class SensorNoise:
         return measurement.scaled(np.clip(self._headroom * found, 1.0, self._most))
 
     def adapted(self, rows: Indices, measurement: Measurement, position: Floats, covariance: Floats) -> Measurement:
-        """Learn from the innovations and return the measurement as noisy as it is found to be.
+        """Learn from the innovations and return the measurement with its estimated noise.
 
         Args:
             rows: the tracks, (m,), each once.

@@ -1,4 +1,4 @@
-"""Fixed-lag smoothing: what a filter says of an instant once it has seen what came after.
+"""Fixed-lag smoothing: the estimate of an instant from the measurements up to a lag after it.
 
 The Rauch–Tung–Striebel smoother (1965) in incremental form. Let the filter say x_k, P_k of instant k, predict x⁻_{k+1}
 and P⁻_{k+1} from it with the gain G_k = C_k (P⁻_{k+1})⁻¹, C_k the covariance of the two, and then say x_{k+1}, P_{k+1}.
@@ -6,10 +6,10 @@ What the update taught it of k + 1 is d = x_{k+1} − x⁻_{k+1} and D = P_{k+1}
 B_i = G_i … G_k, it is B_i d and B_i D B_iᵀ. So every instant of the window learns as soon as there is something to
 learn, and no pass goes backwards.
 
-Of a linear model whose whole state is told this is the smoother. An IMM tells the moments of its mixture, and is
-smoothed as the one filter that has these moments. Its moments before and after mixing differ where a model borrows what
-it lacks, so the gain may promise more than P_k has to give: P_k − G P⁻ Gᵀ, what would be left of P_k if all that comes
-were known, is lifted to be positive semidefinite, and so is every smoothed covariance.
+For a linear model whose whole state is reported this is the exact smoother. An IMM reports the moments of its mixture,
+and is smoothed as the one filter that has these moments. They differ before and after mixing where a model takes over
+from others the components that it lacks, so P_k − G P⁻ Gᵀ, what would be left of P_k if all that comes were known, need
+not be positive semidefinite: it is lifted to be, and so is every smoothed covariance.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _LEAST_SHARE = 1e-6  # of a component's standard deviation that those before it 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """What ties an instant of a filter's run to the next: one prediction, n tracks, D told components.
+    """What ties an instant of a filter's run to the next: one prediction, n tracks, D reported components.
 
     Attributes:
         mean: predicted x⁻ (n, D).
@@ -108,12 +108,12 @@ class Smoothed:
 class FixedLag:
     """Fixed-lag smoother of many chains at once; a chain is a filter's run, and begins and ends at any instant.
 
-    An instant is told when one comes that is more than the lag younger, and has then learnt from all those that are
-    not. Instants are told in the order they were given: one that is older than the one before it waits for that one,
-    and learns so much longer. A time that goes back by more than the lag ends all chains.
+    An instant is returned when one comes that is more than the lag younger; its estimate then includes all those that
+    are not. Instants are returned in the order they were given: one that is older than the one before it waits for
+    that one, and its lag is so much longer. A time that goes back by more than the lag ends all chains.
 
     Args:
-        lag_ns: how long an instant learns.
+        lag_ns: time after an instant whose measurements enter its estimate.
         size: D, components of a state.
     """
 
@@ -257,15 +257,15 @@ def smooth(steps: Sequence[Step], lag_ns: int) -> tuple[Floats, Floats]:
 
     Args:
         steps: at least one, in order of time.
-        lag_ns: how long an instant learns; the whole run at most.
+        lag_ns: time after an instant whose measurements enter its estimate; the whole run at most.
 
     Returns:
         Smoothed means (steps, n, D) and covariances (steps, n, D, D).
     """
     tracks, size = steps[0].mean.shape
     keys = np.arange(tracks)
-    smoother, told = FixedLag(lag_ns, size), []
+    smoother, smoothed = FixedLag(lag_ns, size), []
     for step in steps:
-        told += smoother.add(step.time_ns, keys, step.mean, step.covariance, keys, step.link)
-    told += smoother.finish()
-    return np.stack([each.mean for each in told]), np.stack([each.covariance for each in told])
+        smoothed += smoother.add(step.time_ns, keys, step.mean, step.covariance, keys, step.link)
+    smoothed += smoother.finish()
+    return np.stack([each.mean for each in smoothed]), np.stack([each.covariance for each in smoothed])

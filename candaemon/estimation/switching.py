@@ -1,8 +1,8 @@
 """Constant velocity or the current statistical model, one at a time: the switching of Zhang et al. 2016.
 
 A vehicle drives steadily for long and manoeuvres in between. The current statistical model (CSM) follows manoeuvres
-and is restless without them, constant velocity (CV) is quiet and lags in them; so the change of speed decides whose
-estimate is told.
+and is restless without them, constant velocity (CV) is quiet and lags in them; so the change of speed decides which
+estimate is reported.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ class CvCsmSwitchState:
 
 
 class CvCsmSwitch:
-    """Batched filter that tells CV or CSM, by the change of the CV filter's speed; rows are tracks.
+    """Batched filter that reports CV or CSM, by the change of the CV filter's speed; rows are tracks.
 
-    State order of an axis [x, ẋ, ẍ]; m, m/s, m/s². Both filters always run: the paper stops CSM while CV is told, and
-    lets it start from nothing when the vehicle manoeuvres, which is when it is needed most.
+    State order of an axis [x, ẋ, ẍ]; m, m/s, m/s². Both filters always run: the paper stops CSM while CV is reported,
+    and lets it start from nothing when the vehicle manoeuvres, which is when it is needed most.
 
     The change of speed is that of the velocity vector. On one axis it is |Δẋ| of (7); in the plane a turn at a constant
     speed is then a manoeuvre as well, as it is one that constant velocity cannot follow.
@@ -76,24 +76,24 @@ class CvCsmSwitch:
 
     @property
     def manoeuvring(self) -> Booleans:
-        """Whether CSM is told, (n,); a track begins with it, as the paper's step (1) does."""
+        """Whether CSM is reported, (n,); a track begins with it, as the paper's step (1) does."""
         return self._watch.manoeuvring.copy()
 
     @property
     def mean(self) -> Floats:
         """States (n, A, 3); of CV the acceleration is zero."""
-        told = np.zeros((len(self), self._axes, 3))
-        told[..., :2] = self._by_track(self._steady.mean)
-        told[self._watch.manoeuvring] = self._by_track(self._manoeuvre.mean)[self._watch.manoeuvring]
-        return told
+        reported = np.zeros((len(self), self._axes, 3))
+        reported[..., :2] = self._by_track(self._steady.mean)
+        reported[self._watch.manoeuvring] = self._by_track(self._manoeuvre.mean)[self._watch.manoeuvring]
+        return reported
 
     @property
     def covariance(self) -> Floats:
         """Covariances (n, A, 3, 3); of CV the acceleration is certain, as its model has none."""
-        told = np.zeros((len(self), self._axes, 3, 3))
-        told[..., :2, :2] = self._by_track(self._steady.covariance)
-        told[self._watch.manoeuvring] = self._by_track(self._manoeuvre.covariance)[self._watch.manoeuvring]
-        return told
+        reported = np.zeros((len(self), self._axes, 3, 3))
+        reported[..., :2, :2] = self._by_track(self._steady.covariance)
+        reported[self._watch.manoeuvring] = self._by_track(self._manoeuvre.covariance)[self._watch.manoeuvring]
+        return reported
 
     def spawn(self, mean: Floats, covariance: Floats) -> None:
         """Append k tracks, mean (k, A, 3) and covariance (k, A, 3, 3)."""
@@ -142,14 +142,14 @@ _STEADY, _MANOEUVRE = 0, 1
 
 
 class SwitchingTracks(MomentBank):
-    """Both models run, and the one that the change of speed of late asks for is told, whole; rows are tracks.
+    """Both models run, and the one that the latest change of speed asks for is reported unmixed; rows are tracks.
 
     Args:
         steady: constant velocity.
         statistical: the current statistical model.
         rule: when to switch.
         acceleration: standard deviation of a track's first acceleration, m/s².
-        noise: finds out how noisy each track's detections are; None: they are as noisy as they say.
+        noise: estimates how noisy each track's detections are; None: they are as noisy as stated.
     """
 
     _state: SwitchingTracksState
@@ -168,7 +168,7 @@ class SwitchingTracks(MomentBank):
 
     @property
     def manoeuvring(self) -> Booleans:
-        """Whether the current statistical model is told, (n,)."""
+        """Whether the current statistical model is reported, (n,)."""
         return self._watch.manoeuvring.copy()
 
     def keep(self, rows: Indices | Booleans) -> None:
@@ -186,9 +186,9 @@ class SwitchingTracks(MomentBank):
             raise ValueError(f"the speeds of {len(self._watch)} tracks are watched, expected {len(self)}")
 
     def _append(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
-        told = np.zeros_like(probability)
-        told[:, _MANOEUVRE] = 1.0
-        super()._append(mean, covariance, told)
+        certain = np.zeros_like(probability)
+        certain[:, _MANOEUVRE] = 1.0
+        super()._append(mean, covariance, certain)
         self._watch.spawn(mean[:, _STEADY, VELOCITY])
 
     def _interact(self, dt: float) -> None:
@@ -196,7 +196,7 @@ class SwitchingTracks(MomentBank):
         self._watch.advance(dt)
 
     def _update_probabilities(self, rows: Indices, log_likelihood: Floats) -> None:
-        """Tell the one or the other, by the steady filter's speed."""
+        """Give the whole probability to one model, by the steady filter's speed."""
         del log_likelihood  # it is the speed that decides
         self._watch.watch(rows, self.mean[rows, _STEADY, VELOCITY])
         manoeuvring = self._watch.manoeuvring[rows]

@@ -29,7 +29,7 @@ _CONVINCING = 9.0
 
 
 class Status(IntEnum):
-    """How far a result can be trusted; all but the first two are no measurement of the target."""
+    """Validity of a result; all but the first two are no measurement of the target."""
 
     OK = 0
     BEHIND = 1
@@ -50,7 +50,7 @@ class Trilateration:
 
     Attributes:
         state: [x, y, vx, vy, ax, ay] (n, 6), relative to the sensors' axes.
-        covariance: (n, 6, 6), that of the radial measurements propagated; what they do not tell has a standard
+        covariance: (n, 6, 6), that of the radial measurements propagated; what they do not determine has a standard
             deviation of 1,000.
         status: a `Status` each, (n,).
     """
@@ -74,8 +74,8 @@ def trilaterate(
 
     Source: Avatirak et al. 2012, eqs. (8), (9), (10), (11), (12).
 
-    Sensors on one line, as any two are, cannot tell a target from its mirror image behind them. It is taken to be on
-    the `side` they look at, or, with `expected`, to be the image that is nearer to where a track expects it.
+    Sensors on one line, as any two are, cannot distinguish a target from its mirror image behind them. It is taken to
+    be on the `side` they look at, or, with `expected`, to be the image that is nearer to where a track expects it.
 
     Args:
         measured: [r, ṙ, r̈] of each target at each sensor (n, s, 3); NaN where a sensor does not see it.
@@ -122,7 +122,7 @@ class _Baseline:
     @classmethod
     def widest(cls, sensors: Floats, seen: Booleans, side: Floats) -> _Baseline:
         """Return the longest there is for each target."""
-        # A single sensor is paired with itself, a baseline of no length, which tells nothing.
+        # A single sensor is paired with itself, a baseline of no length, which determines nothing.
         first, second = np.triu_indices(len(sensors), min(len(sensors) - 1, 1))
         lengths = np.linalg.norm(sensors[second] - sensors[first], axis=1)
         usable = seen[:, first] & seen[:, second] & (lengths > 1e-6)
@@ -184,12 +184,12 @@ def _chosen(fit: RadialFit, baseline: _Baseline, images: Floats, expected: Float
 
 
 def _status(fit: RadialFit, there: Booleans, state: Floats, side: Floats, least_angle: float) -> NDArray[np.int8]:
-    """Tell how far each state can be trusted; the gravest first."""
+    """Return the validity of each state; of several reasons against it the gravest."""
     lines = radial_jacobian(state, fit.sensors)[..., 0, :2] * fit.seen[..., None]
     gram = np.swapaxes(lines, 1, 2) @ lines
     half, spread = gram.trace(axis1=1, axis2=2) / 2, np.hypot((gram[:, 0, 0] - gram[:, 1, 1]) / 2, gram[:, 0, 1])
     parallel = half - spread < (least_angle / 2) ** 2 * (half + spread)
     apart = (np.abs(fit.residual(state)[..., 0]) > _APART).any(axis=1)
     behind = (state[:, :2] - fit.middle) @ side < 0.0
-    told = [Status.TOO_FEW, Status.APART, Status.ON_BASELINE, Status.BEHIND]
-    return np.select([~there, apart, parallel, behind], told, Status.OK).astype(np.int8)
+    statuses = [Status.TOO_FEW, Status.APART, Status.ON_BASELINE, Status.BEHIND]
+    return np.select([~there, apart, parallel, behind], statuses, Status.OK).astype(np.int8)

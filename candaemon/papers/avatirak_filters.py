@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.arrays import Floats
-from candaemon.estimation.kalman import line_of_sight, propagated, symmetrise, update_scalar
-from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.kalman import propagated, symmetrise, update_scalar
+from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.estimation.motion_models import TURN, CoordinatedTurn
 from candaemon.estimation.radial import ModifiedLinearKalman
 from candaemon.estimation.trilateration import Trilateration, trilaterate

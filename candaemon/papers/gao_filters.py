@@ -11,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from candaemon.arrays import Floats
-from candaemon.estimation.adaptive import AdaptiveFilter, InnovationNoise, NoiseEstimator
+from candaemon.estimation.adaptive_filter import AdaptiveFilter
 from candaemon.estimation.federated import Federated
+from candaemon.estimation.innovation_noise import InnovationNoise
 from candaemon.estimation.kalman import predict, update
 from candaemon.estimation.measurement import Measurement, Projection
-from candaemon.estimation.variational import VariationalNoise
+from candaemon.estimation.noise_estimator import NoiseEstimator
+from candaemon.estimation.variational_noise import VariationalNoise
 from candaemon.papers.baselines import linear
 from candaemon.papers.experiment import Advance
 from candaemon.papers.tracking import default_estimator

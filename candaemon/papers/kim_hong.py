@@ -25,8 +25,8 @@ _FIRST_PROBABILITY = (0.8, 0.2)
 _PRINTED_CV, _PRINTED_TURN, _PRINTED_TURN_RATE = 0.001**2, 0.25**2, radians(0.01) ** 2
 """Diagonals of the printed Q, in T = 1 s."""
 _PRINTED_FIRST_TURN_RATE = radians(3.0)
-_WANDER = 2 / 3
-"""White acceleration that gives velocity a variance in 1 s gives position a third of it; wandering adds the rest."""
+_POSITION_NOISE = 2 / 3
+"""Share of the velocity's variance in 1 s that the position's random walk adds; white acceleration gives a third."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +48,8 @@ class _Method:
 _CV, _CT = LinearModel(1, (1e-3, 1e-3)), CoordinatedTurn(0.1, 1e-4)
 _METHODS = {
     "IMM-EKF, printed noise": _Method(
-        LinearModel(1, (_PRINTED_CV, _PRINTED_CV), wander=(_WANDER * _PRINTED_CV,) * 2),
-        CoordinatedTurn(_PRINTED_TURN, _PRINTED_TURN_RATE, wander=_WANDER * _PRINTED_TURN),
+        LinearModel(1, (_PRINTED_CV, _PRINTED_CV), position_noise=(_POSITION_NOISE * _PRINTED_CV,) * 2),
+        CoordinatedTurn(_PRINTED_TURN, _PRINTED_TURN_RATE, position_noise=_POSITION_NOISE * _PRINTED_TURN),
         "covariance",
         (_PRINTED_FIRST_TURN_RATE, sqrt(_PRINTED_TURN_RATE)),
     ),

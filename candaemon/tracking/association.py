@@ -12,8 +12,7 @@ from typing import TypeAlias, cast
 import numpy as np
 
 from candaemon.arrays import Floats, Indices
-from candaemon.estimation.kalman import line_of_sight
-from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.measurement import Measurement, line_of_sight
 
 Solver: TypeAlias = Callable[[Floats], tuple[Indices, Indices]]
 

@@ -30,10 +30,10 @@ from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import Form, Imm
 from candaemon.estimation.manoeuvre_detection import SwitchRule
 from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
+from candaemon.estimation.noise_factor import NoiseFactor, NoiseScale, WindowedScale
 from candaemon.estimation.plane_filter import PlaneFilter
-from candaemon.estimation.sensor_noise import NoiseFactor, SensorNoise
+from candaemon.estimation.sensor_noise import SensorNoise
 from candaemon.estimation.switching import SwitchingTracks
-from candaemon.estimation.variational import NoiseScale, WindowedScale
 
 
 def make_estimator(settings: EstimatorSettings) -> FilterBank:
@@ -121,12 +121,12 @@ def make_model(settings: ModelSettings) -> MotionModel:
             return LinearModel(
                 order=1 if settings.kind == "cv" else 2,
                 noise=(settings.noise.along, settings.noise.across),
-                settling=(None, None) if settling is None else (settling.along or None, settling.across or None),
-                wander=(settings.wander.along, settings.wander.across),
+                decay_time=(None, None) if settling is None else (settling.along or None, settling.across or None),
+                position_noise=(settings.wander.along, settings.wander.across),
             )
         case JerkModelSettings():
             noise, wander = settings.noise, settings.wander
-            return LinearModel(3, (noise.along, noise.across), wander=(wander.along, wander.across))
+            return LinearModel(3, (noise.along, noise.across), position_noise=(wander.along, wander.across))
         case TurnModelSettings():
             return CoordinatedTurn(settings.noise, settings.turn_noise, settings.wander, settings.limit)
         case SingerModelSettings() | StatisticalModelSettings():

@@ -7,8 +7,8 @@ import numpy as np
 from candaemon.arrays import Floats, Indices
 from candaemon.config.tracker import TrackerSettings
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.kalman import line_of_sight, update_scalar
-from candaemon.estimation.measurement import Projection
+from candaemon.estimation.kalman import update_scalar
+from candaemon.estimation.measurement import Projection, line_of_sight
 from candaemon.radar.detections import Detections
 from candaemon.tracking.reflections import to_travel_axes
 from candaemon.tracking.track_store import TrackStore

@@ -8,16 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.arrays import Floats
-from candaemon.estimation.adaptive import (
+from candaemon.estimation.adaptive_filter import AdaptiveFilter
+from candaemon.estimation.discretisation import white_axis
+from candaemon.estimation.innovation_noise import (
     CHI_SQUARE,
-    AdaptiveFilter,
     InnovationNoise,
     InnovationWindow,
     corrected,
     measurement_noise,
     process_noise,
 )
-from candaemon.estimation.discretisation import white_axis
 from tests.support.builders import random_covariance
 
 DT = 0.05

@@ -8,10 +8,10 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.estimation.adaptive import InnovationNoise
 from candaemon.estimation.discretisation import white_axis
 from candaemon.estimation.federated import Federated, fused, information_shares
-from candaemon.estimation.variational import VariationalNoise
+from candaemon.estimation.innovation_noise import InnovationNoise
+from candaemon.estimation.variational_noise import VariationalNoise
 from tests.support.builders import random_covariance
 from tests.support.long_runs import few_and_many_cycles
 

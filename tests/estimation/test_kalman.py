@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from candaemon.arrays import Floats
-from candaemon.estimation.kalman import line_of_sight, symmetrise, update_position, update_scalar
+from candaemon.estimation.kalman import symmetrise, update_position, update_scalar
+from candaemon.estimation.measurement import line_of_sight
 from tests.support.builders import random_covariance
 
 SEEDS = st.integers(0, 2**32 - 1)

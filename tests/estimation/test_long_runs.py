@@ -11,9 +11,10 @@ from pydantic import TypeAdapter
 
 from candaemon.arrays import Floats
 from candaemon.config.estimators import EstimatorSettings
-from candaemon.estimation.adaptive import AdaptiveFilter, InnovationNoise
+from candaemon.estimation.adaptive_filter import AdaptiveFilter
 from candaemon.estimation.discretisation import white_axis
 from candaemon.estimation.filter_bank import FilterBank
+from candaemon.estimation.innovation_noise import InnovationNoise
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.motion_models import LinearModel, MotionModel
 from candaemon.tracking.estimator_factory import make_estimator
@@ -72,7 +73,7 @@ def drive() -> tuple[Floats, Floats, Measurement, tuple[bool, ...]]:
 
 def uncertain(model: MotionModel) -> tuple[int, ...]:
     """Return the components that are never certain: a lane keeper forgets the acceleration across it at every step."""
-    if isinstance(model, LinearModel) and model.settling[1] is not None:
+    if isinstance(model, LinearModel) and model.decay_time[1] is not None:
         return tuple(range(4))
     return model.components
 

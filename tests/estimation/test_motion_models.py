@@ -149,7 +149,7 @@ def test_noise_is_symmetric_and_positive_semidefinite(
     constant = dt / decay
     along, across = (constant if settle else None for settle in settles)
     models: list[MotionModel] = [
-        LinearModel(order=order, noise=noise, settling=(along, across), wander=(0.01, 0.0)),
+        LinearModel(order=order, noise=noise, decay_time=(along, across), position_noise=(0.01, 0.0)),
         CurrentStatistical(alpha=decay / dt, limit=8.0, floor=1.0),
         CoordinatedTurn(noise[0], noise[1]),
     ]
@@ -271,7 +271,7 @@ def test_a_turn_is_continuous_through_zero() -> None:
 
 
 def test_a_turns_noise() -> None:
-    _, _, q = CoordinatedTurn(0.3, 0.2, wander=0.04).transition(STATE, 0.1, unit(0.0))
+    _, _, q = CoordinatedTurn(0.3, 0.2, position_noise=0.04).transition(STATE, 0.1, unit(0.0))
     exact = Q_continuous_white_noise(2, 0.1, 0.3, block_size=2, order_by_dim=False)
     exact[0, 0] += 0.004
     exact[1, 1] += 0.004

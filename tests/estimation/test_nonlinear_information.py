@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from candaemon.arrays import Floats
 from candaemon.estimation import kalman
 from candaemon.estimation.information import InformationFilter
-from candaemon.estimation.kalman import line_of_sight
+from candaemon.estimation.measurement import line_of_sight
 from candaemon.estimation.motion_models import TURN, CoordinatedTurn, LinearModel, MotionModel
 from tests.support.builders import random_covariance
 

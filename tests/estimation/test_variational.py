@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.arrays import Floats
-from candaemon.estimation.variational import NoiseScale, VariationalNoise, WindowedScale
+from candaemon.estimation.noise_factor import NoiseScale, WindowedScale
+from candaemon.estimation.variational_noise import VariationalNoise
 from tests.support.builders import random_covariance
 
 SEEDS = st.integers(0, 2**32 - 1)

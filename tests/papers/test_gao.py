@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from candaemon.arrays import Floats
-from candaemon.estimation.variational import VariationalNoise
+from candaemon.estimation.variational_noise import VariationalNoise
 from candaemon.papers.experiment import Advance, Result
 from candaemon.papers.gao import EXPERIMENTS
 from candaemon.papers.gao_drives import FIRST, SECOND, THIRD, LidarRadarDrive

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from candaemon.arrays import Floats
 from candaemon.config.sensors import FieldOfView, Mount, SensorSettings
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.kalman import line_of_sight
+from candaemon.estimation.measurement import line_of_sight
 from candaemon.radar.mounting import Mounting, SensorView
 from candaemon.radar.scan import Scan
 from tests.support.builders import pose, rotation

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.estimation.kalman import line_of_sight
-from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.tracking.association import nearest_neighbours, pair_nis
 from tests.support.builders import random_covariance
 

@@ -18,9 +18,9 @@ from candaemon.estimation.imm import Imm
 from candaemon.estimation.kalman import update
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.estimation.motion_models import LinearModel
+from candaemon.estimation.noise_factor import NoiseScale, WindowedScale
 from candaemon.estimation.sensor_noise import SensorNoise
 from candaemon.estimation.switching import SwitchingTracks
-from candaemon.estimation.variational import NoiseScale, WindowedScale
 from candaemon.tracking.estimator_factory import make_estimator
 from tests.support.builders import AT_REST, random_covariance
 

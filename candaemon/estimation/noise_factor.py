@@ -1,98 +1,21 @@
-"""Measurement noise by variational Bayes, and as a factor on what the sensor states; batched over tracks.
+"""Measurement noise as a factor on what the sensor states, learnt from innovations; batched over tracks.
 
-Särkkä and Nummenmaa (2009), 'Recursive noise adaptive Kalman filtering by variational Bayesian approximations': each
-variance has an inverse gamma density with α ← ρ α + 1/2 and β ← ρ β + E[(z − H x)²]/2; its estimate is β/α. Here α
-stands at the value that it tends to, 1 / (2 (1 − ρ)), from the start: the stated noise counts like 1 / (1 − ρ)
-measurements, and the variance itself is all the state there is:
-
-    R ← ρ R + (1 − ρ) E[(z − H x)²],    E[(z − H x)²] = r² + H P⁺ Hᵀ,    r = R S⁻¹ v,    S = H P⁻ Hᵀ + R,
-
-a fixed point in R, as r and P⁺ depend on it. It needs the innovation v and H P⁻ Hᵀ alone, so it comes before the
-filter's own update. While the state is uncertain, S ≫ R, the expectation is R itself and nothing is learnt.
+By variational Bayes, as in `candaemon.estimation.variational_noise`, or from a window of innovations.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.arrays.rows import checked_state
-from candaemon.estimation.adaptive import Adapted, diagonal
 from candaemon.estimation.kalman import LEAST_VARIANCE, bounded, inverse_root, times
 
-_ROUNDING = 1e-13
-_MOST_DOUBT = 3.0
+_MOST_PREDICTED = 3.0
 """H P⁻ Hᵀ, a multiple of the measurement noise, up to which an innovation enters a window."""
-
-
-class VariationalNoise:
-    """Variances of a sensor's measurement, uncorrelated, for n tracks.
-
-    A `candaemon.estimation.adaptive.NoiseEstimator`.
-
-    Args:
-        nominal: variances as stated, (d,).
-        forgetting: ρ, share of what is known that a measurement leaves.
-        floor: smallest variance, as a multiple of the nominal one.
-        ceiling: largest variance, as a multiple of the nominal one.
-        iterations: of the fixed point.
-
-    Attributes:
-        variance: (n, d).
-    """
-
-    def __init__(
-        self,
-        nominal: Floats,
-        forgetting: float = 0.97,
-        *,
-        floor: float = 0.01,
-        ceiling: float = 1e4,
-        iterations: int = 3,
-    ) -> None:
-        self._nominal = nominal
-        self._forgetting = forgetting
-        self._floor, self._ceiling = floor * nominal, ceiling * nominal
-        self._iterations = iterations
-        self.variance: Floats = np.zeros((0, len(nominal)))
-
-    def __len__(self) -> int:
-        return len(self.variance)
-
-    def spawn(self, count: int) -> None:
-        """Append tracks whose noise is the nominal one."""
-        self.variance = np.concatenate([self.variance, np.tile(self._nominal, (count, 1))])
-
-    def keep(self, rows: Indices | Booleans) -> None:
-        """Keep the given rows and forget the others."""
-        self.variance = self.variance[rows]
-
-    def observe(self, rows: Indices, innovation: Floats, predicted: Floats) -> Adapted:
-        """Take an innovation of each of the rows; see `candaemon.estimation.adaptive.NoiseEstimator.observe`."""
-        known = variance = self.variance[rows]
-        for _ in range(self._iterations):
-            left = _expected_square(variance, innovation, predicted)
-            variance = self._forgetting * known + (1.0 - self._forgetting) * left
-            variance = np.clip(variance, self._floor, self._ceiling)
-        self.variance[rows] = variance
-        noise = diagonal(variance)
-        return Adapted(innovation, noise, predicted + noise)
-
-
-def _expected_square(variance: Floats, innovation: Floats, predicted: Floats) -> Floats:
-    """Return r² + H P⁺ Hᵀ of each component, (m, d), with H P⁺ Hᵀ = R − R S⁻¹ R, which a large S does not cancel."""
-    spread = predicted + diagonal(variance)
-    scale = np.sqrt(np.diagonal(spread, axis1=-2, axis2=-1))
-    # Scaled, and lifted by what rounding takes: components that are uncertain together would make it singular.
-    correlation = spread / scale[:, :, None] / scale[:, None, :] + _ROUNDING * np.eye(variance.shape[-1])
-    inverse = np.linalg.inv(correlation)
-    share = variance / scale
-    residual = share * np.matmul(inverse, (innovation / scale)[:, :, None])[:, :, 0]
-    doubt = variance - np.square(share) * np.diagonal(inverse, axis1=-2, axis2=-1)
-    return np.asarray(np.square(residual) + np.maximum(doubt, 0.0))
 
 
 @dataclass(slots=True)
@@ -122,6 +45,44 @@ class WindowedScaleState:
 
 
 NoiseFactorState: TypeAlias = NoiseScaleState | WindowedScaleState
+
+
+class NoiseFactor(Protocol):
+    """Learns a factor on the stated measurement noise of each of n rows."""
+
+    def __len__(self) -> int: ...
+
+    @property
+    def state(self) -> NoiseFactorState:
+        """All that it remembers."""
+        ...
+
+    @state.setter
+    def state(self, state: NoiseFactorState) -> None: ...
+
+    @property
+    def scale(self) -> Floats:
+        """The factors (n,)."""
+        ...
+
+    def spawn(self, count: int) -> None:
+        """Append rows whose factor is one."""
+        ...
+
+    def keep(self, rows: Indices | Booleans) -> None:
+        """Keep the given rows and forget the others; a row given twice becomes two."""
+        ...
+
+    def observe(self, rows: Indices, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
+        """Learn from an innovation of each of the rows before the filter's own update; return their factors (m,).
+
+        Args:
+            rows: (m,), each once.
+            innovation: (m, d).
+            predicted: H P⁻ Hᵀ, (m, d, d).
+            noise: as stated, (m, d, d).
+        """
+        ...
 
 
 class NoiseScale:
@@ -183,12 +144,12 @@ class NoiseScale:
         Returns:
             Factors of the rows, (m,).
         """
-        doubt, surprise = _spectrum(innovation, predicted, noise)
+        share, squared = _spectrum(innovation, predicted, noise)
         known = scale = self.scale[rows]
         for _ in range(self._iterations):
-            weight = scale[:, None] / (scale[:, None] + doubt)
-            left = (weight**2 * surprise + weight * doubt).mean(axis=1)
-            scale = np.clip(self._forgetting * known + (1.0 - self._forgetting) * left, self._floor, self._ceiling)
+            weight = scale[:, None] / (scale[:, None] + share)
+            expected = (weight**2 * squared + weight * share).mean(axis=1)
+            scale = np.clip(self._forgetting * known + (1.0 - self._forgetting) * expected, self._floor, self._ceiling)
         self.scale[rows] = scale
         return scale
 
@@ -199,7 +160,7 @@ class WindowedScale:
     Source: Gao et al. 2016, eq. (15).
 
     While the state is far less certain than the detections, as at first and after a gap, their innovations do not enter
-    the window: the difference of two large numbers would drown what it tells.
+    the window: their information would be lost in the difference of two large numbers.
 
     Args:
         window: N, innovations of a track that are averaged; until there are as many its factor is one.
@@ -251,10 +212,10 @@ class WindowedScale:
     def observe(self, rows: Indices, innovation: Floats, predicted: Floats, noise: Floats) -> Floats:
         """Learn from an innovation of each of the given rows; see `NoiseScale.observe`."""
         state, window = self._state, self._window
-        doubt, surprise = _spectrum(innovation, predicted, noise)
-        telling = doubt.max(axis=1) <= _MOST_DOUBT * np.maximum(state.scale[rows], 1.0)
-        entered = rows[telling]
-        state.ring[entered, state.count[entered] % window] = (surprise - doubt).mean(axis=1)[telling]
+        share, squared = _spectrum(innovation, predicted, noise)
+        informative = share.max(axis=1) <= _MOST_PREDICTED * np.maximum(state.scale[rows], 1.0)
+        entered = rows[informative]
+        state.ring[entered, state.count[entered] % window] = (squared - share).mean(axis=1)[informative]
         state.count[entered] += 1
         learnt = np.clip(state.ring[rows].mean(axis=1), self._floor, self._ceiling)
         state.scale[rows] = np.where(state.count[rows] >= window, learnt, 1.0)
@@ -262,7 +223,7 @@ class WindowedScale:
 
 
 def _spectrum(innovation: Floats, predicted: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Turn to the axes in which R₀ is one and H P⁻ Hᵀ diagonal.
+    """Rotate to the axes in which R₀ is one and H P⁻ Hᵀ diagonal.
 
     Returns:
         Eigenvalues of R₀⁻¹ H P⁻ Hᵀ, and the squares of the innovation's components along their axes, (m, d) each.
@@ -275,8 +236,8 @@ def _spectrum(innovation: Floats, predicted: Floats, noise: Floats) -> tuple[Flo
     ratio = root @ predicted @ np.swapaxes(root, 1, 2)
     middle, half = (ratio[:, 0, 0] + ratio[:, 1, 1]) / 2, (ratio[:, 0, 0] - ratio[:, 1, 1]) / 2
     apart = np.hypot(half, ratio[:, 0, 1])
-    doubt = np.stack([middle + apart, np.maximum(middle - apart, 0.0)], axis=-1)
+    share = np.stack([middle + apart, np.maximum(middle - apart, 0.0)], axis=-1)
     angle = np.arctan2(ratio[:, 0, 1], half) / 2
     cosine, sine = np.cos(angle), np.sin(angle)
     x, y = times(root, innovation).T
-    return doubt, np.square(np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1))
+    return share, np.square(np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1))
