@@ -1,4 +1,4 @@
-"""The commands: one short file each, and what they print on a terminal or into a pipe.
+"""The commands, one short file each, and their output on a terminal or into a pipe.
 
 Knows nothing but the calls it makes.
 """

@@ -1,4 +1,4 @@
-"""What several commands take: texts of help, and kinds of numbers."""
+"""Common to several commands: help texts, and argument types for numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`candaemon check`: what a configuration does, shown before it does it."""
+"""`candaemon check`: shows what a configuration does, without opening a bus."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from candaemon.objects.signals import SignalBinding
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
 
 
@@ -45,7 +45,7 @@ def execute(arguments: argparse.Namespace) -> None:
 
 
 def check_report(binding: Binding) -> Iterator[Sheet]:
-    """Yield all that a configuration binds, and last what looks wrong."""
+    """Yield everything that a configuration binds, and last the warnings."""
     config = binding.settings
     yield Sheet("configuration", (("file", str(binding.loaded.path)), ("name", config.name or "-")))
     yield _buses(binding)
@@ -92,14 +92,14 @@ def _ego(binding: Binding) -> Iterator[Sheet]:
     ]
     if isinstance(settings, InsSettings):
         rows.append(("lever arm", f"x {settings.lever_arm.x:g} m, y {settings.lever_arm.y:g} m"))
-        rows += [("place on earth", "not told")] if settings.gnss is None else _placement(settings.gnss)
+        rows += [("place on earth", "not told")] if settings.gnss is None else _georeference(settings.gnss)
     rows += [(f"protection of {name}", _protection(each)) for name, each in settings.protection.items()]
     yield Sheet("own motion", tuple(rows))
     yield _signals("own motion's signals", _ego_signals(ego))
 
 
-def _placement(gnss: GnssSettings) -> Iterator[tuple[str, str]]:
-    """Yield rows on how the level frame is placed on earth."""
+def _georeference(gnss: GnssSettings) -> Iterator[tuple[str, str]]:
+    """Yield rows on the georeference of the local frame."""
     match gnss.filter:
         case DriftFilterSettings():
             yield "place on earth", f"by fixes, the level frame drifting {gnss.filter.walk:g} m per √s"
@@ -107,8 +107,8 @@ def _placement(gnss: GnssSettings) -> Iterator[tuple[str, str]]:
             yield "place on earth", "by fixes, smoothed by CV or CS, switched"
         case ImmFilterSettings():
             yield "place on earth", "by fixes, smoothed by an IMM of CV, CA"
-    doubt = f"refused beyond a NIS of {gnss.gate:g}, believed again after {gnss.reacquire:g} s"
-    yield "fixes", f"{gnss.noise:g} m; {doubt}; good for {gnss.hold:g} s"
+    gate = f"refused beyond a NIS of {gnss.gate:g}, believed again after {gnss.reacquire:g} s"
+    yield "fixes", f"{gnss.noise:g} m; {gate}; good for {gnss.hold:g} s"
 
 
 def _ego_signals(ego: BoundEgo) -> Iterator[tuple[MessageSpec, SignalBinding]]:
@@ -142,7 +142,7 @@ def _sensor(binding: Binding, sensor: BoundSensor) -> Iterator[Sheet]:
 
 
 def _format(form: ObjectFormat, parts: Iterable[MessageLayout]) -> Iterator[tuple[str, str]]:
-    """Yield rows on how objects lie in frames."""
+    """Yield rows on the layout of objects in frames."""
     for part in parts:
         first, last = part.messages[0], part.messages[-1]
         names = " … ".join(dict.fromkeys((first.name, last.name)))
@@ -212,7 +212,7 @@ def _tracker(title: str, settings: TrackerSettings) -> Sheet:
 
 
 def _signals(title: str, bound: Iterable[tuple[MessageSpec, SignalBinding]]) -> Sheet:
-    """Return which signal is which quantity, and what one step of it is worth."""
+    """Return the mapping of signals to quantities, with the value of one quantisation step."""
     rows = tuple(
         (
             each.quantity,
@@ -249,12 +249,12 @@ def _conditions(conditions: Iterable[Condition]) -> str:
 
 
 def _condition(test: Condition) -> str:
-    """Write a condition as one would say it."""
+    """Return a condition as text."""
     bounds = (("≥", test.min), ("≤", test.max), ("<", test.below), (">", test.above))
-    said = [f"{test.signal} {sign} {bound:g}" for sign, bound in bounds if bound is not None]
+    texts = [f"{test.signal} {sign} {bound:g}" for sign, bound in bounds if bound is not None]
     if test.values is not None:
-        said.insert(0, f"{test.signal} in {', '.join(f'{value:g}' for value in test.values)}")
-    return " and ".join(said)
+        texts.insert(0, f"{test.signal} in {', '.join(f'{value:g}' for value in test.values)}")
+    return " and ".join(texts)
 
 
 def _protections(form: ObjectFormat, settings: ProtectionSettings) -> Iterator[tuple[str, str]]:
@@ -266,24 +266,24 @@ def _protections(form: ObjectFormat, settings: ProtectionSettings) -> Iterator[t
 
 
 def _protection(settings: ProtectionSettings) -> str:
-    """Write a protection as one would say it."""
-    said = [] if settings.counter is None else [f"counter {settings.counter}"]
+    """Return a protection as text."""
+    texts = [] if settings.counter is None else [f"counter {settings.counter}"]
     if settings.checksum is not None and settings.e2e is None:
-        said.append(f"checksum {settings.checksum} ({settings.kind})")
+        texts.append(f"checksum {settings.checksum} ({settings.kind})")
     if settings.e2e is not None:
-        said.append(f"AUTOSAR E2E profile {settings.e2e.profile}")
+        texts.append(f"AUTOSAR E2E profile {settings.e2e.profile}")
     if isinstance(settings, InputProtectionSettings):
         bounds = (
             ("steps up to", settings.greatest_step, ""),
             ("time-out", settings.timeout, " s"),
             ("rate up to", settings.max_rate, " × nominal"),
         )
-        said += [f"{name} {bound:g}{unit}" for name, bound, unit in bounds if bound is not None]
-    return ", ".join(said) or "none"
+        texts += [f"{name} {bound:g}{unit}" for name, bound, unit in bounds if bound is not None]
+    return ", ".join(texts) or "none"
 
 
 def _plausible(sensor: BoundSensor) -> str:
-    """Write which objects are believed."""
+    """Return the plausibility limits of a sensor's objects as text."""
     settings = sensor.settings.plausibility
     within = "within the DBC's ranges" if settings.ranges else "of any value"
     if settings.max_speed is None:

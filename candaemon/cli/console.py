@@ -1,4 +1,4 @@
-"""What a terminal is shown, and what a pipe gets instead: results on standard output, talk on standard error."""
+"""Output on a terminal or into a pipe: results on standard output, messages on standard error."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
     from candaemon.can_io.logs.stream import LogCounts
 
 _WARNINGS = 5
-"""Warnings of a configuration that are shown before each run; `check` shows all."""
+"""Number of a configuration's warnings shown before each run; `check` shows all."""
 
 _NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?%?|-")
 
 
 def log_to_stderr(level: int = logging.WARNING) -> None:
-    """Send log records to standard error, a line each."""
+    """Send log records to standard error, one per line."""
     logging.basicConfig(stream=sys.stderr, level=level, format="candaemon: %(message)s", force=True)
 
 
 def say(text: str) -> None:
-    """Write a line of talk to standard error."""
+    """Write a message to standard error."""
     print(f"candaemon: {text}", file=sys.stderr)
 
 
@@ -41,7 +41,7 @@ def warn(warnings: Sequence[str]) -> None:
 
 
 def abandon_stdout() -> None:
-    """Let nothing be written to a standard output whose reader has gone, not even at the interpreter's end."""
+    """Redirect standard output to the null device after its reader has gone, so that flushing at exit cannot fail."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -50,9 +50,9 @@ class Sheet:
     """A small table of texts.
 
     Attributes:
-        title: what it is about.
+        title: heading.
         rows: the cells.
-        header: names of the columns; empty where they need none.
+        header: names of the columns; empty for a table without header.
     """
 
     title: str
@@ -62,7 +62,7 @@ class Sheet:
 
 def console() -> Console:
     """Return rich's console on standard output."""
-    from rich.console import Console  # noqa: PLC0415 - costs time that the service need not spend
+    from rich.console import Console  # noqa: PLC0415 - a slow import that the service does not need
 
     return Console()
 
@@ -102,12 +102,12 @@ def _lines(sheet: Sheet) -> Iterator[str]:
 
 
 def _numeric(cells: Iterable[str]) -> bool:
-    """Tell whether a column holds nothing but numbers, perhaps with a percent sign."""
+    """Return whether a column holds only numbers, possibly with a percent sign."""
     return all(_NUMBER.fullmatch(cell) for cell in cells)
 
 
 def print_figures(title: str, figures: Mapping[str, Any]) -> None:
-    """Print a tree of figures: a table a branch on a terminal, `key: value` lines elsewhere."""
+    """Print a tree of figures: one table per branch on a terminal, `key: value` lines elsewhere."""
     if sys.stdout.isatty():
         print_sheets(_branches(title, figures))
     else:
@@ -147,7 +147,7 @@ def flattened(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[st
 
 
 def _text(value: Any) -> str:
-    """Return a figure as text; `-` stands for one that there is none of."""
+    """Return a figure as text; `-` for None and empty collections."""
     match value:
         case None:
             return "-"
@@ -171,12 +171,12 @@ def log_progress(name: str) -> Iterator[Callable[[LogCounts], None] | None]:
         name: of the log.
 
     Yields:
-        What takes the reader's counts; None where nothing is shown.
+        A function to call with the reader's counts; None where nothing is shown.
     """
     if not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console  # noqa: PLC0415 - costs time that a pipe need not spend
+    from rich.console import Console  # noqa: PLC0415 - a slow import that a pipe does not need
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
 
     columns = (
@@ -197,13 +197,13 @@ def log_progress(name: str) -> Iterator[Callable[[LogCounts], None] | None]:
 
 @contextmanager
 def share_progress(name: str) -> Iterator[Callable[[float], None]]:
-    """Show what share of a piece of work is done, on standard error where that is a terminal.
+    """Show the progress of a task, on standard error where that is a terminal.
 
     Args:
         name: of the work.
 
     Yields:
-        What takes the share done since the last call; the shares sum to one.
+        A function to call with the share done since the last call; the shares sum to one.
     """
     if not sys.stderr.isatty():
         yield lambda _share: None

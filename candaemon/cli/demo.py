@@ -1,8 +1,8 @@
-"""`candaemon demo`: a drive through the whole daemon on in-process buses, and what came of it.
+"""`candaemon demo`: a simulated drive through the whole daemon on in-process buses, compared with the truth.
 
-Scenario → frames → virtual buses → daemon → virtual bus → frames → obstacles: what is shown and compared with the truth
-was read back from the obstacles' bus, with its DBC. The daemon is given frames no faster than it takes them, so that
-the result is the same at any speed.
+Scenario → frames → virtual buses → daemon → virtual bus → frames → obstacles: the obstacles that are shown and
+compared with the truth are read back from their bus, with its DBC. Frames are sent no faster than the daemon receives
+them, so that the result is the same at any speed.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 
 _SPEED = 4.0
 """Times real time on a terminal."""
-_PATIENCE_S = 10.0
-"""After which a daemon that takes no frame counts as stuck."""
+_HANDOVER_TIMEOUT_S = 10.0
+"""s after which a daemon that has not received all frames counts as stuck."""
 
 _COLUMNS = (("x", "m"), ("y", "m"), ("vx", "m/s"), ("vy", "m/s"), ("ax", "m/s²"), ("age", "s"))
 _REFRESH_HZ = 10
@@ -54,7 +54,7 @@ _SECOND_NS = 1_000_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("--scenario", type=Path, default=Path("highway"), help=f"{SCENARIO}; default: highway")
     parser.add_argument("--duration", type=positive, default=20.0, metavar="S", help="s of the drive; default: 20")
     parser.add_argument("--seed", type=int, default=1, help="of all random numbers; default: 1")
@@ -81,7 +81,7 @@ def run_demo(binding: Binding, scenario: Scenario, *, seed: int, speed: float | 
         binding: a configuration whose buses are virtual, with an output.
         scenario: the drive.
         seed: of all random numbers.
-        speed: times real time; None: a pace to watch on a terminal, as fast as it goes elsewhere.
+        speed: times real time; None: `_SPEED` on a terminal, as fast as possible elsewhere.
     """
     watched = sys.stdout.isatty()
     speed = speed or (_SPEED if watched else None)
@@ -89,23 +89,23 @@ def run_demo(binding: Binding, scenario: Scenario, *, seed: int, speed: float | 
     say(f"{scenario.duration:g} s of a simulated drive, as CAN frames through {len(binding.buses)} virtual buses")
     with tempfile.TemporaryDirectory() as folder:
         tracks, truth = Path(folder, "tracks.csv"), Path(folder, "truth.csv")
-        with TrackWriter(tracks) as table, TableShow() if watched else LinesShow() as show:
+        with TrackWriter(tracks) as table, LiveTable() if watched else LinePrinter() as show:
             for obstacles in DemoDrive(binding, simulation, speed):
                 table.write_cycle(obstacles.time_ns, obstacles.columns())
                 show.cycle(obstacles)
         write_truth(simulation, truth)
-        # The wire rounds standard deviations to 0.1: too coarse to judge them by.
-        told = [part for part in sections(evaluate(tracks, truth)) if not part.title.startswith("NEES")]
-        print_sections(console(), told)
+        # The wire rounds standard deviations to 0.1: too coarse for NEES.
+        shown = [part for part in sections(evaluate(tracks, truth)) if not part.title.startswith("NEES")]
+        print_sections(console(), shown)
 
 
 class DemoDrive:
-    """A simulated drive through the daemon: iterate it for what the obstacles' bus tells, cycle by cycle.
+    """A simulated drive through the daemon: iterating yields the cycles decoded from the obstacles' bus.
 
     Args:
         binding: a configuration whose buses are virtual, with an output.
         simulation: the drive.
-        speed: times real time; None: as fast as it goes.
+        speed: times real time; None: as fast as possible.
 
     Raises:
         ConfigError: a bus is not virtual, or there is no output.
@@ -124,8 +124,8 @@ class DemoDrive:
     def __iter__(self) -> Iterator[DecodedCycle]:
         with ExitStack() as closing:
             sides = [closing.enter_context(_virtual(channel)) for channel in self._channels]
-            notes = _Notes(self._measured_ns)
-            daemon = closing.enter_context(Daemon(self._binding, clock=self._clock, observers=[notes]))
+            times = _CycleTimes(self._measured_ns)
+            daemon = closing.enter_context(Daemon(self._binding, clock=self._clock, observers=[times]))
             receiver = OutputDecoder(self._output)
             for bus, burst in groupby(self._paced(), key=lambda frame: frame.bus):
                 # One bus at a time: the daemon sees the frames of all in the order of the drive.
@@ -133,18 +133,18 @@ class DemoDrive:
                     sides[bus].send(to_message(frame))
                     self._now_ns = frame.time_ns
                     self._sent += 1
-                self._hand_over(daemon)
+                self._drain(daemon)
                 yield from self._read(sides[self._output.bus], receiver)
             daemon.finish()
             yield from self._read(sides[self._output.bus], receiver)
             yield from self._timed(receiver.flush())
 
     def _clock(self) -> int:
-        """Return the time of the newest frame given: the drive's clock."""
+        """Return the time of the newest frame sent, which is the drive's clock."""
         return self._now_ns
 
     def _paced(self) -> Iterator[Frame]:
-        """Yield the frames of the drive at its pace."""
+        """Yield the frames of the drive at the requested speed."""
         started_s, first_ns = time.monotonic(), None
         for frame in self._simulation.frames():
             first_ns = frame.time_ns if first_ns is None else first_ns
@@ -154,11 +154,11 @@ class DemoDrive:
                     time.sleep(ahead_s)
             yield frame
 
-    def _hand_over(self, daemon: Daemon) -> None:
-        """Let the daemon take all frames sent so far."""
-        deadline_s = time.monotonic() + _PATIENCE_S
+    def _drain(self, daemon: Daemon) -> None:
+        """Step the daemon until it has received all frames sent so far."""
+        deadline_s = time.monotonic() + _HANDOVER_TIMEOUT_S
         while daemon.received < self._sent:
-            daemon.step(_PATIENCE_S)
+            daemon.step(_HANDOVER_TIMEOUT_S)
             if time.monotonic() > deadline_s:
                 raise BusError(f"the virtual buses delivered {daemon.received} of {self._sent} frames")
 
@@ -169,33 +169,33 @@ class DemoDrive:
             yield from self._timed(receiver.push(frame.can_id, frame.data))
 
     def _timed(self, cycles: Iterator[DecodedCycle]) -> Iterator[DecodedCycle]:
-        """Yield cycles with the instants they hold for."""
+        """Yield cycles with the times they are valid for."""
         for cycle in cycles:
             yield cycle.at(self._measured_ns[cycle.number])
 
 
-class _Notes(Observer):
-    """Keeps for which instant each cycle's obstacles hold, which the wire does not tell.
+class _CycleTimes(Observer):
+    """Records the time each cycle's obstacles are valid for, which the frames do not carry.
 
     Args:
-        measured_ns: where it is kept.
+        measured_ns: list that the times are appended to.
     """
 
     def __init__(self, measured_ns: list[int]) -> None:
         self._measured_ns = measured_ns
 
     def on_cycle(self, completed: CompletedCycle) -> None:
-        """Keep a cycle's."""
+        """Append the time of a cycle."""
         self._measured_ns.append(completed.cycle.obstacles.time_ns)
 
 
 def _virtual(channel: str) -> can.BusABC:
-    """Open the other side of a virtual bus; its messages keep their time stamps."""
+    """Open the other end of a virtual bus; its messages keep their time stamps."""
     return can.Bus(channel=channel, interface="virtual", ignore_config=True, preserve_timestamps=True)
 
 
-class LinesShow:
-    """A line when an obstacle comes or goes, and one a second with where they are."""
+class LinePrinter:
+    """Prints a line when an obstacle appears or disappears, and one per second with all positions."""
 
     def __init__(self) -> None:
         self._first_ns: int | None = None
@@ -208,37 +208,37 @@ class LinesShow:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Nothing is open."""
+        """Do nothing: no resource is open."""
 
-    def cycle(self, told: DecodedCycle) -> None:
-        """Print what is worth a line."""
+    def cycle(self, cycle: DecodedCycle) -> None:
+        """Print the changes, and once a second the positions."""
         if self._first_ns is None:
-            self._first_ns = self._next_ns = told.time_ns
-        time = f"{(told.time_ns - self._first_ns) / _SECOND_NS:6.2f} s"
-        quantities = {name: values.tolist() for name, values in told.quantities.items()}
+            self._first_ns = self._next_ns = cycle.time_ns
+        time = f"{(cycle.time_ns - self._first_ns) / _SECOND_NS:6.2f} s"
+        quantities = {name: values.tolist() for name, values in cycle.quantities.items()}
         there = {int(identity): row for row, identity in enumerate(quantities["id"])}
         for identity in sorted(there.keys() - self._known):
             print(f"{time}  obstacle {identity} confirmed at {_place(quantities, there[identity])}", flush=True)
         for identity in sorted(self._known - there.keys()):
             print(f"{time}  obstacle {identity} gone", flush=True)
         self._known = set(there)
-        if told.time_ns >= self._next_ns:
+        if cycle.time_ns >= self._next_ns:
             self._next_ns += _SECOND_NS
             where = "; ".join(f"{identity} {_place(quantities, row)}" for identity, row in sorted(there.items()))
             print(f"{time}  {len(there)} obstacles" + (f": {where}" if where else ""), flush=True)
 
 
 def _place(quantities: dict[str, list[float]], row: int) -> str:
-    """Say where an obstacle is and how fast it goes."""
+    """Return an obstacle's position and speed as text."""
     x, y, vx = (quantities[name][row] for name in ("x", "y", "vx"))
     return f"({x:.1f}, {y:.1f}) m {vx:.1f} m/s"
 
 
-class TableShow:
-    """A table of all obstacles, drawn anew some times a second."""
+class LiveTable:
+    """Shows a table of all obstacles, refreshed several times a second."""
 
     def __init__(self) -> None:
-        from rich.console import Console  # noqa: PLC0415 - costs time that a pipe need not spend
+        from rich.console import Console  # noqa: PLC0415 - a slow import that a pipe does not need
         from rich.live import Live  # noqa: PLC0415 - likewise
 
         self._first_ns: int | None = None
@@ -255,27 +255,27 @@ class TableShow:
     ) -> None:
         self._live.stop()
 
-    def cycle(self, told: DecodedCycle) -> None:
-        """Draw the table if it is time."""
+    def cycle(self, cycle: DecodedCycle) -> None:
+        """Redraw the table if it is due."""
         if self._first_ns is None:
-            self._first_ns = told.time_ns
+            self._first_ns = cycle.time_ns
         now_s = self._live.console.get_time()
         if now_s >= self._next_s:
             self._next_s = now_s + 1 / _REFRESH_HZ
-            self._live.update(_table(told, (told.time_ns - self._first_ns) / _SECOND_NS), refresh=True)
+            self._live.update(_table(cycle, (cycle.time_ns - self._first_ns) / _SECOND_NS), refresh=True)
 
 
-def _table(told: DecodedCycle, seconds: float) -> Table:
+def _table(cycle: DecodedCycle, seconds: float) -> Table:
     """Return obstacles as a table, the nearest first."""
     from rich.table import Table  # noqa: PLC0415 - as above
 
     table = Table(title=f"{seconds:5.1f} s · x ahead, y to the left, speeds over ground", title_justify="left")
     table.add_column("id", justify="right")
     table.add_column("state", min_width=9)
-    columns = [(name, unit) for name, unit in _COLUMNS if name in told.quantities]
+    columns = [(name, unit) for name, unit in _COLUMNS if name in cycle.quantities]
     for name, unit in columns:
         table.add_column(f"{name} ({unit})", justify="right", min_width=9)
-    quantities = {name: values.tolist() for name, values in told.quantities.items()}
+    quantities = {name: values.tolist() for name, values in cycle.quantities.items()}
     for row in sorted(range(len(quantities["id"])), key=quantities["x"].__getitem__):
         state = STATE_NAMES[int(quantities["state"][row]) - FIRST_STATE]
         cells = (f"{quantities[name][row]:.1f}" for name, _ in columns)

@@ -12,7 +12,7 @@ from candaemon.files.atomic import atomic_write
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("tracks", type=Path, metavar="TRACKS", help="table that replay --tracks wrote")
     parser.add_argument("truth", type=Path, metavar="TRUTH", help="table that simulate --truth wrote")
     parser.add_argument("--json", type=Path, metavar="JSON", help="the figures, for programs")

@@ -11,7 +11,7 @@ from candaemon.daemon.systemd_unit import install
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
     parser.add_argument("--print", action="store_true", help="write the unit to standard output, and nothing else")
 

@@ -1,7 +1,7 @@
-"""The command line. Results go to standard output, talk to standard error.
+"""The command line. Results go to standard output, messages to standard error.
 
 Exit codes: 0 done, 1 failed, 2 wrong usage or configuration. Each command is a module of this room with `add_arguments`
-and `execute`. Only the one that is asked for is imported, so that none waits for another's libraries.
+and `execute`. Only the requested command is imported, so that none waits for another's libraries.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from candaemon.errors import CandaemonError
 logger = logging.getLogger(__name__)
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it: 128 and the number of SIGINT."""
+"""Exit code after Ctrl-C, by the convention of shells: 128 + the number of SIGINT."""
 
 COMMANDS = {
     "demo": "Simulate a drive, track it through virtual buses, and compare with the truth.",
@@ -32,7 +32,7 @@ COMMANDS = {
     "papers": "Run the five papers' experiments again, beside their printed tables.",
     "schema": "Print the JSON Schema of the configuration, for editors.",
 }
-"""The commands and what each does. The module of a command has its name, with `_` for `-`."""
+"""The commands and their descriptions. The module of a command has its name, with `_` for `-`."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -50,12 +50,12 @@ def main(argv: list[str] | None = None) -> int:
         arguments.execute(arguments)
         sys.stdout.flush()
     except CandaemonError as error:
-        logger.error("error: %s", error)  # noqa: TRY400 - a traceback tells the user nothing
+        logger.error("error: %s", error)  # noqa: TRY400 - a traceback does not help the user
         return error.exit_code
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        console.abandon_stdout()  # whoever reads has read enough
+        console.abandon_stdout()  # the reader of the pipe has closed it
     except OSError as error:  # a full disk, a quota: what was written until then stays
         try:
             sys.stdout.flush()

@@ -14,7 +14,7 @@ from candaemon.papers.text import print_result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument(
         "names",
         nargs="*",
@@ -43,7 +43,7 @@ def execute(arguments: argparse.Namespace) -> None:
     for number, experiment in enumerate(experiments, start=1):
         with console.share_progress(f"{experiment.name} ({number} of {len(experiments)})") as advance:
             result = experiment.run(arguments.runs, arguments.seed, advance)
-        # at once: what is done outlasts an interruption
+        # printed at once, so that an interruption loses no finished result
         print_result(console.console(), experiment, result, arguments.runs, arguments.seed)
         done.append((experiment, result))
         if arguments.json is not None:

@@ -19,11 +19,11 @@ from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
 from candaemon.playback.summary import summarise
 
 LONGEST_LAG: Final = 10.0
-"""Longest lag of smoothing, s: what comes later tells nothing of a manoeuvre, and the work grows with it."""
+"""Longest lag of smoothing, s: later measurements hardly change the estimate, and the effort grows with the lag."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
     parser.add_argument("log", type=Path, metavar="LOG", help=f"{LOG_FORMATS}; or the folder of a recording")
     parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="log of the obstacles' frames")
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(arguments: argparse.Namespace) -> None:
-    """Replay, print the figures, and say which sensors nothing was heard of."""
+    """Replay, print the summary, and warn of sensors without a usable frame."""
     binding = bind(load_config(find_config(arguments.config)))
     console.warn(binding.warnings)
     channels = [channel for channel, _ in arguments.map]
@@ -93,7 +93,7 @@ def execute(arguments: argparse.Namespace) -> None:
 
 
 def _check_request(request: ReplayRequest, summary: Path | None, binding: Binding) -> None:
-    """Refuse what can be told before the log is read: buses there are not, and files that would be written twice."""
+    """Refuse what can be checked before the log is read: unknown buses, and files that would be written twice."""
     buses = {bus.name for bus in binding.buses}
     for channel, bus in request.channels.items():
         if bus not in buses:
@@ -120,7 +120,7 @@ def lag(text: str) -> float:
 
 
 def horizons(text: str) -> tuple[float, ...]:
-    """Read times in s with commas between; returns them in order, each once."""
+    """Read times in s with commas between; return them in order, without repetition."""
     return tuple(sorted({positive(part) for part in text.split(",")}))
 
 

@@ -30,7 +30,7 @@ logger = logging.getLogger(__name__)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
     parser.add_argument(
         "--record", type=Path, metavar="DIR", help="folder for the ring of what came last, see docs/operating.md"
@@ -48,13 +48,13 @@ def execute(arguments: argparse.Namespace) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ServeRequest:
-    """What the command line asks of the service.
+    """Settings of the service from the command line.
 
     Attributes:
         config_path: the YAML file; a reload reads it again.
-        record: folder of the recording; None: what the configuration says.
-        status: s between status lines, 0: none; None: what the configuration says.
-        log: form of the log's lines; None: what the configuration says.
+        record: folder of the recording; None: as configured.
+        status: s between status lines, 0: none; None: as configured.
+        log: form of the log's lines; None: as configured.
     """
 
     config_path: Path
@@ -67,11 +67,11 @@ def serve(request: ServeRequest) -> None:
     """Serve until SIGTERM or SIGINT; SIGHUP loads the configuration again.
 
     Args:
-        request: what to serve, and how.
+        request: the configuration file and the command line's settings.
 
     Raises:
         ConfigError: the configuration cannot be used; no bus is opened then.
-        InputError: the recording's folder cannot be used.
+        InputError: the folder of the recording cannot be used.
     """
     notifier = SystemdNotifier.from_environment()
     configure_logging(request.log or "text")
@@ -82,13 +82,13 @@ def serve(request: ServeRequest) -> None:
         logger.warning("%s; `candaemon check` shows all %d warnings", binding.warnings[0], len(binding.warnings))
     reloader = Reloader(lambda: load_service_config(request.config_path))
     daemon = Daemon(binding, observers=list(_observers(binding, request, notifier)), reloader=reloader)
-    faulthandler.enable()  # the watchdog ends a loop that hangs with SIGABRT: then the log shows where it hung
+    faulthandler.enable()  # systemd's watchdog ends a hanging loop with SIGABRT; the log then shows where it hung
     with handle_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark), daemon:
         daemon.run()
 
 
 def _observers(binding: Binding, request: ServeRequest, notifier: SystemdNotifier) -> Iterator[Observer]:
-    """Yield what the command line, the configuration and systemd ask for; each after those that it reads."""
+    """Yield the observers that command line, configuration and systemd request; each after those that it reads."""
     recording = _recording(binding, request)
     meter = ServiceMonitor(
         binding.settings.service.metrics, recording=recording.counts if recording is not None else None
@@ -104,7 +104,7 @@ def _observers(binding: Binding, request: ServeRequest, notifier: SystemdNotifie
 
 
 def _recording(binding: Binding, request: ServeRequest) -> Recorder | None:
-    """Return the recording that is asked for."""
+    """Return the recorder, if recording is requested."""
     settings = binding.settings.service.recording
     if request.record is None and not settings.enabled:
         return None
@@ -112,7 +112,7 @@ def _recording(binding: Binding, request: ServeRequest) -> Recorder | None:
 
 
 def _state_folder(binding: Binding) -> Path:
-    """Return where systemd lets the service keep files."""
+    """Return the state folder that systemd assigns to the service."""
     folder, *_ = os.environ.get("STATE_DIRECTORY", "").split(":")
     if not folder:
         raise binding.loaded.error(

@@ -16,7 +16,7 @@ from candaemon.simulation.simulate import simulate
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("scenario", type=Path, metavar="SCENARIO", help=SCENARIO)
     parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="LOG", help=LOG_FORMATS)
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(arguments: argparse.Namespace) -> None:
-    """Write the frames, and the truth where it is asked for."""
+    """Write the frames, and the truth if requested."""
     scenario = load_scenario(find_scenario(arguments.scenario))
     binding = bind(load_config(find_config(arguments.config)))
     frames = record(simulate(scenario, binding, arguments.seed), binding, arguments.output, arguments.truth)

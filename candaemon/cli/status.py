@@ -1,4 +1,4 @@
-"""`candaemon status`: what a running service tells of itself, from its status socket."""
+"""`candaemon status`: shows the status snapshot of a running service, from its status socket."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DAY_S, _HOUR_S, _MINUTE_S = 86_400, 3600, 60
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument(
         "instance", nargs="?", metavar="NAME", help="of candaemon@NAME; default: the only one that runs"
     )
@@ -55,14 +55,14 @@ def sheets(figures: Tree) -> list[Sheet]:
 
 
 class LiveView:
-    """The sheets on a terminal, drawn anew with each set of figures. A context manager.
+    """Shows the sheets on a terminal and redraws them with each status snapshot. A context manager.
 
     Args:
-        console: where; default: rich's own on standard output.
+        console: to draw on; default: rich's own on standard output.
     """
 
     def __init__(self, console: Console | None = None) -> None:
-        from rich.live import Live  # noqa: PLC0415 - costs time that a pipe need not spend
+        from rich.live import Live  # noqa: PLC0415 - a slow import that a pipe does not need
 
         self._live = Live(console=console, auto_refresh=False)
 
@@ -76,14 +76,14 @@ class LiveView:
         self._live.stop()
 
     def show(self, figures: Tree) -> None:
-        """Draw a set of figures."""
+        """Draw a status snapshot."""
         from rich.console import Group  # noqa: PLC0415 - as above
 
         self._live.update(Group(*map(_table, sheets(figures))), refresh=True)
 
 
 def _table(sheet: Sheet) -> RenderableType:
-    """Return a sheet as a table without lines, so that much fits."""
+    """Return a sheet as a table without lines, which takes less space."""
     from rich import box  # noqa: PLC0415 - as above
     from rich.table import Table  # noqa: PLC0415 - as above
 
@@ -150,7 +150,7 @@ def _buses(figures: Tree) -> Sheet:
 
 
 def _bus_state(bus: Tree) -> str:
-    """Say whether a bus is there and, where something is wrong, what."""
+    """Return the state of a bus as text, with its error if running is one."""
     if not bus["up"]:
         return f"down: {bus['error']}"
     return "up" if bus["controller"] == "active" else f"up, {bus['controller']}"
@@ -177,7 +177,7 @@ def _sensors(figures: Tree) -> Sheet:
 
 
 def _rare(figures: Tree) -> Iterator[Sheet]:
-    """Yield what is worth a line only if it has happened."""
+    """Yield sheets on events that are shown only after they have occurred."""
     clock, service = figures["clock"], figures["service"]
     steps = clock["backward_steps"] + clock["forward_steps"]
     if steps:
@@ -206,7 +206,7 @@ def _number(value: float | None, decimals: int) -> str:
 
 
 def _span(seconds: float) -> str:
-    """Return a time span as days, hours, minutes and seconds, the two largest that there are."""
+    """Return a time span as days, hours, minutes and seconds, the two largest units that are not 0."""
     days, rest = divmod(int(seconds), _DAY_S)
     hours, rest = divmod(rest, _HOUR_S)
     minutes, left = divmod(rest, _MINUTE_S)
@@ -214,7 +214,7 @@ def _span(seconds: float) -> str:
     return " ".join(parts[:2]) or "0 s"
 
 
-_PATIENCE_S = 5.0
+_TIMEOUT_S = 5.0
 
 
 def watch(instance: str | None, path: Path | None, *, once: bool, as_json: bool) -> None:
@@ -224,12 +224,12 @@ def watch(instance: str | None, path: Path | None, *, once: bool, as_json: bool)
         instance: NAME of candaemon@NAME, or stem of the configuration's file; None: the only one that runs.
         path: the instance's status socket, if it is elsewhere.
         once: show it once and end.
-        as_json: print the line of JSON as it came, once.
+        as_json: print the JSON line as received, once.
 
     Raises:
         InputError: no such instance runs, several do and none is named, or it has ended or hangs.
     """
-    with closing(_lines(_found(instance) if path is None else path)) as lines:
+    with closing(_lines(_socket_of(instance) if path is None else path)) as lines:
         if as_json:
             line = next(lines)
             _read(line)
@@ -242,16 +242,16 @@ def watch(instance: str | None, path: Path | None, *, once: bool, as_json: bool)
                     view.show(_read(line))
 
 
-def _found(instance: str | None) -> Path:
-    """Return the socket of an instance that runs."""
-    there = running_instances()
-    listed = ", ".join(sorted(there)) or "none"
+def _socket_of(instance: str | None) -> Path:
+    """Return the socket of a running instance."""
+    running = running_instances()
+    listed = ", ".join(sorted(running)) or "none"
     start = "start one with `systemctl start candaemon@NAME` or `candaemon run CONFIG`"
     if instance is not None:
-        if instance not in there:
+        if instance not in running:
             raise InputError(f"no instance '{instance}' runs; running: {listed}; {start}, or give --socket PATH")
-        return there[instance]
-    match list(there.values()):
+        return running[instance]
+    match list(running.values()):
         case [only]:
             return only
         case []:
@@ -261,20 +261,20 @@ def _found(instance: str | None) -> Path:
 
 
 def _lines(path: Path) -> Generator[str]:
-    """Yield what an instance sends, line by line.
+    """Yield the lines that an instance sends.
 
     Raises:
         InputError: it cannot be reached, has ended, or sends nothing.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-        connection.settimeout(_PATIENCE_S)
+        connection.settimeout(_TIMEOUT_S)
         try:
             connection.connect(os.fspath(path))
             with connection.makefile("r", encoding="utf-8") as stream:
                 yield from stream
         except TimeoutError as error:
             raise InputError(
-                f"the instance says nothing for {_PATIENCE_S:g} s: its core loop hangs; see its log", file=path
+                f"the instance says nothing for {_TIMEOUT_S:g} s: its core loop hangs; see its log", file=path
             ) from error
         except OSError as error:
             raise InputError(
@@ -285,10 +285,10 @@ def _lines(path: Path) -> Generator[str]:
 
 
 def _read(line: str) -> dict[str, Any]:
-    """Return the figures of a line.
+    """Return the status snapshot of a line.
 
     Raises:
-        InputError: it has none.
+        InputError: the line holds none.
     """
     try:
         tree = json.loads(line)

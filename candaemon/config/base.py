@@ -1,4 +1,4 @@
-"""What all settings share: strict, frozen models, and the way a signal is named."""
+"""Common parts of all settings: strict, frozen models, and references to signals."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SignalRef(Settings):
 
 
 def _signal_from_text(value: Any) -> Any:
-    """Turn the short text of a signal into its fields."""
+    """Convert the short text form of a signal to its fields."""
     if not isinstance(value, str):
         return value
     name = value.removeprefix("-").strip()
@@ -65,7 +65,7 @@ Signal = Annotated[SignalRef, BeforeValidator(_signal_from_text, json_schema_inp
 
 
 def _listed(value: Any) -> Any:
-    """Let one signal stand for a list of one."""
+    """Convert a single signal to a list of one."""
     return (value,) if isinstance(value, str | dict | SignalRef) else value
 
 

@@ -1,4 +1,4 @@
-"""Numbers along and across the direction of travel; one number stands for both."""
+"""Values along and across the direction of travel; a single number applies to both."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class AlongAcross(Settings):
 
 
 def _long_enough(value: float) -> float:
-    """Refuse time constants that are neither 0 nor as long as a sample or so."""
+    """Refuse time constants that are neither 0 nor at least `SHORTEST_SETTLING`."""
     if 0 < value < SHORTEST_SETTLING:
         raise ValueError(f"a time constant is at least {SHORTEST_SETTLING:g} s, or 0 where nothing settles")
     return value
@@ -37,7 +37,7 @@ class SettlingSettings(Settings):
 
 
 def _both_from_number(value: Any) -> Any:
-    """Let one number stand for both directions."""
+    """Convert a single number to a value for each direction."""
     return {"along": value, "across": value} if isinstance(value, int | float) else value
 
 

@@ -1,4 +1,4 @@
-"""Ego motion: which signals give it, and how good they are."""
+"""Ego motion: its signals and their noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Estimators: which filter tracks, on which motion models, and whether it adapts the measurement noise."""
+"""Estimators: filters, their motion models, and the adaptation of the measurement noise."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from candaemon.config.switching import (
 )
 
 
-class _Wandering(Settings):
+class _RandomWalk(Settings):
     """What the linear models share."""
 
     noise: Pair = Field(
@@ -34,7 +34,7 @@ class _Wandering(Settings):
     )
 
 
-class LinearModelSettings(_Wandering):
+class LinearModelSettings(_RandomWalk):
     """Nearly constant velocity (cv) or acceleration (ca)."""
 
     kind: Literal["cv", "ca"]
@@ -45,7 +45,7 @@ class LinearModelSettings(_Wandering):
     )
 
 
-class JerkModelSettings(_Wandering):
+class JerkModelSettings(_RandomWalk):
     """Nearly constant jerk: four states an axis."""
 
     kind: Literal["jerk"]

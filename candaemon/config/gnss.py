@@ -1,4 +1,4 @@
-"""Georeference: how the INS's fixes place the local frame on earth."""
+"""Georeference: estimation of the local frame's position on earth from the INS's fixes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A YAML file into checked settings; every problem with its file and line."""
+"""Loads a YAML file as checked settings; every problem is reported with file and line."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 @dataclass(frozen=True, slots=True)
 class LoadedConfig:
-    """A configuration and where each part of it was written.
+    """A configuration, with the line of each part in its YAML file.
 
     Attributes:
         config: the settings.
@@ -36,16 +36,16 @@ class LoadedConfig:
     lines: Mapping[Location, int] = field(repr=False)
 
     def line_of(self, location: Location) -> int:
-        """Line of the deepest part of a location that the YAML has; 1 where it has none of it."""
-        known = _written(location, self.lines)
+        """Return the line of the deepest part of a location that exists in the YAML; 1 if none does."""
+        known = _existing(location, self.lines)
         return self.lines.get(known, 1)
 
     def resolve(self, relative: str) -> Path:
-        """Path of a file that the YAML names, from the YAML's own folder."""
+        """Return the path of a file named in the YAML, relative to the YAML's folder."""
         return self.path.parent / relative
 
     def error(self, location: Location, text: str) -> ConfigError:
-        """Make the error for a problem at a location."""
+        """Return the error for a problem at a location."""
         return ConfigError(f"{_dotted(location)}: {text}", file=self.path, line=self.line_of(location))
 
 
@@ -56,36 +56,36 @@ def load_config(path: Path) -> LoadedConfig:
         path: the YAML file.
 
     Raises:
-        ConfigError: naming every problem with file, line, key, what was found and what was expected.
+        ConfigError: names every problem with file, line, key, what was found and what was expected.
 
     """
     path = Path(path)
     data, lines = read_yaml(path)
     try:
-        # Strict, so that text is no number and a number no text; the reader gives tuples for lists.
+        # Strict: no conversion between text and numbers; `read_yaml` returns tuples for lists.
         config = Config.model_validate(data, strict=True)
     except ValidationError as error:
         problems = [problem for details in error.errors() for problem in _problems(details, lines)]
-        placed = sorted(
-            {(lines.get(_written(where, lines), 1), f"{_dotted(where)}: {text}") for where, text in problems}
+        sorted_problems = sorted(
+            {(lines.get(_existing(where, lines), 1), f"{_dotted(where)}: {text}") for where, text in problems}
         )
-        raise join_problems(path, placed) from None
+        raise join_problems(path, sorted_problems) from None
     return LoadedConfig(config, path, lines)
 
 
 def join_problems(path: Path, problems: list[tuple[int, str]]) -> ConfigError:
-    """Make one error of several (line, text), each on a line of its own with file and line."""
+    """Return one error for several (line, text), each on a separate line with file and line."""
     (line, first), *others = problems
     return ConfigError("\n".join([first, *(f"{path}:{at}: {text}" for at, text in others)]), file=path, line=line)
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON Schema of the configuration file, for editors."""
+    """Return the JSON Schema of the configuration file, for editors."""
     return {"$schema": SCHEMA_DIALECT} | Config.model_json_schema(by_alias=True)
 
 
-def _written(location: Location, lines: Mapping[Location, int]) -> Location:
-    """Deepest part of a location that is in the YAML, leaving out what pydantic put in (tags of unions)."""
+def _existing(location: Location, lines: Mapping[Location, int]) -> Location:
+    """Return the deepest part of a location that exists in the YAML, without pydantic's extra steps (union tags)."""
     known: Location = ()
     for step in location:
         if (*known, step) in lines:
@@ -94,15 +94,15 @@ def _written(location: Location, lines: Mapping[Location, int]) -> Location:
 
 
 def _dotted(location: Location) -> str:
-    """Write a location as `sensors.front.messages[0]`."""
+    """Return a location as text, such as `sensors.front.messages[0]`."""
     text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in location)
     return text.removeprefix(".") or "the file"
 
 
 def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[tuple[Location, str]]:
-    """Translate one of pydantic's errors into (location, text)."""
+    """Convert one of pydantic's errors to (location, text)."""
     location = details["loc"]
-    where = _written(location, lines)
+    where = _existing(location, lines)
     found, context = details["input"], details.get("ctx", {})
     match details["type"]:
         case "missing":
@@ -134,7 +134,7 @@ def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[
 
 
 def _expected(details: ErrorDetails) -> str:
-    """Say what a value should have been."""
+    """Return what was expected of a value, as text."""
     text = details["msg"].replace("Input should be ", "expected ").replace("Input should have ", "expected ")
     text = (
         text.replace("a valid string", "text")
@@ -151,7 +151,7 @@ def _expected(details: ErrorDetails) -> str:
 
 
 def _shown(value: object) -> str:
-    """Show a value as the YAML has it."""
+    """Return a value as text, as in the YAML."""
     match value:
         case None:
             return "nothing"
@@ -166,7 +166,7 @@ def _shown(value: object) -> str:
 
 
 def _meant(name: str, known: list[str]) -> str:
-    """Suggest the nearest known name, or nothing."""
+    """Return a suggestion of the nearest known name, or an empty text."""
     near = get_close_matches(name.casefold(), [each.casefold() for each in known], n=1)
     original = {each.casefold(): each for each in known}
     return f"; did you mean '{original[near[0]]}'?" if near else ""
@@ -178,7 +178,7 @@ def _schema() -> dict[str, Any]:
 
 
 def _keys_at(location: Location) -> dict[str, str]:
-    """Keys, with their descriptions, that the settings at a location can have."""
+    """Return the keys that the settings at a location can have, with their descriptions."""
     definitions = _schema()["$defs"]
 
     def forms(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -203,5 +203,5 @@ def _keys_at(location: Location) -> dict[str, str]:
 
 
 def _tags(form: dict[str, Any]) -> set[str]:
-    """Values that identify one of several kinds of settings."""
+    """Return the values that identify one of several kinds of settings."""
     return {str(value["const"]) for value in form.get("properties", {}).values() if "const" in value}

@@ -1,4 +1,4 @@
-"""Output: obstacles into slots, slots into frames."""
+"""Output: assignment of obstacles to slots, and of slots to frames."""
 
 from __future__ import annotations
 

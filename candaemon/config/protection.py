@@ -1,4 +1,4 @@
-"""What frames and values must be to be used: counter, checksum, rate, plausibility."""
+"""Protection of frames and values: counter, checksum, rate, plausibility."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _SingleDataId(Settings):
         return self
 
     def data_ids(self, count: int) -> tuple[int, ...]:
-        """Return the data ids of so many messages; too few if the list is too short."""
+        """Return the data ids of `count` messages; fewer if the list is too short."""
         if isinstance(self.data_id, tuple):
             return self.data_id[:count]
         return tuple((self.data_id + self.step * index) & 0xFFFF for index in range(count))
@@ -62,7 +62,7 @@ class E2eProfile2(Settings):
     offset: Literal[0] = Field(0, description="bytes before the profile's header: it has none")
 
     def data_ids(self, count: int) -> tuple[bytes, ...]:
-        """Return the lists of so many messages; too few if there are too few."""
+        """Return the data id lists of `count` messages; fewer if too few are configured."""
         first = self.data_id_list[0]
         if isinstance(first, int):
             return (bytes(each for each in self.data_id_list if isinstance(each, int)),) * count
@@ -163,12 +163,12 @@ class InputProtectionSettings(ProtectionSettings):
 
     @property
     def greatest_step(self) -> int | None:
-        """Greatest step of the counter, None where it is not watched."""
+        """Greatest step of the counter; None where it is not checked."""
         return E2E_STEP if self.max_step is None and self.e2e is not None else self.max_step
 
 
 E2E_STEP = 3
-"""Greatest step of an E2E profile's counter unless said otherwise: two frames in a row may be lost."""
+"""Default greatest step of an E2E profile's counter: two frames in a row may be lost."""
 
 
 class SensorProtectionSettings(InputProtectionSettings):

@@ -1,4 +1,4 @@
-"""Recording: the ring of what came last, and what is kept of it."""
+"""Recording: the ring buffer of recent frames, and the event archive."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sensors: how frames become scans, which signal is which quantity, how good a measurement is."""
+"""Sensors: assembly of frames into scans, mapping of signals to quantities, measurement noise."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Mount(Settings):
 
 
 def _message_from_text(value: Any) -> Any:
-    """Let the bare name of a message stand for its entry."""
+    """Convert the bare name of a message to an entry."""
     return {"message": value} if isinstance(value, str) else value
 
 
@@ -68,7 +68,7 @@ class ObjectFormat(Settings):
     fixed: dict[str, float] = Field(default_factory=dict, description="signal values that write any occupied slot")
 
     @model_validator(mode="after")
-    def _slots_are_told_apart(self) -> ObjectFormat:
+    def _slots_are_distinguishable(self) -> ObjectFormat:
         by_name = ["{slot" in entry.message for entry in self.messages]
         for entry, numbered in zip(self.messages, by_name, strict=True):
             if not numbered and entry.id_signal is None and self.slots > 1:

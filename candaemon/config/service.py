@@ -1,4 +1,4 @@
-"""The service around the pipeline: how it listens to time, talks, records and is watched."""
+"""Settings of the service around the pipeline: ticks, log, recording and metrics."""
 
 from __future__ import annotations
 

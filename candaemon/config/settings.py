@@ -22,7 +22,7 @@ Location: TypeAlias = tuple[str | int, ...]
 
 
 class CrossReferenceError(ValueError):
-    """Names in one part of the configuration that another part does not have.
+    """References in one part of the configuration to names that another part does not define.
 
     Attributes:
         problems: (location, text) of each.
@@ -35,7 +35,7 @@ class CrossReferenceError(ValueError):
 
 
 def unknown_name(kind: str, name: str, known: list[str]) -> str:
-    """Return the text on an unknown name, with the known ones and the nearest."""
+    """Return the message about an unknown name, with the known names and the nearest one."""
     near = get_close_matches(name, known, n=1)
     meant = f"; did you mean '{near[0]}'?" if near else ""
     return f"found {kind} '{name}', expected one of {', '.join(known)}{meant}"
@@ -70,14 +70,14 @@ class Config(Settings):
         return self
 
     def _reference_problems(self) -> Iterator[tuple[Location, str]]:
-        """Yield each name that leads nowhere."""
+        """Yield each reference to a name that is not defined."""
         buses = list(self.buses)
-        named: list[tuple[Location, str]] = [(("sensors", name, "bus"), s.bus) for name, s in self.sensors.items()]
+        references: list[tuple[Location, str]] = [(("sensors", name, "bus"), s.bus) for name, s in self.sensors.items()]
         if not isinstance(self.ego, StaticSettings):
-            named.append((("ego", "bus"), self.ego.bus))
+            references.append((("ego", "bus"), self.ego.bus))
         if self.output is not None:
-            named.append((("output", "bus"), self.output.bus))
-        for location, bus in named:
+            references.append((("output", "bus"), self.output.bus))
+        for location, bus in references:
             if bus not in self.buses:
                 yield location, unknown_name("bus", bus, buses)
         channels: dict[tuple[str, str], str] = {}
@@ -97,24 +97,27 @@ class Config(Settings):
         yield from self._group_problems()
 
     def _earth_problems(self) -> Iterator[tuple[Location, str]]:
-        """Yield what asks for places on earth that nothing gives."""
+        """Yield each setting that needs a georeference where none is configured."""
         ins = self.ego if isinstance(self.ego, InsSettings) else None
-        placed = ins is not None and ins.gnss is not None
-        if placed and ins is not None and ins.signals.latitude is None:
+        georeferenced = ins is not None and ins.gnss is not None
+        if georeferenced and ins is not None and ins.signals.latitude is None:
             yield ("ego", "gnss"), "needs the fixes; give signals.latitude and signals.longitude"
-        if self.output is not None and not placed:
+        if self.output is not None and not georeferenced:
             for quantity in self.output.signals:
                 if quantity in {"latitude", "longitude"}:
                     yield ("output", "signals", quantity), "no place on earth is known; give ego.gnss, of an INS"
 
     def _group_problems(self) -> Iterator[tuple[Location, str]]:
-        """Yield each sensor of a group that there is not, or that is in another group already."""
-        taken: dict[str, str] = {}
+        """Yield each sensor of a group that does not exist or is already in another group."""
+        group_of: dict[str, str] = {}
         for group, settings in self.groups.items():
             for position, sensor in enumerate(settings.sensors):
                 location = ("groups", group, "sensors", position)
                 if sensor not in self.sensors:
                     yield location, unknown_name("sensor", sensor, list(self.sensors))
-                elif sensor in taken:
-                    yield location, f"sensor '{sensor}' is in group '{taken[sensor]}' already; a sensor has one group"
-                taken.setdefault(sensor, group)
+                elif sensor in group_of:
+                    yield (
+                        location,
+                        f"sensor '{sensor}' is in group '{group_of[sensor]}' already; a sensor has one group",
+                    )
+                group_of.setdefault(sensor, group)

@@ -1,4 +1,4 @@
-"""Finds the configurations, scenarios and DBC files that come with candaemon: in a checkout, in an installed wheel."""
+"""Finds the configurations, scenarios and DBC files shipped with candaemon, in a checkout or an installed wheel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def shared_folder() -> Path:
     """Return the folder that holds `config/` and `dbc/`.
 
     Raises:
-        ConfigError: it is neither in the package nor beside it.
+        ConfigError: it exists neither in the package nor beside it.
     """
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "share", package.parent):
@@ -23,33 +23,33 @@ def shared_folder() -> Path:
     )
 
 
-def find_config(given: Path) -> Path:
-    """Return a configuration's path: the file given, or else the one that comes with candaemon under that name.
+def find_config(path: Path) -> Path:
+    """Return a configuration's path: the given file, or else the shipped one of that name.
 
     Args:
-        given: a path, or the name of a shipped configuration with or without `.yaml`.
+        path: a path, or the name of a shipped configuration with or without `.yaml`.
 
     Raises:
-        ConfigError: there is neither; lists those that come with candaemon.
+        ConfigError: neither exists; the message lists the shipped ones.
     """
-    return _find("configuration", given, shared_folder() / "config")
+    return _find("configuration", path, shared_folder() / "config")
 
 
-def find_scenario(given: Path) -> Path:
-    """Return a scenario's path: the file given, or else the one that comes with candaemon under that name.
+def find_scenario(path: Path) -> Path:
+    """Return a scenario's path: the given file, or else the shipped one of that name.
 
     Raises:
-        ConfigError: there is neither; lists those that come with candaemon.
+        ConfigError: neither exists; the message lists the shipped ones.
     """
-    return _find("scenario", given, shared_folder() / "config" / "scenarios")
+    return _find("scenario", path, shared_folder() / "config" / "scenarios")
 
 
-def _find(kind: str, given: Path, folder: Path) -> Path:
-    """Return the file given, or the one of that name in a folder."""
-    if given.exists():
-        return given
-    shipped = folder / f"{given.name.removesuffix('.yaml')}.yaml"
-    if len(given.parts) == 1 and shipped.is_file():
+def _find(kind: str, path: Path, folder: Path) -> Path:
+    """Return the given file, or the one of that name in a folder."""
+    if path.exists():
+        return path
+    shipped = folder / f"{path.name.removesuffix('.yaml')}.yaml"
+    if len(path.parts) == 1 and shipped.is_file():
         return shipped
-    names = ", ".join(sorted(path.stem for path in folder.glob("*.yaml")))
-    raise ConfigError(f"there is no such {kind}; give the path of one, or the name of one of ours: {names}", file=given)
+    names = ", ".join(sorted(each.stem for each in folder.glob("*.yaml")))
+    raise ConfigError(f"there is no such {kind}; give the path of one, or the name of one of ours: {names}", file=path)

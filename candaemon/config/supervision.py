@@ -1,4 +1,4 @@
-"""Supervision: what counts as silent, lost, degraded."""
+"""Supervision: time limits after which a source counts as silent or lost, or the service as degraded."""
 
 from __future__ import annotations
 

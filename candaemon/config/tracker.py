@@ -1,4 +1,4 @@
-"""Tracker: how detections find their tracks, how tracks live."""
+"""Tracker: association of detections with tracks, and the tracks' life cycle."""
 
 from __future__ import annotations
 

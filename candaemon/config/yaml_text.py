@@ -1,4 +1,4 @@
-"""YAML text into plain values, with the line of every key and item kept.
+"""Reads YAML text into plain values and records the line of every key and item.
 
 Scalars are read as YAML 1.2 does: `on`, `no` and `12:30` are text, `1e-3` is a number. A key is always text.
 """
@@ -67,25 +67,25 @@ class _Builder:
 
     def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
         merged: dict[str, Any] = {}
-        own: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for key_node, value_node in node.value:
             if not isinstance(key_node, ScalarNode):
                 raise self._error(key_node, "found a mapping or list as a key, expected text")
             if key_node.tag == TAG + "merge":
-                # What a merge brings never overrides, and of several the first wins.
+                # A merged key never overrides, and of several merges the first wins.
                 for source in value_node.value if isinstance(value_node, SequenceNode) else [value_node]:
-                    brought = self.build(source, location)
-                    if not isinstance(brought, dict):
+                    source_values = self.build(source, location)
+                    if not isinstance(source_values, dict):
                         raise self._error(source, "found a merge '<<' of something that is not a mapping")
-                    merged = brought | merged
+                    merged = source_values | merged
                 continue
             key = key_node.value
-            if key in own:
+            if key in values:
                 first = self.lines[*location, key]
                 raise self._error(key_node, f"key '{key}' is there twice, first in line {first}; remove one")
             self.lines[*location, key] = _line(key_node)
-            own[key] = self.build(value_node, (*location, key))
-        return merged | own
+            values[key] = self.build(value_node, (*location, key))
+        return merged | values
 
     def _scalar(self, node: ScalarNode) -> Any:
         text: str = node.value
@@ -128,7 +128,7 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], dict[Location, int]]:
         The values (lists as tuples), and the 1-based line of each key and list item by its location.
 
     Raises:
-        ConfigError: no such file, not UTF-8, not YAML, a key twice, or something else than a mapping.
+        ConfigError: the file does not exist, is not UTF-8 or YAML, repeats a key, or is not a mapping.
 
     """
     try:

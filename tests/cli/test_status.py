@@ -167,7 +167,7 @@ def test_a_socket_that_is_not_there_is_said(tmp_path: Path) -> None:
 
 
 def test_an_instance_that_hangs_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("candaemon.cli.status._PATIENCE_S", 0.1)
+    monkeypatch.setattr("candaemon.cli.status._TIMEOUT_S", 0.1)
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "s"))
         listener.listen()

@@ -1,4 +1,4 @@
-"""Recorded logs by format: candump text in blocks, and what python-can reads and writes.
+"""Recorded logs by format: candump text decoded in blocks, and the formats that python-can reads and writes.
 
 Knows nothing of live buses.
 """

@@ -1,8 +1,8 @@
 """Reads and writes candump logs (`candump -L`), with time stamps exact to the digit.
 
-Time stamps are whole nanoseconds taken from the digits; no float is involved. Written are 6 decimals where the time is
-a whole microsecond, and 9 otherwise. Flags of CAN FD (bit rate switch, error state) are read and forgotten; written is
-the bit rate switch, as CAN FD frames are sent live.
+Time stamps are whole nanoseconds taken from the digits; no float is involved. They are written with 6 decimals where
+the time is a whole microsecond, and with 9 otherwise. Flags of CAN FD (bit rate switch, error state) are ignored on
+reading; the bit rate switch is always written, since live CAN FD frames are sent with it.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ _ID_29 = 0x1FFF_FFFF
 _ID_11 = 0x7FF
 _LAST_SECOND = (2**63 - 1) // 1_000_000_000 - 1
 _LONGEST_SHAPE = 400  # characters; a CAN FD line has some 170 and its channel's name
-_FEWEST_ROWS = 16  # where numpy begins to pay
+_FEWEST_ROWS = 16  # from which numpy is faster
 _MOST_SHAPES = 16  # of one length
 _BAD = 0x100
 
 
 def _digit_table(base: int) -> Digits:
-    """Return the value of each ASCII digit, `_BAD` for what is none."""
+    """Return the value of each ASCII digit, `_BAD` for any other character."""
     table = np.full(256, _BAD, np.uint16)
     for value, digit in enumerate("0123456789abcdef"[:base]):
         table[ord(digit)] = table[ord(digit.upper())] = value
@@ -49,7 +49,7 @@ def _digit_table(base: int) -> Digits:
 
 
 def _pair_table(base: int) -> Digits:
-    """Return the value of two ASCII digits, indexed by both as one little-endian number; `_BAD` for what is none."""
+    """Return the value of two ASCII digits, indexed by both as one little-endian number; `_BAD` for others."""
     digits = _digit_table(base)
     second, first = digits[:, None], digits[None, :]
     return np.where((first | second) >= _BAD, _BAD, first * base + second).astype(np.uint16).ravel()
@@ -60,12 +60,12 @@ _PAIR = {base: _pair_table(base) for base in (10, 16)}
 
 
 class ChunkDecoder:
-    """The lines of a chunk of text, decoded into arrays with one row a line.
+    """Decodes the lines of a chunk of text into arrays with one row per line.
 
     Args:
         text: whole lines; the last one may lack its line end.
         channels: bus of each channel.
-        counts: `lines`, `frames` and all that is skipped are added to it.
+        counts: lines, frames and everything skipped are added to it.
     """
 
     def __init__(self, text: bytes, channels: ChannelMap, counts: LogCounts) -> None:
@@ -108,18 +108,18 @@ class ChunkDecoder:
         ticks = int(np.count_nonzero(self._bus[lines] < 0))
         self._counts.ticks += ticks
         self._counts.frames += len(lines) - ticks
-        kept = slice(None) if len(lines) == len(self._used) else lines
+        rows = slice(None) if len(lines) == len(self._used) else lines
         return FrameBlock(
-            time_ns=self._time[kept],
-            bus=self._bus[kept],
-            can_id=self._id[kept],
-            length=self._length[kept],
-            fd=self._fd[kept],
-            payload=self._payload[kept],
+            time_ns=self._time[rows],
+            bus=self._bus[rows],
+            can_id=self._id[rows],
+            length=self._length[rows],
+            fd=self._fd[rows],
+            payload=self._payload[rows],
         )
 
     def _decode_equally_long(self, rows: Integers, length: int) -> list[int]:
-        """Decode lines of one length, shape by shape; return those left to be read one by one."""
+        """Decode lines of one length, shape by shape; return the rows that remain to be decoded one by one."""
         single: list[int] = []
         if length == 0:
             return single
@@ -145,7 +145,7 @@ class ChunkDecoder:
         # item i of this view is the text from character i on: the items overlap, nothing is copied
         places = np.ndarray((len(self._text) - length + 1,), f"V{length}", self._text, strides=(1,))
         lines = places[self._starts[rows]]
-        alike = _alike_between_fields(shape, lines)
+        alike = _same_between_fields(shape, lines)
         others = rows[~alike]
         if len(others):
             rows, lines = rows[alike], lines[alike]
@@ -187,13 +187,13 @@ class ChunkDecoder:
             self._payload = np.pad(self._payload, ((0, 0), (0, 64 - self._payload.shape[1])))
         width = self._payload.shape[1]
         if size == width:
-            # as one item a row: several times faster than as columns
+            # one item per row: several times faster than column by column
             self._payload.view(f"V{width}")[:, 0][rows] = data.astype(np.uint8).view(f"V{width}")[:, 0]
         else:
             self._payload[rows, :size] = data
 
     def _decode_line(self, row: int) -> None:
-        """Decode one line with the grammar alone."""
+        """Decode one line by the grammar."""
         line = self._line(row).strip()
         match = _frame_shape(line)
         if match is None:
@@ -222,7 +222,7 @@ class ChunkDecoder:
 
 
 def _frame_shape(line: bytes) -> re.Match[bytes] | None:
-    """Return the fields of a line, None where it is not one that CAN, and 64 bits of nanoseconds, can hold."""
+    """Return the fields of a line; None where it is no valid CAN frame or its time exceeds 64 bits of nanoseconds."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None
@@ -235,8 +235,8 @@ def _frame_shape(line: bytes) -> re.Match[bytes] | None:
     return match if possible else None
 
 
-def _alike_between_fields(shape: re.Match[bytes], lines: npt.NDArray[np.void]) -> Booleans:
-    """Tell which lines (m,) have the first one's characters outside the time, the identifier and the data."""
+def _same_between_fields(shape: re.Match[bytes], lines: npt.NDArray[np.void]) -> Booleans:
+    """Return which lines (m,) equal the first one outside the time, the identifier and the data."""
     fields = [shape.span(name) for name in ("seconds", "fraction", "id", "data") if shape[name] is not None]
     edges = [0, *(edge for field in fields for edge in field), shape.end()]
     alike = np.ones(len(lines), np.bool_)
@@ -262,7 +262,7 @@ def _number(text: Bytes, span: tuple[int, int], base: int, valid: Booleans) -> I
 
 
 def _digits(table: Digits, characters: npt.NDArray[np.integer[Any]], valid: Booleans) -> Digits:
-    """Return the table's value of each character or pair (m, k); clear `valid` in the lines that hold another one."""
+    """Return the table's value of each character or pair (m, k); clear `valid` in lines with any other character."""
     values = table.take(characters)
     if values.max(initial=0) >= _BAD:
         valid &= (values < _BAD).all(axis=1)
@@ -281,28 +281,28 @@ _HEX = np.array([int.from_bytes(f"{value:02X}".encode(), "little") for value in 
 """The two digits of each byte, as one number."""
 
 CHUNK = 1 << 19
-"""Bytes of text decoded at once: what is computed of them fits the cache. A line longer than that may be cut."""
+"""Bytes of text decoded at once, so that the arrays fit the processor's cache. A longer line may be split."""
 
 
 def read_candump_blocks(
     path: Path, channels: ChannelMap, counts: LogCounts, *, chunk: int = CHUNK
 ) -> Iterator[FrameBlock]:
-    """Read a candump log as arrays, a block a chunk of text, in the order of the file.
+    """Read a candump log as arrays, one block per chunk of text, in the order of the file.
 
     Args:
         path: the log; `.gz` is decompressed.
-        channels: which bus a channel belongs to; frames of no bus are counted and left out.
+        channels: which bus a channel belongs to; frames of other channels are counted and skipped.
         counts: filled while reading.
-        chunk: bytes of text a block.
+        chunk: bytes of text per block.
 
     Raises:
-        InputError: the file is not there or cannot be opened. What it holds never raises.
+        InputError: the file does not exist or cannot be opened. Malformed contents are counted and never raise.
     """
     return _blocks(LogBytes(path, counts), channels, counts, chunk)
 
 
 def _blocks(stream: LogBytes, channels: ChannelMap, counts: LogCounts, chunk: int) -> Iterator[FrameBlock]:
-    """Cut the stream at line ends and decode what lies between."""
+    """Split the stream at line ends and decode the chunks."""
     with stream:
         rest = b""
         for piece in stream.chunks(chunk):
@@ -329,7 +329,7 @@ def candump_text(frames: Iterable[Frame], channels: Sequence[str]) -> bytes:
         channels: names of the buses, by index.
     """
     if isinstance(frames, FrameBatch):
-        return _instant_text(frames, channels)
+        return _batch_text(frames, channels)
     lines = []
     stamp, stamp_ns, stamp_bus = "", -1, -1
     for time_ns, bus, can_id, data, fd in frames:
@@ -340,8 +340,8 @@ def candump_text(frames: Iterable[Frame], channels: Sequence[str]) -> bytes:
     return "".join(lines).encode()
 
 
-def _instant_text(frames: FrameBatch, channels: Sequence[str]) -> bytes:
-    """Return frames of one instant as text, without making one of them."""
+def _batch_text(frames: FrameBatch, channels: Sequence[str]) -> bytes:
+    """Return a frame batch as text, without creating `Frame` objects."""
     if not frames:
         return b""
     stamp, fd_ids = _stamp(frames.time_ns, channels[frames.bus]), frames.fd_ids
@@ -356,7 +356,7 @@ def _instant_text(frames: FrameBatch, channels: Sequence[str]) -> bytes:
 
 
 def _filled(heads: Bytes, stamp: bytes, payloads: bytes) -> bytes:
-    """Return lines of eight bytes of data each, of which all else is there, with their stamp and their data."""
+    """Return complete lines with eight data bytes each: stamp and data are filled into the templates `heads`."""
     lines = heads.copy()
     lines[:, : len(stamp)] = np.frombuffer(stamp, np.uint8)
     lines[:, -17:-1] = _HEX.take(np.frombuffer(payloads, np.uint8)).view(np.uint8).reshape(-1, 16)
@@ -365,7 +365,10 @@ def _filled(heads: Bytes, stamp: bytes, payloads: bytes) -> bytes:
 
 @lru_cache(maxsize=64)
 def _heads(can_ids: tuple[int, ...], before: int) -> Bytes | None:
-    """Return lines (n, characters) with identifiers and ends, a stamp before; None where their lengths differ."""
+    """Return line templates (n, characters) with identifiers and line ends but without stamp and data.
+
+    None where the identifiers differ in length.
+    """
     heads = [_identifier(can_id, False).encode() for can_id in can_ids]
     size = len(heads[0])
     if any(len(head) != size for head in heads):
@@ -377,7 +380,7 @@ def _heads(can_ids: tuple[int, ...], before: int) -> Bytes | None:
 
 
 def _stamp(time_ns: int, channel: str) -> str:
-    """Return what precedes the identifier."""
+    """Return time stamp and channel, the text before the identifier."""
     seconds, fraction = divmod(time_ns, 1_000_000_000)
     microseconds, rest = divmod(fraction, 1000)
     digits = f"{fraction:09d}" if rest else f"{microseconds:06d}"
@@ -386,6 +389,6 @@ def _stamp(time_ns: int, channel: str) -> str:
 
 @lru_cache(maxsize=4096)
 def _identifier(can_id: int, fd: bool) -> str:
-    """Return the identifier, and what parts it from the data."""
+    """Return the identifier and the separator before the data."""
     digits = f"{can_id & ~EXTENDED:08X}" if can_id & EXTENDED else f"{can_id:03X}"
     return f"{digits}{'##1' if fd else '#'}"

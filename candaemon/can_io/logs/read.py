@@ -1,6 +1,6 @@
-"""Reads recorded logs: the file's suffix tells the format, and `.gz` after it that it is compressed.
+"""Reads recorded logs: the file's suffix determines the format; a further `.gz` marks it as compressed.
 
-What each format keeps of a frame (python-can 4.6 reads and writes all but `.log`; `tests/test_logs.py` holds this):
+What each format preserves of a frame (python-can 4.6 reads and writes all but `.log`; tests check this):
 
 ======  =====================================================  =============================  ======================
 suffix  time                                                   channel                        frames
@@ -13,9 +13,9 @@ suffix  time                                                   channel          
                                                                                               comes back as classic
 ======  =====================================================  =============================  ======================
 
-Numbers of channels count from 1 in these files and from 0 here: see `ChannelMap`. Remote frames and error frames are
-counted and skipped in all of them. What python-can's own readers skip without a word (in `.asc` and `.trc`: comments,
-events, and lines that do not look like a frame) is in `LogCounts.lines` alone.
+Channel numbers start at 1 in these files and at 0 here: see `ChannelMap`. Remote frames and error frames are
+counted and skipped in all of them. Lines that python-can's own readers skip silently (in `.asc` and `.trc`: comments,
+events, and lines that do not look like a frame) are counted in `LogCounts.lines` only.
 """
 
 from __future__ import annotations
@@ -49,26 +49,26 @@ _Reader: TypeAlias = Callable[[LogBytes, LogCounts], Iterator[can.Message]]
 _BATCH = 1024  # frames
 
 _EMPTY_OBJECT = re.compile(rb"LOBJ.{4}\0{4}", re.DOTALL)
-"""Head of a BLF object: mark, size and version of the header, size of the object."""
+"""Header of a BLF object with an object size of 0: mark, size and version of the header, size of the object."""
 
 _BAD_LINE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
-"""What python-can's text readers raise on a line that they cannot read."""
+"""Exceptions of python-can's text readers on a malformed line."""
 
 
 def read_log_blocks(path: Path, channels: Mapping[str, int], counts: LogCounts) -> Iterator[LogBlock]:
-    """Read the data frames of a log, in the order of the file and many at a time: arrays of candump, lists of others.
+    """Read the data frames of a log, in the order of the file, in blocks: arrays for candump, lists for other formats.
 
-    Frames may be out of order in time where the recorder left them so. What the log holds never raises: call
-    `LogCounts.require_frames` at its end to refuse one that held nothing.
+    Frames may be out of order in time, as recorded. Malformed contents never raise: call `LogCounts.require_frames` at
+    the end to refuse a log without frames.
 
     Args:
         path: the log.
-        channels: bus index by channel name; the key `*` takes every channel that no other key names. Frames of other
+        channels: bus index by channel name; the key `*` matches every channel without a key of its own. Frames of other
             channels are counted and skipped.
         counts: filled while reading.
 
     Raises:
-        InputError: the file is not there, cannot be opened, or has a suffix of no known format.
+        InputError: the file does not exist, cannot be opened, or has an unknown suffix.
     """
     suffix = log_suffix(path)
     resolved = ChannelMap(channels)
@@ -79,7 +79,7 @@ def read_log_blocks(path: Path, channels: Mapping[str, int], counts: LogCounts) 
 
 
 def read_log(path: Path, channels: Mapping[str, int], counts: LogCounts) -> Iterator[Frame]:
-    """Read a log frame by frame; otherwise as `read_log_blocks`."""
+    """Read a log frame by frame; see `read_log_blocks`."""
     return frames_of(read_log_blocks(path, channels, counts))
 
 
@@ -89,10 +89,10 @@ def frames_of(blocks: Iterable[LogBlock]) -> Iterator[Frame]:
 
 
 def log_suffix(path: Path) -> str:
-    """Return the suffix that tells a log's format, without `.gz`, in lower case.
+    """Return the suffix that determines a log's format, without `.gz`, in lower case.
 
     Raises:
-        InputError: no format has that suffix; lists those there are.
+        InputError: unknown suffix; the message lists the known ones.
     """
     suffixes = [suffix.lower() for suffix in path.suffixes[-2:]]
     if suffixes and suffixes[-1] == ".gz":
@@ -107,8 +107,8 @@ def log_suffix(path: Path) -> str:
 
 
 def _frames(messages: Iterable[can.Message], suffix: str, channels: ChannelMap, counts: LogCounts) -> Iterator[Frame]:
-    """Turn python-can's messages into frames; count those that are none."""
-    first_channel = 1 if suffix == ".trc" else 0  # python-can's TRC reader alone does not make it 0
+    """Convert python-can's messages to frames; count those that are not data frames."""
+    first_channel = 1 if suffix == ".trc" else 0  # python-can's TRC reader, unlike the others, leaves it at 1
     for message in messages:
         channel = message.channel if suffix != ".csv" else None
         number = None if channel is None else int(cast("int", channel)) - first_channel
@@ -130,7 +130,7 @@ def _frames(messages: Iterable[can.Message], suffix: str, channels: ChannelMap, 
 
 
 class _Lines:
-    """The lines of a text log as python-can's readers take them: counted, and one can be put in front.
+    """The lines of a text log as python-can's readers expect them; counts lines and can insert one.
 
     Args:
         stream: the log's bytes.
@@ -140,19 +140,19 @@ class _Lines:
     def __init__(self, stream: LogBytes, counts: LogCounts) -> None:
         self._text = io.TextIOWrapper(io.BufferedReader(stream), encoding="utf-8", errors="replace")
         self._counts = counts
-        self._front: str | None = None
+        self._inserted: str | None = None
         self.last = ""
 
-    def put_in_front(self, line: str) -> None:
-        """Give out `line` next; it is not counted."""
-        self._front = line
+    def insert(self, line: str) -> None:
+        """Return `line` next; it is not counted."""
+        self._inserted = line
 
     def __iter__(self) -> Iterator[str]:
         return self
 
     def __next__(self) -> str:
-        if self._front is not None:
-            line, self._front = self._front, None
+        if self._inserted is not None:
+            line, self._inserted = self._inserted, None
             return line
         self.last = next(self._text)
         self._counts.lines += 1
@@ -164,11 +164,11 @@ class _Lines:
 
 
 def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -> _Reader:
-    """Return a reader that survives lines which python-can cannot read.
+    """Return a reader that skips lines which python-can cannot read.
 
     Args:
         make: python-can's reader of a text file.
-        header: what that reader takes for the end of a header: it wants one each time it starts.
+        header: end of a header for that reader, which expects one each time it starts.
     """
 
     def read(stream: LogBytes, counts: LogCounts) -> Iterator[can.Message]:
@@ -180,12 +180,12 @@ def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -
                 try:
                     yield from reader
                 except _BAD_LINE:
-                    if counts.lines == failed_at:  # at the log's end, where it would fail for ever
+                    if counts.lines == failed_at:  # at the log's end, where it would fail forever
                         return
                     failed_at = counts.lines
-                    # the reader has stopped behind the bad line: it starts again there
+                    # the reader stopped after the bad line and is restarted there
                     counts.note_malformed(counts.lines, lines.last)
-                    lines.put_in_front(header)
+                    lines.insert(header)
                 else:
                     return
 
@@ -193,7 +193,7 @@ def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -
 
 
 class _BlfReader(can.BLFReader):
-    """python-can's reader, which would read an object that says it has no bytes for ever."""
+    """python-can's reader, protected against its endless loop on an object of size 0."""
 
     def _parse_data(self, data: bytes) -> Iterator[can.Message]:
         if _EMPTY_OBJECT.search(data):
@@ -220,8 +220,8 @@ def _read_blf(stream: LogBytes, counts: LogCounts) -> Iterator[can.Message]:
                 counts.note_end(f"a BLF object cannot be read: {error}")
                 return
             else:
-                if stream.given < reader.file_size:
-                    counts.note_end(f"its header tells of {reader.file_size} bytes, it has {stream.given}")
+                if stream.delivered < reader.file_size:
+                    counts.note_end(f"its header tells of {reader.file_size} bytes, it has {stream.delivered}")
                 return
 
 
@@ -232,4 +232,4 @@ _READERS: dict[str, _Reader] = {
     ".trc": _text_reader(can.TRCReader, ";\n"),
 }
 LOG_SUFFIXES = (".log", *_READERS)
-"""Suffixes of the formats that can be read, each also with `.gz` after it."""
+"""Suffixes of the readable formats, each also followed by `.gz`."""

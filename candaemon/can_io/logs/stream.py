@@ -1,4 +1,4 @@
-"""What all log readers share: counters, the byte stream of a plain or gzip file, and the names of channels."""
+"""Common parts of all log readers: counters, the byte stream of a plain or gzip file, and the channel map."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 ANY_CHANNEL = "*"
-"""Key of a channel mapping that stands for every channel that no other key names."""
+"""Key of a channel mapping for every channel without a key of its own."""
 
 NO_CHANNEL = "none"
-"""What `LogCounts.other_channels` calls the channel of a format that keeps none."""
+"""Name in `LogCounts.other_channels` for the frames of a format without channels."""
 
 TICK_CHANNEL = "tick"
-"""Channel of a recording's lines that only say how late it was: `(1533226488.434433) tick 000#`."""
+"""Channel of a recording's ticks, lines with a time only: `(1533226488.434433) tick 000#`."""
 TICK_BUS = -2
-"""Bus of these lines."""
+"""Bus index of ticks."""
 UNCLAIMED = -1
-"""Bus of a channel that no bus claims."""
+"""Bus index of a channel that belongs to no bus."""
 
 _EXAMPLES = 5
 _TRAILING_NUMBER = re.compile(r"(\d+)$")
@@ -38,22 +38,22 @@ _TRAILING_NUMBER = re.compile(r"(\d+)$")
 
 @dataclass(slots=True)
 class LogCounts:
-    """What a log reader met; filled while it reads, up to one chunk ahead of the frames taken from it.
+    """Counts of a log reader; updated while reading, up to one chunk ahead of the frames it has returned.
 
-    Logs that are read one after another may share one: all of it is their sum, the numbers of lines too.
+    Logs that are read one after another may share one object: its values, line numbers included, are their sums.
 
     Attributes:
         lines: lines of a text log, messages of a `.blf`.
         frames: data frames passed on.
-        malformed: lines that are not a frame although they should be.
-        examples: the first few of them, as "line N: text".
+        malformed: lines that are not a valid frame.
+        examples: the first few malformed lines, as "line N: text".
         remote: remote frames, skipped.
         error_frames: error frames, skipped.
-        ticks: lines that only say how late it was, passed on.
-        other_channels: frames of each channel that no bus claims, skipped.
-        truncated: whether the file ends before its content does.
-        stream_error: what ended it: a gzip stream cut short, a read error; empty where nothing did.
-        bytes_read: position in the file as it lies on the disk, compressed or not; for a progress bar.
+        ticks: lines with a time only, passed on.
+        other_channels: frames of each channel that belongs to no bus, skipped.
+        truncated: whether the file ends early.
+        stream_error: reason of an early end (truncated gzip stream, read error), else empty.
+        bytes_read: position in the file on disk, compressed or not; for a progress bar.
         bytes_total: size of that file.
     """
 
@@ -71,11 +71,11 @@ class LogCounts:
     bytes_total: int = 0
 
     def note_malformed(self, line: int, text: str) -> None:
-        """Count a line that is no frame; keep and log the first few.
+        """Count a malformed line; store and log the first few.
 
         Args:
             line: 1-based number of the line.
-            text: the line, or what is wrong with it.
+            text: the line, or the reason.
         """
         self.malformed += 1
         if len(self.examples) >= _EXAMPLES:
@@ -86,23 +86,23 @@ class LogCounts:
         logger.warning("not a CAN frame, skipped: %s%s", example, last)
 
     def note_other_channel(self, channel: str, frames: int = 1) -> None:
-        """Count frames of a channel that no bus claims."""
+        """Count frames of a channel that belongs to no bus."""
         self.other_channels[channel] = self.other_channels.get(channel, 0) + frames
 
     def note_end(self, reason: str) -> None:
-        """Note that the file ended before its content did."""
+        """Record that the file ended early."""
         self.truncated = True
         self.stream_error = reason
         logger.warning("the log ends early: %s; what came before it is used", reason)
 
     def require_frames(self, path: Path) -> None:
-        """Refuse a log that, read to its end, gave not one frame, and no tick of a service that heard nothing.
+        """Raise if a log, read to its end, held neither a frame nor a tick.
 
         Args:
             path: the log, for the message.
 
         Raises:
-            InputError: there was no frame; says what was there instead, and what to do.
+            InputError: there was none; the message says what was found instead, and what to do.
         """
         if self.frames or self.ticks:
             return
@@ -122,15 +122,15 @@ class LogCounts:
 
 
 class ChannelMap:
-    """Which bus a log's channel belongs to.
+    """Maps the channels of a log to buses.
 
     A channel is looked up by its exact name. The *numbered* channels of `.asc`, `.blf` and `.trc` count from 0 here, as
-    python-can does (channel 1 in the file is `0`): a number is looked up as a name, then as the number in which the
-    names of exactly one bus end, so that 0 finds `can0`. Last comes `ANY_CHANNEL`. A format without channels belongs to
-    `ANY_CHANNEL`, or to the only bus there is. The name `TICK_CHANNEL` is `TICK_BUS`.
+    python-can does (channel 1 in the file is `0`): a number is looked up as a name, then as the number that the names
+    of exactly one bus end in, so that 0 finds `can0`, and last as `ANY_CHANNEL`. Frames of a format without channels
+    belong to `ANY_CHANNEL`, or else to the only bus. `TICK_CHANNEL` maps to `TICK_BUS`.
 
     Args:
-        channels: bus index by channel name; several names may lead to one bus.
+        channels: bus index by channel name; several names may map to one bus.
     """
 
     def __init__(self, channels: Mapping[str, int]) -> None:
@@ -147,11 +147,11 @@ class ChannelMap:
         self._by_number = {number: next(iter(claimed)) for number, claimed in ends.items() if len(claimed) == 1}
 
     def named(self, channel: str) -> int:
-        """Return the bus of a named channel, `UNCLAIMED` where none claims it."""
+        """Return the bus of a named channel, `UNCLAIMED` if it has none."""
         return self._by_name.get(channel, self._any)
 
     def numbered(self, channel: int | None) -> int:
-        """Return the bus of a numbered channel, or of a frame without one; `UNCLAIMED` where none claims it."""
+        """Return the bus of a numbered channel, or of a frame without one; `UNCLAIMED` if it has none."""
         if channel is None:
             return self._unnamed
         bus = self._by_name.get(str(channel))
@@ -165,7 +165,7 @@ def channel_number(name: str) -> int | None:
 
 
 class _Source(Protocol):
-    """What gives up to `size` bytes with one read."""
+    """A stream that returns up to `size` bytes per read."""
 
     def read1(self, size: int, /) -> bytes: ...
 
@@ -173,27 +173,27 @@ class _Source(Protocol):
 
 
 class LogBytes(io.RawIOBase):
-    """The bytes of a log, decompressed where the name ends in `.gz`, with its position in the counts.
+    """The bytes of a log, decompressed if the name ends in `.gz`; reports its position in the counts.
 
-    A gzip stream that is cut short or damaged ends there: everything decompressed until then is given out, and the
-    reason is noted in the counts.
+    A truncated or damaged gzip stream ends early: everything decompressed until then is returned, and the reason is
+    recorded in the counts.
 
     Args:
         path: the file.
-        counts: takes the size, the position and the reason of an early end.
+        counts: receives the size, the position and the reason of an early end.
 
     Attributes:
-        given: bytes given out, decompressed.
+        delivered: decompressed bytes returned so far.
 
     Raises:
-        InputError: the file is not there or cannot be opened.
+        InputError: the file does not exist or cannot be opened.
     """
 
     def __init__(self, path: Path, counts: LogCounts) -> None:
         self._counts = counts
         self._ended = False
         self._position = 0
-        self.given = 0
+        self.delivered = 0
         try:
             self._file = path.open("rb")
             counts.bytes_total += path.stat().st_size
@@ -214,7 +214,7 @@ class LogBytes(io.RawIOBase):
             self._counts.note_end(str(error))
             self._ended = True
             piece = b""
-        self.given += len(piece)
+        self.delivered += len(piece)
         position = self._file.tell()
         self._counts.bytes_read += position - self._position
         self._position = position
@@ -223,23 +223,23 @@ class LogBytes(io.RawIOBase):
     def chunks(self, size: int) -> Iterator[bytes]:
         """Yield the content in chunks of at least `size` bytes, the last one shorter."""
         pieces: list[bytes] = []
-        gathered = 0
+        collected = 0
         while piece := self.read1(size):
             pieces.append(piece)
-            gathered += len(piece)
-            if gathered >= size:
+            collected += len(piece)
+            if collected >= size:
                 yield b"".join(pieces)
                 pieces.clear()
-                gathered = 0
+                collected = 0
         if pieces:
             yield b"".join(pieces)
 
     def readable(self) -> bool:
-        """Say that it can be read."""
+        """Return True: the stream is readable."""
         return True
 
     def readinto(self, buffer: WriteableBuffer) -> int:
-        """Fill `buffer` with what one read gives; return how many bytes that is."""
+        """Fill `buffer` with one read; return the number of bytes."""
         target = memoryview(buffer).cast("B")
         piece = self.read1(len(target))
         target[: len(piece)] = piece

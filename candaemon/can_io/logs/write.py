@@ -1,8 +1,8 @@
 """Writes logs: the same frames give the same bytes, in every format, on every machine.
 
 `.log` is written by candaemon itself; `.asc`, `.blf`, `.csv` and `.trc` by python-can, whose headers are replaced where
-they would hold the wall clock, the time zone or the file's own path. What each format keeps is listed in
-`candaemon.can_io.logs.read`. Frames are to be written in order of time.
+they would hold the wall clock, the time zone or the file's own path. What each format preserves is listed in
+`candaemon.can_io.logs.read`. Frames must be written in order of time.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class LogWriter(ABC):
     """Writes frames to a log until it is closed.
 
     Args:
-        path: the log; compressed where its name ends in `.gz`.
+        path: the log; compressed if its name ends in `.gz`.
 
     Raises:
         InputError: the file cannot be created, or, later, cannot be written.
@@ -46,17 +46,17 @@ class LogWriter(ABC):
             raise self._failed(error) from error
         self._target: BinaryIO = self._file
         if path.suffix.lower() == ".gz":
-            # neither name nor time in the gzip header: they would make two runs differ
+            # no name and no time in the gzip header, so that equal frames give equal bytes
             self._target = cast("BinaryIO", gzip.GzipFile(filename="", mode="wb", fileobj=self._file, mtime=0))
 
     def write(self, frames: Sequence[Frame]) -> None:
         """Write frames.
 
         Args:
-            frames: frames of the buses that `open_log_writer` was given the names of.
+            frames: frames of the buses named in `open_log_writer`.
 
         Raises:
-            InputError: the disk refuses, or the format cannot hold such a frame.
+            InputError: the file cannot be written, or the format cannot hold such a frame.
         """
         try:
             self._write(frames)
@@ -67,7 +67,7 @@ class LogWriter(ABC):
         """Finish the log. Calling it again does nothing.
 
         Raises:
-            InputError: the disk refuses.
+            InputError: the file cannot be written.
         """
         if self._file.closed:
             return
@@ -93,17 +93,17 @@ class LogWriter(ABC):
 
     @abstractmethod
     def _finish(self) -> None:
-        """Write what ends the log."""
+        """Write the end of the log."""
 
     def _failed(self, error: OSError) -> InputError:
-        """Say why the log cannot be written."""
+        """Return the error that says why the log cannot be written."""
         return InputError(
             f"the log cannot be written: {error.strerror}; choose another path or make room", file=self._path
         )
 
 
 class CandumpWriter(LogWriter):
-    """Writes `.log`.
+    """Writes a candump log, `.log`.
 
     Args:
         path: the log.
@@ -126,9 +126,9 @@ class PythonCanWriter(LogWriter):
 
     Args:
         path: the log.
-        channels: names of the buses, by index; the file takes the numbers that they end in where these differ from
-            one another, otherwise the indices.
-        start: starts python-can's writer; takes the target and the first frame's time in s.
+        channels: names of the buses, by index; the file holds the numbers that they end in where these are distinct,
+            otherwise the indices.
+        start: creates python-can's writer from the target and the first frame's time in s.
     """
 
     def __init__(
@@ -155,15 +155,15 @@ class PythonCanWriter(LogWriter):
 
 
 def open_log_writer(path: Path, channels: Sequence[str]) -> LogWriter:
-    """Create a log; its suffix tells the format.
+    """Create a log; its suffix determines the format.
 
     Args:
-        path: the log, with one of the suffixes that can be read; `.gz` after it compresses (not `.blf`, which is
-            compressed by itself). An existing file is replaced.
+        path: the log, with one of the readable suffixes; a further `.gz` compresses it (not `.blf`, which is always
+            compressed). An existing file is replaced.
         channels: names of the buses, by index.
 
     Raises:
-        InputError: no format has that suffix, or the file cannot be created.
+        InputError: unknown suffix, or the file cannot be created.
     """
     suffix = log_suffix(path)
     if suffix == ".log":
@@ -174,12 +174,12 @@ def open_log_writer(path: Path, channels: Sequence[str]) -> LogWriter:
 
 
 def _text(target: BinaryIO) -> io.TextIOWrapper:
-    """Return a text layer that changes no line end."""
+    """Return a text layer without conversion of line ends."""
     return io.TextIOWrapper(target, encoding="utf-8", newline="")
 
 
 def _start_asc(target: BinaryIO, first_s: float) -> can.ASCWriter:
-    """Start an `.asc` with the first frame's time, in UTC, where python-can writes the wall clock's."""
+    """Start an `.asc` with the first frame's time in UTC, in place of python-can's wall clock time."""
     writer = can.ASCWriter(io.StringIO())
     start = datetime.fromtimestamp(first_s, UTC)
     date = f"{start:%a %b %d %H:%M:%S}.{start.microsecond // 1000:03d} {start:%Y}"
@@ -193,7 +193,7 @@ def _start_asc(target: BinaryIO, first_s: float) -> can.ASCWriter:
 
 
 def _start_trc(target: BinaryIO, first_s: float) -> can.TRCWriter:
-    """Start a `.trc` that does not hold its own path."""
+    """Start a `.trc` without its own path in the header."""
     writer = can.TRCWriter(_text(target))
     writer.filepath = "candaemon"
     writer.first_timestamp = first_s
