@@ -34,7 +34,7 @@ def bind(loaded: LoadedConfig) -> Binding:
         ConfigError: naming every problem, each with the YAML's (or the DBC's) file and line.
 
     """
-    config, where = loaded.config, SettingLocation(loaded)
+    config, location = loaded.config, SettingLocation(loaded)
     databases = _Databases(loaded)
     errors: list[ConfigError] = []
     bus_index = {name: index for index, name in enumerate(config.buses)}
@@ -43,12 +43,12 @@ def bind(loaded: LoadedConfig) -> Binding:
     ego: BoundEgo | None = None
     if not isinstance(config.ego, StaticSettings):
         with collected(errors):
-            database = databases.load(config.ego.dbc, where.at("ego"))
+            database = databases.load(config.ego.dbc, location.at("ego"))
             if database is not None:
-                ego = bind_ego(config.ego, bus_index[config.ego.bus], database, where.at("ego"))
+                ego = bind_ego(config.ego, bus_index[config.ego.bus], database, location.at("ego"))
     sensors: list[BoundSensor] = []
     for index, (name, sensor) in enumerate(config.sensors.items()):
-        place = where.at("sensors", name)
+        place = location.at("sensors", name)
         with collected(errors):
             database = databases.load(sensor.dbc, place)
             if database is not None:
@@ -56,25 +56,25 @@ def bind(loaded: LoadedConfig) -> Binding:
     output: BoundOutput | None = None
     if config.output is not None:
         with collected(errors):
-            database = databases.load(config.output.dbc, where.at("output"))
+            database = databases.load(config.output.dbc, location.at("output"))
             if database is not None:
-                output = bind_output(config.output, bus_index[config.output.bus], database, where.at("output"))
+                output = bind_output(config.output, bus_index[config.output.bus], database, location.at("output"))
     for name, bus in config.buses.items():
         for relative in bus.dbc:
             with collected(errors):
-                databases.load(relative, where.at("buses", name))
+                databases.load(relative, location.at("buses", name))
 
     # The parts together: two owners of one identifier, frames that their bus cannot carry.
     on_output_bus = [] if config.output is None else databases.loaded_of(config.buses[config.output.bus].dbc)
-    errors += check_identifiers(where, ego, sensors, output, on_output_bus)
-    errors += _long_frames(where, loaded, ego, sensors, output)
+    errors += check_identifiers(location, ego, sensors, output, on_output_bus)
+    errors += _long_frames(location, loaded, ego, sensors, output)
     raise_all(errors)
 
     # What can be used, but looks wrong.
     buses = tuple(_buses(loaded, databases, ego, sensors, output))
     warnings = (
         *(str(diagnostic) for database in databases.by_path.values() for diagnostic in database.warnings),
-        *_unwritable(where, sensors),
+        *_unwritable(location, sensors),
         *range_warnings(ego, sensors, output),
         *_load_warnings(buses),
     )
@@ -97,12 +97,12 @@ class _Databases:
     by_path: dict[Path, Database] = field(default_factory=dict)
     failed: set[Path] = field(default_factory=set)
 
-    def load(self, relative: str, where: SettingLocation) -> Database | None:
+    def load(self, relative: str, location: SettingLocation) -> Database | None:
         """Load a DBC; None where that has failed before, which is reported once.
 
         Args:
             relative: the file as the YAML names it.
-            where: place of the settings that name it as their `dbc`.
+            location: place of the settings that name it as their `dbc`.
 
         Raises:
             ConfigError: there is no such file, or it cannot be used.
@@ -114,7 +114,7 @@ class _Databases:
         if path not in self.by_path:
             self.failed.add(path)
             if not path.is_file():
-                raise where.at("dbc").error(
+                raise location.at("dbc").error(
                     f"no DBC file '{relative}'; expected it at {path}, as paths start from the YAML's folder"
                 )
             self.by_path[path] = load_database(path)
@@ -128,7 +128,7 @@ class _Databases:
 
 
 def _long_frames(
-    where: SettingLocation,
+    location: SettingLocation,
     loaded: LoadedConfig,
     ego: BoundEgo | None,
     sensors: Iterable[BoundSensor],
@@ -136,12 +136,12 @@ def _long_frames(
 ) -> Iterator[ConfigError]:
     """Yield an error for each part of the configuration whose frames its bus cannot carry."""
     used: list[tuple[SettingLocation, int, Iterable[int], Database]] = [
-        (where.at("sensors", sensor.name, "bus"), sensor.bus, sensor.can_ids, sensor.database) for sensor in sensors
+        (location.at("sensors", sensor.name, "bus"), sensor.bus, sensor.can_ids, sensor.database) for sensor in sensors
     ]
     if ego is not None:
-        used.append((where.at("ego", "bus"), ego.bus, ego.messages, ego.database))
+        used.append((location.at("ego", "bus"), ego.bus, ego.messages, ego.database))
     if output is not None:
-        used.append((where.at("output", "bus"), output.bus, output.can_ids, output.database))
+        used.append((location.at("output", "bus"), output.bus, output.can_ids, output.database))
     for place, bus, can_ids, database in used:
         name, settings = list(loaded.config.buses.items())[bus]
         long = next((database.by_id[i] for i in sorted(can_ids) if database.by_id[i].is_fd), None)
@@ -179,7 +179,7 @@ def _buses(
         if output is not None and output.bus == index:
             rate = sum(1 / sensor.settings.cycle_time for sensor in sensors)  # obstacles are sent after every scan
             slots = output.writer.slots
-            sent = [_traffic(layout.shortest, rate * slots) for layout in output.writer.parts] + (
+            sent = [_traffic(layout.shortest, rate * slots) for layout in output.writer.layouts] + (
                 [] if output.status is None else [_traffic(output.status.message, rate)]
             )
         load, output_load = (bus_load(each, settings.bitrate, settings.data_bitrate) for each in (traffic, sent))
@@ -199,11 +199,11 @@ def _traffic(message: MessageSpec, rate: float) -> Traffic:
     return Traffic(rate, message.length, bool(message.can_id & EXTENDED), message.is_fd)
 
 
-def _unwritable(where: SettingLocation, sensors: Iterable[BoundSensor]) -> Iterator[str]:
+def _unwritable(location: SettingLocation, sensors: Iterable[BoundSensor]) -> Iterator[str]:
     """Yield a warning for each sensor whose frames can be read but not simulated."""
     for sensor in sensors:
         try:
-            bind_sensor_writer(sensor, where.at("sensors", sensor.name))
+            bind_sensor_writer(sensor, location.at("sensors", sensor.name))
         except ConfigError as error:
             yield f"{error}; reading does without, simulating sensor '{sensor.name}' does not"
 

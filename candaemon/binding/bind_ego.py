@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from candaemon.binding.bind_protection import bind_guard
+from candaemon.binding.bind_protection import bind_frame_monitor
 from candaemon.binding.bind_signal import bind_signal
 from candaemon.binding.bound import BoundEgo, EgoMessage
 from candaemon.binding.location import SettingLocation, collected, raise_all
@@ -17,11 +17,11 @@ from candaemon.dbc.single_codec import compile_decoder
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.errors import ConfigError
 from candaemon.objects.signals import SignalBinding
-from candaemon.protection.monitor import GuardPlan
+from candaemon.protection.monitor import FrameMonitorSettings
 
 
 def bind_ego(
-    settings: InsSettings | OdometrySettings, bus: int, database: Database, where: SettingLocation
+    settings: InsSettings | OdometrySettings, bus: int, database: Database, location: SettingLocation
 ) -> BoundEgo:
     """Bind the signals of ego motion.
 
@@ -31,56 +31,60 @@ def bind_ego(
     """
     errors: list[ConfigError] = []
     found: dict[int, tuple[MessageSpec, list[SignalBinding]]] = {}
-    for quantity, ref, place in _signals(settings, where.at("signals")):
+    for quantity, ref, place in _signals(settings, location.at("signals")):
         with collected(errors):
             message, signal = find_qualified(database, ref.signal, place)
             binding = bind_signal(quantity, ref, signal, place)
             found.setdefault(message.can_id, (message, []))[1].append(binding)
-    guards: dict[int, GuardPlan | None] = {}
+    monitors: dict[int, FrameMonitorSettings | None] = {}
     for name, protection in settings.protection.items():
-        place = where.at("protection", name)
+        place = location.at("protection", name)
         with collected(errors):
             message = find_message(database, name, place)
             if message.can_id not in found:
                 raise place.error(f"nothing is taken from message '{name}'; expected one that signals name")
-            guards[message.can_id] = _guard(message, protection, place)
+            monitors[message.can_id] = _monitor(message, protection, place)
     raise_all(errors)
-    messages = {can_id: _ego_message(*entry, guards.get(can_id)) for can_id, entry in found.items()}
+    messages = {can_id: _ego_message(*entry, monitors.get(can_id)) for can_id, entry in found.items()}
     return BoundEgo(settings, bus, database, messages)
 
 
-def _guard(message: MessageSpec, protection: InputProtectionSettings, place: SettingLocation) -> GuardPlan | None:
+def _monitor(
+    message: MessageSpec, protection: InputProtectionSettings, place: SettingLocation
+) -> FrameMonitorSettings | None:
     """Work out what the frames of a message must be to be used."""
     cycle_time = message.cycle_time or 0.0
     if protection.max_rate is not None and not (protection.cycle_time or cycle_time):
         raise place.at("max_rate").error(f"the DBC gives no cycle time of '{message.name}'; give cycle_time beside it")
-    return bind_guard([message], protection, place, cycle_time=cycle_time)
+    return bind_frame_monitor([message], protection, place, cycle_time=cycle_time)
 
 
 def _signals(
-    settings: InsSettings | OdometrySettings, where: SettingLocation
+    settings: InsSettings | OdometrySettings, location: SettingLocation
 ) -> Iterator[tuple[str, SignalRef, SettingLocation]]:
     """Yield each signal named, with its quantity and place."""
     signals = settings.signals
     for quantity in type(signals).model_fields:
         value = getattr(signals, quantity)
         if isinstance(value, SignalRef):
-            yield quantity, value, where.at(quantity)
+            yield quantity, value, location.at(quantity)
         elif isinstance(value, str):
-            yield quantity, SignalRef(signal=value, unit=None, scale=1.0, offset=0.0), where.at(quantity)
+            yield quantity, SignalRef(signal=value, unit=None, scale=1.0, offset=0.0), location.at(quantity)
         elif isinstance(value, tuple):
             for index, ref in enumerate(value):
-                yield quantity, ref, where.at(quantity, index)
+                yield quantity, ref, location.at(quantity, index)
 
 
-def _ego_message(message: MessageSpec, bindings: list[SignalBinding], guard: GuardPlan | None) -> EgoMessage:
+def _ego_message(
+    message: MessageSpec, bindings: list[SignalBinding], monitor: FrameMonitorSettings | None
+) -> EgoMessage:
     names = [binding.signal.name for binding in bindings]
     return EgoMessage(
         message,
         compile_decoder(_in_si_units(message, bindings), names),
         tuple(binding.quantity for binding in bindings),
         tuple(bindings),
-        guard,
+        monitor,
     )
 
 

@@ -11,14 +11,14 @@ from candaemon.config.output import OutputSettings
 from candaemon.dbc.types import Database
 
 
-def bind_output(settings: OutputSettings, bus: int, database: Database, where: SettingLocation) -> BoundOutput:
+def bind_output(settings: OutputSettings, bus: int, database: Database, location: SettingLocation) -> BoundOutput:
     """Bind the output to its DBC.
 
     Args:
         settings: from the configuration.
         bus: index of the bus.
         database: the DBC.
-        where: the output's place in the configuration.
+        location: the output's place in the configuration.
 
     Raises:
         ConfigError: naming every message, signal, unit and value that is wrong.
@@ -27,12 +27,12 @@ def bind_output(settings: OutputSettings, bus: int, database: Database, where: S
     signals: dict[str, SignalRef | tuple[SignalRef, ...]] = {
         str(quantity): refs for quantity, refs in settings.signals.items()
     }
-    writer = bind_writer(settings.objects, signals, database, settings.protection, where=where)
+    writer = bind_writer(settings.objects, signals, database, settings.protection, location=location)
     status = None
     if settings.status is not None:
-        place = where.at("status")
+        place = location.at("status")
         status = bind_status(settings.status, database, settings.protection, place, data_id_index=writer.data_ids)
-    messages = [message for layout in writer.parts for message in layout.messages]
+    messages = [message for layout in writer.layouts for message in layout.messages]
     if status is not None:
         messages.append(status.message)
     can_ids = frozenset(message.can_id for message in messages)

@@ -18,7 +18,7 @@ from candaemon.objects.message_layout import MessageLayout
 from candaemon.objects.reader import ObjectReader
 from candaemon.protection.checksums import FrameProtector, Protector
 from candaemon.protection.e2e import HEADERS, E2eProtector, check_header
-from candaemon.protection.monitor import UNWATCHED, GuardPlan
+from candaemon.protection.monitor import UNWATCHED, FrameMonitorSettings
 
 Protection = TypeVar("Protection", bound=ProtectionSettings)
 
@@ -43,16 +43,16 @@ class LayoutProtection(Generic[Protection]):
 
 
 def layout_protections(
-    layouts: Sequence[MessageLayout], form: ObjectFormat, default: Protection, where: SettingLocation
+    layouts: Sequence[MessageLayout], form: ObjectFormat, default: Protection, location: SettingLocation
 ) -> list[LayoutProtection[Protection | InputProtectionSettings]]:
     """List the protection of each of an object's messages; those without one of their own share the data ids."""
     found: list[LayoutProtection[Protection | InputProtectionSettings]] = []
-    first, entries = 0, where.at("objects", "messages")
+    first, entries = 0, location.at("objects", "messages")
     for layout, entry in zip(layouts, form.messages, strict=True):
         if entry.protection is not None:
             found.append(LayoutProtection(entry.protection, entries.at(layout.index, "protection"), 0))
         else:
-            found.append(LayoutProtection(default, where.at("protection"), first))
+            found.append(LayoutProtection(default, location.at("protection"), first))
             first += len(layout.messages)
     return found
 
@@ -121,14 +121,14 @@ def _e2e_protector(
         raise place.at("e2e").error(error.message) from None
 
 
-def bind_guard(
+def bind_frame_monitor(
     messages: Sequence[MessageSpec],
     protection: InputProtectionSettings,
     place: SettingLocation,
     *,
     cycle_time: float,
     order: Sequence[int] | None = None,
-) -> GuardPlan | None:
+) -> FrameMonitorSettings | None:
     """Work out what frames of some messages laid out alike must be to be used, None where anything will do.
 
     Args:
@@ -147,7 +147,7 @@ def bind_guard(
     if max_step is not None:
         counter, values = _counter(messages[0], protection, place, protector)
     cycle_ns = round((protection.cycle_time or cycle_time) * 1e9)
-    plan = GuardPlan(
+    monitor = FrameMonitorSettings(
         protector,
         counter,
         counter_values=values,
@@ -158,28 +158,30 @@ def bind_guard(
         spacing_ns=0 if protection.max_rate is None else round(cycle_ns / protection.max_rate),
         slack_ns=cycle_ns,
     )
-    return plan if plan.protector is not None or plan.watches else None
+    return monitor if monitor.protector is not None or monitor.watches else None
 
 
-def bind_guards(reader: ObjectReader, settings: SensorSettings, where: SettingLocation) -> tuple[GuardPlan | None, ...]:
+def bind_frame_monitors(
+    reader: ObjectReader, settings: SensorSettings, location: SettingLocation
+) -> tuple[FrameMonitorSettings | None, ...]:
     """Work out for each of an object's messages what its frames must be to be used.
 
     Raises:
-        ConfigError: as `bind_guard`.
+        ConfigError: as `bind_frame_monitor`.
 
     """
     # where all objects share a message it comes as many times a cycle
     cycle_time = settings.cycle_time / (reader.slots if reader.multiplexed else 1)
-    protections = layout_protections(reader.parts, settings.objects, settings.protection, where)
+    protections = layout_protections(reader.layouts, settings.objects, settings.protection, location)
     return tuple(
-        bind_guard(
+        bind_frame_monitor(
             layout.messages,
             each.settings,
             each.place,
             cycle_time=cycle_time,
             order=each.order(range(len(layout.messages))),
         )
-        for layout, each in zip(reader.parts, protections, strict=True)
+        for layout, each in zip(reader.layouts, protections, strict=True)
     )
 
 

@@ -19,7 +19,7 @@ from candaemon.objects.signals import SignalBinding
 
 
 def bind_reader(
-    form: ObjectFormat, signals: Mapping[str, SignalRef], database: Database, where: SettingLocation | None = None
+    form: ObjectFormat, signals: Mapping[str, SignalRef], database: Database, location: SettingLocation | None = None
 ) -> ObjectReader:
     """Bind the reader of one object format.
 
@@ -27,21 +27,21 @@ def bind_reader(
         form: where the objects lie in the frames.
         signals: quantity → the signal it comes from.
         database: the DBC.
-        where: place of the sensor in the configuration, holding `objects` and `signals`.
+        location: place of the sensor in the configuration, holding `objects` and `signals`.
 
     Raises:
         ConfigError: naming every message, signal and unit that is wrong.
 
     """
-    where = where or SettingLocation()
-    place = where.at("objects")
+    location = location or SettingLocation()
+    place = location.at("objects")
     layouts = find_layouts(form, database, place)
     routes = _routes(layouts, form.multiplexed, place)
     read = _ReadSignals(layouts)
     errors: list[ConfigError] = []
     for quantity, ref in signals.items():
         with collected(errors):
-            read.add_quantity(quantity, ref, where.at("signals", quantity))
+            read.add_quantity(quantity, ref, location.at("signals", quantity))
     for index, condition in enumerate(form.valid):
         with collected(errors):
             read.valid.append(read.condition(condition, place.at("valid", index)))
@@ -71,14 +71,16 @@ def bind_reader(
     )
 
 
-def _routes(layouts: Sequence[MessageLayout], multiplexed: bool, where: SettingLocation) -> dict[int, tuple[int, int]]:
+def _routes(
+    layouts: Sequence[MessageLayout], multiplexed: bool, location: SettingLocation
+) -> dict[int, tuple[int, int]]:
     """Map each CAN id to its layout and slot."""
     routes: dict[int, tuple[int, int]] = {}
     for layout in layouts:
         for slot, message in enumerate(layout.messages):
             if message.can_id in routes:
                 other = layouts[routes[message.can_id][0]]
-                raise where.at("messages", layout.index).error(
+                raise location.at("messages", layout.index).error(
                     f"message '{message.name}' has the id 0x{message.can_id & 0x1FFFFFFF:X} "
                     f"that '{other.pattern}' has already; every message of an object needs its own"
                 )
@@ -109,33 +111,33 @@ class _ReadSignals:
         self.rows = [{} for _ in self.layouts]
         self.bindings = [[] for _ in self.layouts]
 
-    def row(self, name: str, where: SettingLocation) -> Row:
+    def row(self, name: str, location: SettingLocation) -> Row:
         """Find a signal's layout and row; one not decoded so far gets the next row."""
-        layout, signal = find_in_layouts(self.layouts, name, where)[0]
+        layout, signal = find_in_layouts(self.layouts, name, location)[0]
         rows = self.rows[layout.index]
         return layout.index, rows.setdefault(signal.name, len(rows))
 
-    def add_quantity(self, quantity: str, ref: SignalRef, where: SettingLocation) -> None:
+    def add_quantity(self, quantity: str, ref: SignalRef, location: SettingLocation) -> None:
         """Bind the signal of a quantity."""
-        layout, signal = find_in_layouts(self.layouts, ref.signal, where)[0]
+        layout, signal = find_in_layouts(self.layouts, ref.signal, location)[0]
         rows, bindings = self.rows[layout.index], self.bindings[layout.index]
-        binding = bind_signal(quantity, ref, signal, where)
+        binding = bind_signal(quantity, ref, signal, location)
         if signal.name in rows:
             other = bindings[rows[signal.name]].quantity
-            raise where.error(f"signal '{signal.name}' is {other} already; a signal gives one quantity")
+            raise location.error(f"signal '{signal.name}' is {other} already; a signal gives one quantity")
         rows[signal.name] = len(rows)
         bindings.append(binding)
 
-    def condition(self, condition: Condition, where: SettingLocation) -> tuple[Row, ReadCondition]:
+    def condition(self, condition: Condition, location: SettingLocation) -> tuple[Row, ReadCondition]:
         """Compile a condition for the signal it is on."""
-        layout, signal = find_in_layouts(self.layouts, condition.signal, where)[0]
-        compiled = tabulate(compile_condition(condition, signal, where), signal, layout.shortest)
-        return self.row(condition.signal, where), compiled
+        layout, signal = find_in_layouts(self.layouts, condition.signal, location)[0]
+        compiled = tabulate(compile_condition(condition, signal, location), signal, layout.shortest)
+        return self.row(condition.signal, location), compiled
 
-    def reader(self, layout: MessageLayout, where: SettingLocation) -> LayoutReader:
+    def reader(self, layout: MessageLayout, location: SettingLocation) -> LayoutReader:
         """Make the reader of one layout, whose messages must carry the signals alike."""
         index, names = layout.index, list(self.rows[layout.index])
-        check_alike(layout, names if layout.id_signal is None else [*names, layout.id_signal.name], where)
+        check_alike(layout, names if layout.id_signal is None else [*names, layout.id_signal.name], location)
         valid = [(row, condition) for (of, row), condition in self.valid if of == index]
         new = [(row, condition) for (of, row), condition in self.new if of == index]
         return LayoutReader(layout, names, self.bindings[index], valid, new)

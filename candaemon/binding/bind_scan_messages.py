@@ -27,7 +27,7 @@ def bind_status(
     form: StatusFormat,
     database: Database,
     protection: ProtectionSettings,
-    where: SettingLocation,
+    location: SettingLocation,
     *,
     data_id_index: int = 0,
 ) -> StatusWriter:
@@ -37,14 +37,14 @@ def bind_status(
         form: its signals and fixed values.
         database: the DBC.
         protection: counter and checksum; each used where the message has that signal.
-        where: place of the status in the configuration, whose `protection` is beside it.
+        location: place of the status in the configuration, whose `protection` is beside it.
         data_id_index: which of the protection's data ids is its.
 
     Raises:
         ConfigError: naming every signal that the message lacks.
 
     """
-    message = find_message(database, form.message, where.at("message"))
+    message = find_message(database, form.message, location.at("message"))
     known = {signal.name for signal in message.signals}
     errors: list[ConfigError] = []
     fields: list[StatusField] = []
@@ -55,7 +55,7 @@ def bind_status(
     for name, source in sources.items():
         kind = "signals" if isinstance(source, str) else "fixed"
         with collected(errors):
-            signal = find_signal(message, name, where.at(kind, name))
+            signal = find_signal(message, name, location.at(kind, name))
             names.append(name)
             if isinstance(source, str):
                 fields.append(StatusField(source, wrap=_wrap(source, signal, protection)))
@@ -63,7 +63,7 @@ def bind_status(
                 fields.append(StatusField(None, source))
     raise_all(errors)
     encode = compile_encoder(message, names)
-    place = where.beside("protection")
+    place = location.beside("protection")
     check_written(protection, place)
     protected = protection.e2e is not None or (protection.checksum is not None and protection.checksum in known)
     protector = bind_protector([message], protection, place, order=[data_id_index]) if protected else None
@@ -77,25 +77,25 @@ def _wrap(quantity: str, signal: SignalSpec, protection: ProtectionSettings) -> 
     return counter_period(protection, signal) if quantity == "counter" else value_count(signal)
 
 
-def bind_header(scan: HeaderScan, database: Database, where: SettingLocation) -> ScanHeader:
+def bind_header(scan: HeaderScan, database: Database, location: SettingLocation) -> ScanHeader:
     """Bind a scan's header message.
 
     Args:
         scan: how the header gives the number of objects.
         database: the DBC.
-        where: place of the scan's settings in the configuration.
+        location: place of the scan's settings in the configuration.
 
     Raises:
         ConfigError: the DBC lacks the message or a signal.
 
     """
-    message = find_message(database, scan.message, where.at("message"))
-    count = find_signal(message, scan.count, where.at("count"))
+    message = find_message(database, scan.message, location.at("message"))
+    count = find_signal(message, scan.count, location.at("count"))
     names = [count.name]
     greatest = sendable_values(count)[1]
     read_counter, period = None, 0
     if scan.counter is not None:
-        counter = find_signal(message, scan.counter, where.at("counter"))
+        counter = find_signal(message, scan.counter, location.at("counter"))
         read_counter, period = compile_field_reader(message, counter), value_count(counter)
         names.append(counter.name)
     return ScanHeader(
@@ -106,5 +106,5 @@ def bind_header(scan: HeaderScan, database: Database, where: SettingLocation) ->
         counter=read_counter,
         period=period,
         encode=compile_encoder(message, names),
-        protector=bind_protector([message], scan.protection, where.at("protection")),
+        protector=bind_protector([message], scan.protection, location.at("protection")),
     )

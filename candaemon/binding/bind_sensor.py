@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from candaemon.binding.bind_protection import bind_guard, bind_guards
+from candaemon.binding.bind_protection import bind_frame_monitor, bind_frame_monitors
 from candaemon.binding.bind_reader import bind_reader
 from candaemon.binding.bind_scan_messages import bind_header
 from candaemon.binding.bind_writer import bind_writer
@@ -17,11 +17,11 @@ from candaemon.dbc.single_codec import compile_field_reader
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.objects.scan_messages import ScanHeader
 from candaemon.objects.writer import ObjectWriter
-from candaemon.protection.monitor import GuardPlan
+from candaemon.protection.monitor import FrameMonitorSettings
 
 
 def bind_sensor(
-    settings: SensorSettings, index: int, name: str, bus: int, database: Database, where: SettingLocation
+    settings: SensorSettings, index: int, name: str, bus: int, database: Database, location: SettingLocation
 ) -> BoundSensor:
     """Bind a sensor to its DBC.
 
@@ -31,33 +31,35 @@ def bind_sensor(
         name: as configured.
         bus: index of the bus.
         database: the DBC.
-        where: the sensor's place in the configuration.
+        location: the sensor's place in the configuration.
 
     Raises:
         ConfigError: naming every message, signal and unit that is wrong.
 
     """
-    reader = bind_reader(settings.objects, _quantities(settings.signals), database, where)
-    scan, place = settings.scan, where.at("scan")
+    reader = bind_reader(settings.objects, _quantities(settings.signals), database, location)
+    scan, place = settings.scan, location.at("scan")
     can_ids = set(reader.routes)
     counters: list[Callable[[bytes], int]] = []
     trigger: MessageSpec | None = None
     header: ScanHeader | None = None
-    mark_guard: GuardPlan | None = None
+    mark_monitor: FrameMonitorSettings | None = None
     if isinstance(scan, CounterScan):
         counters = [
             compile_field_reader(message, find_signal(message, scan.signal, place.at("signal")))
-            for message in (layout.shortest for layout in reader.parts)
+            for message in (layout.shortest for layout in reader.layouts)
         ]
     elif isinstance(scan, TriggerScan):
         trigger = find_message(database, scan.message, place.at("message"))
         can_ids.add(trigger.can_id)
         if trigger.can_id not in reader.routes:
-            mark_guard = bind_guard([trigger], scan.protection, place.at("protection"), cycle_time=settings.cycle_time)
+            mark_monitor = bind_frame_monitor(
+                [trigger], scan.protection, place.at("protection"), cycle_time=settings.cycle_time
+            )
     elif isinstance(scan, HeaderScan):
         header = bind_header(scan, database, place)
         can_ids.add(header.can_id)
-        mark_guard = bind_guard(
+        mark_monitor = bind_frame_monitor(
             [header.message], scan.protection, place.at("protection"), cycle_time=settings.cycle_time
         )
     return BoundSensor(
@@ -71,17 +73,17 @@ def bind_sensor(
         tuple(counters),
         trigger,
         header,
-        bind_guards(reader, settings, where),
-        mark_guard,
+        bind_frame_monitors(reader, settings, location),
+        mark_monitor,
     )
 
 
-def bind_sensor_writer(sensor: BoundSensor, where: SettingLocation | None = None) -> ObjectWriter:
+def bind_sensor_writer(sensor: BoundSensor, location: SettingLocation | None = None) -> ObjectWriter:
     """Bind the writer of a sensor's own frames, as the simulation needs it.
 
     Args:
         sensor: the bound sensor.
-        where: its place in the configuration.
+        location: its place in the configuration.
 
     Raises:
         ConfigError: a slot cannot be written as configured.
@@ -95,7 +97,7 @@ def bind_sensor_writer(sensor: BoundSensor, where: SettingLocation | None = None
         sensor.database,
         settings.protection,
         counters=counters,
-        where=where,
+        location=location,
     )
 
 

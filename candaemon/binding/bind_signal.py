@@ -64,14 +64,14 @@ def normalised_unit(unit: str) -> str:
     return text
 
 
-def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, where: SettingLocation) -> SignalBinding:
+def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, location: SettingLocation) -> SignalBinding:
     """Work out gain and bias of a signal as a quantity.
 
     Args:
         quantity: a key of `DIMENSIONS`, or any other name for a plain number.
         ref: the signal's entry in the configuration.
         signal: as the DBC describes it.
-        where: the entry's place.
+        location: the entry's place.
 
     Raises:
         ConfigError: the unit does not fit the quantity, is not known, or is an angle's and given nowhere.
@@ -84,13 +84,15 @@ def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, where: Settin
     known = UNITS.get(normalised_unit(unit)) if unit.strip() else None
     if not unit.strip():
         if dimension in {"angle", "rate"}:
-            raise where.error(f"signal '{signal.name}' has no unit in the DBC and {quantity} is an angle; {expected}")
+            raise location.error(
+                f"signal '{signal.name}' has no unit in the DBC and {quantity} is an angle; {expected}"
+            )
     elif known is None:
         # A plain number's unit is a remark (`class`, `bits`): nothing to convert.
         if dimension != "number":
-            raise where.error(f"signal '{signal.name}' has the unit '{unit}' by {source}, {expected}")
+            raise location.error(f"signal '{signal.name}' has the unit '{unit}' by {source}, {expected}")
     elif known[0] == dimension:
         factor = known[1]
     elif dimension != "number" and not (ref.unit is None and known == ("number", 1.0)):
-        raise where.error(f"signal '{signal.name}' has the unit '{unit}' ({known[0]}) by {source}, {expected}")
+        raise location.error(f"signal '{signal.name}' has the unit '{unit}' ({known[0]}) by {source}, {expected}")
     return SignalBinding(quantity, signal, factor * ref.scale, factor * ref.offset)

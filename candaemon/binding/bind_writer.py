@@ -48,7 +48,7 @@ def bind_writer(
     protection: ProtectionSettings | None = None,
     *,
     counters: Iterable[str] = (),
-    where: SettingLocation | None = None,
+    location: SettingLocation | None = None,
 ) -> ObjectWriter:
     """Bind the writer of one object format.
 
@@ -58,14 +58,14 @@ def bind_writer(
         database: the DBC.
         protection: counter and checksum of the frames.
         counters: further signals that count scans (a shared counter that marks the frames of one scan).
-        where: place of the sensor or output in the configuration.
+        location: place of the sensor or output in the configuration.
 
     Raises:
         ConfigError: naming every message, signal, unit and value that is wrong.
 
     """
-    where = where or SettingLocation()
-    place = where.at("objects")
+    location = location or SettingLocation()
+    place = location.at("objects")
     protection = protection or ProtectionSettings()
     layouts = find_layouts(form, database, place)
     written = [_WrittenLayout(layout) for layout in layouts]
@@ -77,16 +77,16 @@ def bind_writer(
                 counting.append(ref.signal)
                 continue
             with collected(errors):
-                _add_quantity(written, quantity, ref, where.at("signals", quantity))
+                _add_quantity(written, quantity, ref, location.at("signals", quantity))
     for kind, values in (("fixed", form.fixed), ("empty", form.empty)):
         with collected(errors):
             _add_values(written, values, kind, place)
     with collected(errors):
         _add_conditions(written, form, place)
-    protections = layout_protections(layouts, form, protection, where)
+    protections = layout_protections(layouts, form, protection, location)
     counting += [each.settings.counter for each in protections if each.settings.counter is not None]
     with collected(errors):
-        _add_counters_and_identity(written, [*form.pair, *counting], form.identity, where)
+        _add_counters_and_identity(written, [*form.pair, *counting], form.identity, location)
     raise_all(errors)
     return ObjectWriter(
         slots=form.slots,
@@ -98,7 +98,7 @@ def bind_writer(
             if entry.protection is None
         ),
         writers=[
-            _layout_writer(each, slots, protected, where)
+            _layout_writer(each, slots, protected, location)
             for each, protected in zip(written, protections, strict=True)
             for slots in _of_one_length(each.layout, protected.settings.checksum)
         ],
@@ -166,30 +166,30 @@ class _SignalConditions:
         return candidates(self.written.signal, self.conditions)
 
 
-def _find(written: Sequence[_WrittenLayout], name: str, where: SettingLocation) -> list[_WrittenSignal]:
+def _find(written: Sequence[_WrittenLayout], name: str, location: SettingLocation) -> list[_WrittenSignal]:
     """Find a signal in every layout that has it."""
-    found = find_in_layouts([each.layout for each in written], name, where)
+    found = find_in_layouts([each.layout for each in written], name, location)
     return [written[layout.index].written(signal) for layout, signal in found]
 
 
-def _add_quantity(written: Sequence[_WrittenLayout], quantity: str, ref: SignalRef, where: SettingLocation) -> None:
+def _add_quantity(written: Sequence[_WrittenLayout], quantity: str, ref: SignalRef, location: SettingLocation) -> None:
     """Let signals carry a quantity: in every message that has the signal.
 
     Raises:
         ConfigError: no message has it, its unit does not fit, or it carries another quantity.
 
     """
-    for each in _find(written, ref.signal, where):
+    for each in _find(written, ref.signal, location):
         if each.binding is not None:
-            raise where.error(
+            raise location.error(
                 f"signal '{each.signal.name}' is {each.binding.quantity} already; a signal carries one quantity"
             )
-        each.binding = bind_signal(quantity, ref, each.signal, where)
+        each.binding = bind_signal(quantity, ref, each.signal, location)
         each.wrap = value_count(each.signal) if quantity in WRAPPING else 0
 
 
 def _add_values(
-    written: Sequence[_WrittenLayout], values: Mapping[str, float], kind: str, where: SettingLocation
+    written: Sequence[_WrittenLayout], values: Mapping[str, float], kind: str, location: SettingLocation
 ) -> None:
     """Set the configuration's `fixed` or `empty` values, within the DBC's ranges.
 
@@ -198,7 +198,7 @@ def _add_values(
 
     """
     for name, value in values.items():
-        place = where.at(kind, name)
+        place = location.at(kind, name)
         for each in _find(written, name, place):
             low, high = representable_values(each.signal)
             step = abs(each.signal.scale)
@@ -217,31 +217,31 @@ def _add_values(
                 each.empty = value
 
 
-def _add_conditions(written: Sequence[_WrittenLayout], form: ObjectFormat, where: SettingLocation) -> None:
+def _add_conditions(written: Sequence[_WrittenLayout], form: ObjectFormat, location: SettingLocation) -> None:
     """Choose the values that make an occupied slot read valid, an empty one invalid, a new object new.
 
     Raises:
         ConfigError: no value does, or the values given contradict the conditions.
 
     """
-    valid = _by_signal(written, form.valid, where.at("valid"))
-    new = _by_signal(written, form.new, where.at("new"))
+    valid = _by_signal(written, form.valid, location.at("valid"))
+    new = _by_signal(written, form.new, location.at("new"))
     fixed = {name.rpartition(".")[2] for name in form.fixed}
     for each in valid:
-        _choose_occupied(each, fixed, where)
+        _choose_occupied(each, fixed, location)
     for each in new:
-        _choose_new(each, next((other for other in valid if other.written is each.written), None), where)
+        _choose_new(each, next((other for other in valid if other.written is each.written), None), location)
     if valid and all(each.hold(each.written.empty) for each in valid):
-        _choose_empty(valid, form, where)
+        _choose_empty(valid, form, location)
 
 
 def _by_signal(
-    written: Sequence[_WrittenLayout], conditions: Sequence[Condition], where: SettingLocation
+    written: Sequence[_WrittenLayout], conditions: Sequence[Condition], location: SettingLocation
 ) -> list[_SignalConditions]:
     """Gather the conditions on each signal, in the message where the reader looks for it."""
     gathered: dict[tuple[int, str], _SignalConditions] = {}
     for index, condition in enumerate(conditions):
-        place = where.at(index)
+        place = location.at(index)
         layout, signal = find_in_layouts([each.layout for each in written], condition.signal, place)[0]
         on_it = gathered.setdefault(
             (layout.index, signal.name), _SignalConditions(written[layout.index].written(signal), [], [])
@@ -251,7 +251,7 @@ def _by_signal(
     return list(gathered.values())
 
 
-def _choose_occupied(valid: _SignalConditions, fixed: set[str], where: SettingLocation) -> None:
+def _choose_occupied(valid: _SignalConditions, fixed: set[str], location: SettingLocation) -> None:
     """Choose the value of a signal in an occupied slot, or the limits of the quantity that it carries."""
     written, name = valid.written, valid.written.signal.name
     if written.binding is not None:
@@ -259,15 +259,15 @@ def _choose_occupied(valid: _SignalConditions, fixed: set[str], where: SettingLo
         return
     if name in fixed:
         if not valid.hold(written.occupied):
-            raise where.at("fixed").error(f"{name}: {written.occupied:g} does not pass the conditions of 'valid'")
+            raise location.at("fixed").error(f"{name}: {written.occupied:g} does not pass the conditions of 'valid'")
         return
     value = first_that(valid.candidates(), valid.hold)
     if value is None:
-        raise where.at("valid").error(f"no value of '{name}' passes; the conditions contradict each other")
+        raise location.at("valid").error(f"no value of '{name}' passes; the conditions contradict each other")
     written.occupied = value
 
 
-def _choose_new(new: _SignalConditions, valid: _SignalConditions | None, where: SettingLocation) -> None:
+def _choose_new(new: _SignalConditions, valid: _SignalConditions | None, location: SettingLocation) -> None:
     """Choose the values of a signal for a new object and for one that is not, valid both."""
     written = new.written
     if written.binding is not None:
@@ -281,33 +281,35 @@ def _choose_new(new: _SignalConditions, valid: _SignalConditions | None, where: 
     old = first_that([written.occupied, *values], lambda value: passes(value) and not new.hold(value))
     if written.new is None or old is None:
         lacking = "is" if written.new is None else "is not"
-        raise where.at("new").error(f"no valid value of '{written.signal.name}' says that an object {lacking} new")
+        raise location.at("new").error(f"no valid value of '{written.signal.name}' says that an object {lacking} new")
     written.occupied = old
 
 
-def _choose_empty(valid: Sequence[_SignalConditions], form: ObjectFormat, where: SettingLocation) -> None:
+def _choose_empty(valid: Sequence[_SignalConditions], form: ObjectFormat, location: SettingLocation) -> None:
     """Make an empty slot fail one condition."""
     if form.empty:
-        raise where.at("empty").error("a slot written so passes all conditions of 'valid'; give a value that fails one")
+        raise location.at("empty").error(
+            "a slot written so passes all conditions of 'valid'; give a value that fails one"
+        )
     for each in valid:
         value = first_that(each.candidates(), lambda value: not each.hold(value))  # noqa: B023  # called at once
         if value is not None:
             each.written.empty = value
             return
-    raise where.at("valid").error("no value fails these conditions, so a slot cannot be written as empty")
+    raise location.at("valid").error("no value fails these conditions, so a slot cannot be written as empty")
 
 
 def _add_counters_and_identity(
-    written: Sequence[_WrittenLayout], counting: Iterable[str], identity: str | None, where: SettingLocation
+    written: Sequence[_WrittenLayout], counting: Iterable[str], identity: str | None, location: SettingLocation
 ) -> None:
     """Note which signals show the counter and which the identity."""
     layouts = [each.layout for each in written]
     for name in dict.fromkeys(counting):
-        for layout, signal in find_in_layouts(layouts, name, where.at("protection", "counter")):
+        for layout, signal in find_in_layouts(layouts, name, location.at("protection", "counter")):
             written[layout.index].written(signal)
             written[layout.index].counters.append(signal.name)
     if identity is not None:
-        for layout, signal in find_in_layouts(layouts, identity, where.at("objects", "identity")):
+        for layout, signal in find_in_layouts(layouts, identity, location.at("objects", "identity")):
             written[layout.index].written(signal)
             written[layout.index].identities.append(signal.name)
     for each in written:
@@ -321,7 +323,7 @@ def _layout_writer(
     written: _WrittenLayout,
     slots: Sequence[int],
     protection: LayoutProtection[AnyProtection],
-    where: SettingLocation,
+    location: SettingLocation,
 ) -> LayoutWriter:
     """Make the writer of some slots' messages.
 
@@ -329,7 +331,7 @@ def _layout_writer(
         written: how the layout's signals are written.
         slots: the slots whose messages these are, in their order.
         protection: counter and checksum of this layout.
-        where: place of the sensor or output.
+        location: place of the sensor or output.
 
     """
     every_message = written.layout.messages
@@ -345,7 +347,7 @@ def _layout_writer(
             written.written(signal)
     signals = [each for name, each in written.signals.items() if name != checksum]
     names = [each.signal.name for each in signals]
-    check_alike(written.layout, names, where.at("objects"))
+    check_alike(written.layout, names, location.at("objects"))
     mine = None
     if len(messages) != len(every_message):
         mine = np.zeros(len(every_message), np.bool_)

@@ -18,7 +18,7 @@ from candaemon.objects.scan_messages import ScanHeader, StatusWriter
 from candaemon.objects.signals import SignalBinding
 from candaemon.objects.writer import ObjectWriter
 from candaemon.protection.checksums import FrameProtector
-from candaemon.protection.monitor import GuardPlan
+from candaemon.protection.monitor import FrameMonitorSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +59,11 @@ class BoundSensor:
         database: the DBC.
         reader: payloads → quantities.
         can_ids: every identifier it reads: the objects', the header's, the trigger's.
-        counters: per part, payload → scan counter; empty unless a counter marks the frames of one scan.
+        counters: per layout, payload → scan counter; empty unless a counter marks the frames of one scan.
         trigger: the message that closes a scan, None unless one does.
         header: the message that opens a scan, None unless one does.
-        guards: per part, what its frames must be to be used, None where anything will do.
-        mark_guard: the same of the header or the trigger, where it is no message of the objects'.
+        monitors: per layout, what its frames must be to be used, None where anything will do.
+        mark_monitor: the same of the header or the trigger, where it is no message of the objects'.
 
     """
 
@@ -77,13 +77,13 @@ class BoundSensor:
     counters: tuple[Callable[[bytes], int], ...]
     trigger: MessageSpec | None
     header: ScanHeader | None
-    guards: tuple[GuardPlan | None, ...]
-    mark_guard: GuardPlan | None
+    monitors: tuple[FrameMonitorSettings | None, ...]
+    mark_monitor: FrameMonitorSettings | None
 
     @property
     def protectors(self) -> tuple[FrameProtector | None, ...]:
-        """Per part, the checksum of its frames, None where they carry none."""
-        return tuple(None if guard is None else guard.protector for guard in self.guards)
+        """Per layout, the checksum of its frames, None where they carry none."""
+        return tuple(None if monitor is None else monitor.protector for monitor in self.monitors)
 
     @property
     def trigger_id(self) -> int | None:
@@ -101,7 +101,7 @@ class EgoMessage:
             that is too short.
         quantities: name of each value's quantity; one that has several signals (wheel speeds) is there for each.
         bindings: quantities with their signals, for writing them.
-        guard: what a frame must be to be used, None where anything will do.
+        monitor: what a frame must be to be used, None where anything will do.
 
     """
 
@@ -109,7 +109,7 @@ class EgoMessage:
     decode: Decoder
     quantities: tuple[str, ...]
     bindings: tuple[SignalBinding, ...]
-    guard: GuardPlan | None
+    monitor: FrameMonitorSettings | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,13 +18,13 @@ TABULATED_BITS: Final = 8
 """Bits of the longest signal whose condition becomes a table."""
 
 
-def compile_condition(condition: Condition, signal: SignalSpec, where: SettingLocation) -> CompiledCondition:
+def compile_condition(condition: Condition, signal: SignalSpec, location: SettingLocation) -> CompiledCondition:
     """Compile a condition for the values that the decoder gives.
 
     Args:
         condition: from the configuration.
         signal: the signal it is on.
-        where: the condition's place.
+        location: the condition's place.
 
     Raises:
         ConfigError: the signal can have none of the values that should pass.
@@ -34,7 +34,7 @@ def compile_condition(condition: Condition, signal: SignalSpec, where: SettingLo
     if values:
         low, high = width = representable_values(signal)
         if not any(_possible(signal, value, width) for value in values):
-            raise where.error(
+            raise location.error(
                 f"'{signal.name}' can have none of these values; it goes from {low:g} to {high:g} by {signal.scale:g}"
             )
     bounds = (

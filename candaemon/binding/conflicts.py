@@ -12,7 +12,7 @@ from candaemon.errors import ConfigError
 
 
 def check_identifiers(
-    where: SettingLocation,
+    location: SettingLocation,
     ego: BoundEgo | None,
     sensors: Iterable[BoundSensor],
     output: BoundOutput | None,
@@ -21,7 +21,7 @@ def check_identifiers(
     """Find identifiers with two owners on a bus, and output identifiers that another message of the bus has.
 
     Args:
-        where: the configuration's root.
+        location: the configuration's root.
         ego: ego motion.
         sensors: the sensors.
         output: the output.
@@ -37,14 +37,14 @@ def check_identifiers(
         owned = [(i, owners[sensor.bus, i]) for i in sorted(sensor.can_ids) if (sensor.bus, i) in owners]
         if owned:
             bus = sensor.settings.bus
-            errors.append(where.at("sensors", sensor.name).error(f"on bus '{bus}' {_owned(owned)}"))
+            errors.append(location.at("sensors", sensor.name).error(f"on bus '{bus}' {_owned(owned)}"))
         owners.update(((sensor.bus, can_id), f"sensor '{sensor.name}'") for can_id in sensor.can_ids)
     if output is not None:
         known = {(output.bus, can_id): name for can_id, name in _others(ego, sensors, output, on_output_bus)}
         known.update(owners)
         owned = [(i, known[output.bus, i]) for i in sorted(output.can_ids) if (output.bus, i) in known]
         if owned:
-            errors.append(where.at("output").error(f"on bus '{output.settings.bus}' {_owned(owned)}"))
+            errors.append(location.at("output").error(f"on bus '{output.settings.bus}' {_owned(owned)}"))
     return errors
 
 
@@ -76,14 +76,14 @@ def range_warnings(ego: BoundEgo | None, sensors: Iterable[BoundSensor], output:
     for sensor in sensors:
         bound += [
             (layout.shortest, binding.signal)
-            for layout in sensor.reader.parts
+            for layout in sensor.reader.layouts
             for binding in sensor.reader.bindings
             if binding.signal in layout.shortest.signals
         ]
     if ego is not None:
         bound += [(each.message, binding.signal) for each in ego.messages.values() for binding in each.bindings]
     if output is not None:
-        for layout in output.writer.parts:
+        for layout in output.writer.layouts:
             bound += [(layout.shortest, signal) for signal in layout.shortest.signals]
     return [text for message, signal in dict.fromkeys(bound) for text in _range_warning(message, signal)]
 

@@ -13,7 +13,7 @@ from candaemon.errors import ConfigError
 from candaemon.objects.message_layout import MessageLayout
 
 
-def find_message(database: Database, name: str, where: SettingLocation) -> MessageSpec:
+def find_message(database: Database, name: str, location: SettingLocation) -> MessageSpec:
     """Find a message by name.
 
     Raises:
@@ -22,11 +22,11 @@ def find_message(database: Database, name: str, where: SettingLocation) -> Messa
     """
     message = database.messages.get(name)
     if message is None:
-        raise where.error(f"'{database.path.name}' has no message '{name}'; {near_names(name, database.messages)}")
+        raise location.error(f"'{database.path.name}' has no message '{name}'; {near_names(name, database.messages)}")
     return message
 
 
-def find_signal(message: MessageSpec, name: str, where: SettingLocation) -> SignalSpec:
+def find_signal(message: MessageSpec, name: str, location: SettingLocation) -> SignalSpec:
     """Find a signal of a message.
 
     Raises:
@@ -36,11 +36,11 @@ def find_signal(message: MessageSpec, name: str, where: SettingLocation) -> Sign
     signal = message.find(name)
     if signal is None:
         known = [each.name for each in message.signals]
-        raise where.error(f"message '{message.name}' has no signal '{name}'; {near_names(name, known)}")
+        raise location.error(f"message '{message.name}' has no signal '{name}'; {near_names(name, known)}")
     return signal
 
 
-def find_qualified(database: Database, name: str, where: SettingLocation) -> tuple[MessageSpec, SignalSpec]:
+def find_qualified(database: Database, name: str, location: SettingLocation) -> tuple[MessageSpec, SignalSpec]:
     """Find a signal named as MESSAGE.SIGNAL.
 
     Raises:
@@ -51,18 +51,18 @@ def find_qualified(database: Database, name: str, where: SettingLocation) -> tup
     if not dot:
         owners = [message.name for message in database.messages.values() if message.find(name) is not None]
         hint = f"; did you mean '{owners[0]}.{name}'?" if owners else ""
-        raise where.error(f"found '{name}', expected MESSAGE.SIGNAL{hint}")
-    message = find_message(database, message_name, where)
-    return message, find_signal(message, signal_name, where)
+        raise location.error(f"found '{name}', expected MESSAGE.SIGNAL{hint}")
+    message = find_message(database, message_name, location)
+    return message, find_signal(message, signal_name, location)
 
 
-def find_layouts(form: ObjectFormat, database: Database, where: SettingLocation) -> tuple[MessageLayout, ...]:
+def find_layouts(form: ObjectFormat, database: Database, location: SettingLocation) -> tuple[MessageLayout, ...]:
     """Find the messages of an object format.
 
     Args:
         form: the format.
         database: the DBC.
-        where: place of the format in the configuration.
+        location: place of the format in the configuration.
 
     Raises:
         ConfigError: naming every message that the DBC lacks.
@@ -72,7 +72,7 @@ def find_layouts(form: ObjectFormat, database: Database, where: SettingLocation)
     layouts: list[MessageLayout] = []
     numbers = [form.first + form.step * slot for slot in range(1 if form.multiplexed else form.slots)]
     for index, entry in enumerate(form.messages):
-        place = where.at("messages", index)
+        place = location.at("messages", index)
         with collected(errors):
             messages = tuple(find_message(database, entry.named(number), place) for number in numbers)
             id_signal = None
@@ -83,19 +83,19 @@ def find_layouts(form: ObjectFormat, database: Database, where: SettingLocation)
             layouts.append(MessageLayout(index, entry.message, messages, entry.optional, id_signal))
     raise_all(errors)
     if all(layout.optional for layout in layouts):
-        raise where.at("messages").error("every message is optional; one at least must be there for an object")
+        raise location.at("messages").error("every message is optional; one at least must be there for an object")
     return tuple(layouts)
 
 
 def find_in_layouts(
-    layouts: Sequence[MessageLayout], name: str, where: SettingLocation
+    layouts: Sequence[MessageLayout], name: str, location: SettingLocation
 ) -> list[tuple[MessageLayout, SignalSpec]]:
     """Find an object's signal: in every layout that has it, or in the one named before a dot.
 
     Args:
         layouts: the object's messages.
         name: SIGNAL, or PATTERN.SIGNAL with the pattern as configured (`TRACK_A_{slot}.COUNTER`).
-        where: place of the name.
+        location: place of the name.
 
     Raises:
         ConfigError: no layout has it.
@@ -106,17 +106,17 @@ def find_in_layouts(
         chosen = [layout for layout in layouts if layout.pattern == pattern]
         if not chosen:
             patterns = [layout.pattern for layout in layouts]
-            raise where.error(f"'{pattern}' is no message of the object; {near_names(pattern, patterns)}")
-        return [(layout, find_signal(layout.shortest, signal_name, where)) for layout in chosen]
+            raise location.error(f"'{pattern}' is no message of the object; {near_names(pattern, patterns)}")
+        return [(layout, find_signal(layout.shortest, signal_name, location)) for layout in chosen]
     found = [(layout, signal) for layout in layouts if (signal := layout.shortest.find(name)) is not None]
     if not found:
         known = [signal.name for layout in layouts for signal in layout.shortest.signals]
         messages = ", ".join(f"'{layout.shortest.name}'" for layout in layouts)
-        raise where.error(f"no signal '{name}' in {messages}; {near_names(name, known)}")
+        raise location.error(f"no signal '{name}' in {messages}; {near_names(name, known)}")
     return found
 
 
-def check_alike(layout: MessageLayout, signals: Iterable[str], where: SettingLocation) -> None:
+def check_alike(layout: MessageLayout, signals: Iterable[str], location: SettingLocation) -> None:
     """Check that every slot's message carries the signals alike, so that one codec serves all.
 
     Messages may be longer than the shortest: Toyota's first eight tracks are.
@@ -130,7 +130,7 @@ def check_alike(layout: MessageLayout, signals: Iterable[str], where: SettingLoc
     for message in layout.messages:
         cut = message if message.length == shortest.length else replace(message, length=shortest.length)
         if cut is not shortest and not same_layout(shortest, cut, names):
-            raise where.at("messages", layout.index).error(
+            raise location.at("messages", layout.index).error(
                 f"message '{message.name}' lays its signals out otherwise than '{shortest.name}' "
                 f"(of {', '.join(names)}); all slots of a format must be alike"
             )

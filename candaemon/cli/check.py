@@ -125,7 +125,7 @@ def _sensor(binding: Binding, sensor: BoundSensor) -> Iterator[Sheet]:
         ("mount", f"x {mount.x:g} m, y {mount.y:g} m, yaw {mount.yaw_deg:g}°"),
         ("scans", f"{1 / settings.cycle_time:.4g} Hz, closed {_closing(settings.scan)}"),
         ("time-out", f"{settings.timeout:g} s after a scan's first frame"),
-        *_format(settings.objects, sensor.reader.parts),
+        *_format(settings.objects, sensor.reader.layouts),
         *_protections(settings.objects, settings.protection),
         ("failed frames", f"over {settings.protection.max_failed:.0%} of a scan discard it"),
         ("plausible", _plausible(sensor)),
@@ -134,7 +134,7 @@ def _sensor(binding: Binding, sensor: BoundSensor) -> Iterator[Sheet]:
     yield Sheet(f"{settings.kind} {sensor.name}", tuple(rows))
     bound = [
         (part.shortest, each)
-        for part in sensor.reader.parts
+        for part in sensor.reader.layouts
         for each in sensor.reader.bindings
         if each.signal in part.shortest.signals
     ]
@@ -161,7 +161,7 @@ def _format(form: ObjectFormat, parts: Iterable[MessageLayout]) -> Iterator[tupl
 
 def _output(binding: Binding, output: BoundOutput) -> Iterator[Sheet]:
     settings, bus = output.settings, binding.buses[output.bus]
-    parts = output.writer.parts
+    parts = output.writer.layouts
     frames = output.writer.slots * len(parts) + (output.status is not None)
     rows = [
         ("bus", settings.bus),

@@ -19,7 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "names",
         nargs="*",
         metavar="NAME",
-        help="paper (000 to 004) or experiment (000-table-1; --list tells them); default: all",
+        help="paper (000 to 004, or its first author: han, avatirak, kim-hong, zhang, gao) or experiment (000-table-1; "
+        "--list tells them); default: all",
     )
     parser.add_argument("--runs", type=count, default=100, metavar="N", help="Monte Carlo runs of each; default: 100")
     parser.add_argument("--seed", type=whole, default=1, metavar="N", help="of all random numbers; default: 1")

@@ -223,9 +223,9 @@ class InformationEstimatorSettings(_InteractingSettings):
 class SwitchingEstimatorSettings(FirstAcceleration, SwitchingSettings):
     """Constant velocity or current statistical model, as the recent change of speed demands: one at a time, no weights.
 
-    Zhang et al. follow a vehicle's own track of one fix a second, with T1 = 10 s and T2 = 20 s. An obstacle that brakes
-    has to be followed within a second, and a radar's range rate shows it so soon: so interval and times are shorter,
-    and the threshold, which is a change over the interval, is lower with them.
+    Zhang et al. 2016 follow a vehicle's own track of one fix a second, with T1 = 10 s and T2 = 20 s. An obstacle that
+    brakes has to be followed within a second, and a radar's range rate shows it so soon: so interval and times are
+    shorter, and the threshold, which is a change over the interval, is lower with them.
     """
 
     noise: SteadyNoise = 0.1

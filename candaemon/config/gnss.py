@@ -21,7 +21,10 @@ class DriftFilterSettings(Settings):
 
 
 class SwitchingFilterSettings(SwitchingSettings):
-    """Constant velocity or current statistical model on the fixes alone, switched by change of speed (Zhang et al.)."""
+    """Constant velocity or current statistical model on the fixes alone, switched by change of speed.
+
+    Source: Zhang et al. 2016.
+    """
 
     first_acceleration: float = Field(
         1.0, gt=0, le=20, description="m/s², standard deviation of the first acceleration"

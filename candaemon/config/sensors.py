@@ -181,7 +181,7 @@ class FieldOfView(Settings):
 
 
 class LfmFskSettings(Settings):
-    """A radar front end with two intertwined chirps (LFM-FSK), as Avatirak et al. name it; used by the simulation only.
+    """A radar front end with two intertwined chirps (LFM-FSK, Avatirak et al. 2012); used by the simulation only.
 
     The defaults resolve 1 m and 0.39 m/s and are unambiguous up to 261 m.
     """

@@ -1,4 +1,4 @@
-"""Switching between constant velocity and the current statistical model (Zhang et al.), for ego and obstacles."""
+"""Switching between constant velocity and the current statistical model (Zhang et al. 2016), for ego and obstacles."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SteadyTime = Annotated[float, Field(ge=0, le=600, description="s, T2, without ch
 
 
 class SwitchingSettings(Settings):
-    """The two models and when they change; the values suit the vehicle's own track, as in Zhang et al."""
+    """The two models and when they change; the values suit the vehicle's own track, as in Zhang et al. 2016."""
 
     kind: Literal["switching"]
     noise: SteadyNoise = 0.5

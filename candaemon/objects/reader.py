@@ -90,7 +90,7 @@ class ObjectReader:
         identity: Row | None,
     ) -> None:
         self.slots, self.multiplexed, self.routes = slots, multiplexed, routes
-        self.parts = tuple(reader.layout for reader in readers)
+        self.layouts = tuple(reader.layout for reader in readers)
         self.bindings = tuple(binding for reader in readers for binding in reader.bindings)
         self.quantities = tuple(binding.quantity for binding in self.bindings)
         self._readers = tuple(readers)
@@ -98,7 +98,7 @@ class ObjectReader:
         self._has_new = any(reader.new for reader in readers)
         self._keys = [
             None if each.id_signal is None else compile_field_reader(each.shortest, each.id_signal)
-            for each in self.parts
+            for each in self.layouts
         ]
 
     @property
@@ -106,9 +106,9 @@ class ObjectReader:
         """Whether every object is reported as new in its slot or not, by messages that cannot be missing."""
         return self._has_new and not any(reader.new and reader.layout.optional for reader in self._readers)
 
-    def object_key(self, part: int, data: bytes) -> int:
+    def object_key(self, layout: int, data: bytes) -> int:
         """Read the object id from a payload of a multiplexed format, 0 where there is only one object."""
-        key = self._keys[part]
+        key = self._keys[layout]
         return 0 if key is None else key(data)
 
     def read(self, columns: Sequence[Column]) -> ObjectBatch:
@@ -174,7 +174,7 @@ class ObjectReader:
             (first, first_row), *others = self._pairs
             for layout, row in others:
                 equal = raws[first][first_row] == raws[layout][row]
-                if self.parts[layout].optional:
+                if self.layouts[layout].optional:
                     equal |= np.array([payload is None for payload in columns[layout]], np.bool_)
                 equalities.append(equal)
         return _all_of(equalities, n)

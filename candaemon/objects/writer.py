@@ -157,7 +157,7 @@ class ObjectWriter:
         data_ids: int,
         writers: Sequence[LayoutWriter],
     ) -> None:
-        self.slots, self.parts, self.quantities = slots, tuple(layouts), tuple(quantities)
+        self.slots, self.layouts, self.quantities = slots, tuple(layouts), tuple(quantities)
         self.data_ids = data_ids
         self.saturated = 0
         self._writers = tuple(writers)

@@ -85,4 +85,4 @@ class OutputDecoder:
 
     def _clear(self) -> None:
         """Discard the frames of the cycle."""
-        self._payloads = [[None] * self._reader.slots for _ in self._reader.parts]
+        self._payloads = [[None] * self._reader.slots for _ in self._reader.layouts]

@@ -18,12 +18,12 @@ DT = 0.05
 """s between two measurements."""
 RANGE, AZIMUTH, RANGE_RATE = 0.25, radians(0.5), 0.12
 """Standard deviations of the noise: m, rad, m/s."""
-_SETTLING = 20
+_CONVERGED_AFTER = 20
 _SPEED_ACROSS = 8.0
 _PARTS = 50
 _AT_REST = np.zeros(2)
 _MEASURES = (("position in the plane", "m", True), ("velocity in the plane", "m/s", True), ("mean NIS", "1", False))
-"""What is told, the unit, and whether it is an error."""
+"""Quantity of a row, its unit, and whether it is an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ def _measured(truth: Floats, runs: int, rng: np.random.Generator) -> Floats:
 
 
 def _measurement(polar: Floats) -> Measurement:
-    """Return what a filter is told of range, azimuth and range rate, (3, runs)."""
+    """Return the measured range, azimuth and range rate that a filter gets, (3, runs)."""
     distance, azimuth, rate = polar
     sight, runs = _sight(azimuth), len(distance)
     spread = np.zeros((runs, 2, 2))
@@ -134,7 +134,7 @@ def _figures(imm: Imm, truth: Floats, measured: Floats) -> tuple[float, float, f
     for k in range(1, len(truth)):
         imm.predict(DT, direction)
         fit = imm.update(every, _measurement(measured[k]))
-        if k >= _SETTLING:
+        if k >= _CONVERGED_AFTER:
             errors.append(imm.combined()[0][:, :4] - truth[k])
             nis.append(fit)
     squared = np.square(errors).mean(axis=(0, 1))

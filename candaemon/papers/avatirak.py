@@ -62,15 +62,15 @@ def _table_1(runs: int, seed: int, advance: Advance) -> Result:
     drawn: list[Figure] = []
     total = sum(case.turn.duration for case in _CASES)
     for case in _CASES:
-        told, figure = _compared(case, runs, rng, _share(advance, case.turn.duration / total))
-        rows += told
+        compared, figure = _compared(case, runs, rng, _share(advance, case.turn.duration / total))
+        rows += compared
         drawn.append(figure)
     return Result(tuple(rows), tuple(drawn))
 
 
 def _share(advance: Advance, share: float) -> Advance:
-    """Return the progress of a part that is such a share of the whole."""
-    return lambda part: advance(part * share)
+    """Return the progress callback of a step that is such a share of the whole."""
+    return lambda done: advance(done * share)
 
 
 def _compared(case: _TurnCase, runs: int, rng: np.random.Generator, advance: Advance) -> tuple[list[Row], Figure]:

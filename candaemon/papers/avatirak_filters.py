@@ -27,7 +27,7 @@ _CYCLE = 5
 
 
 def first_motion(measured: Floats) -> Trilateration:
-    """Return the motion (runs, …) that the first measurements (steps, runs, s, 3) tell by themselves."""
+    """Return the motion (runs, …) that the first measurements (steps, runs, s, 3) give by themselves."""
     return trilaterate(measured[0], np.diag(_VARIANCES), SENSORS, FORWARD)
 
 
@@ -104,7 +104,7 @@ def _relative(mean: Floats, travelled: Floats) -> Floats:
 
 
 def by_default(states: Floats, covariances: Floats) -> Floats:
-    """Track with the default estimator what MLKF and trilateration tell every 10 ms as the places of objects.
+    """Track with the default estimator the positions that MLKF and trilateration give every 10 ms.
 
     Args:
         states: of MLKF (samples, runs, 6).

@@ -9,7 +9,7 @@ from typing import TypeAlias
 from candaemon.arrays import Floats
 
 Advance: TypeAlias = Callable[[float], None]
-"""Told the share of an experiment that was done since the last call; the shares sum to one."""
+"""Called with the share of an experiment that was done since the last call; the shares sum to one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Row:
         printed: the paper's figure; None where it prints none.
         here: measured here.
         default: the default estimator on the same measurements; None where it does not apply.
-        bound: what a filter reaches that is told when the target manoeuvres; None where it does not apply.
+        bound: what a filter reaches that knows when the target manoeuvres; None where it does not apply.
         error: whether the figures are errors, so that the smaller is the better.
     """
 

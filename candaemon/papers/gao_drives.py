@@ -21,7 +21,7 @@ _MEASURES = (
     *((quantity, unit, True) for quantity, unit, _ in QUANTITIES),
     *((f"variance of {quantity}", squared, False) for quantity, _, squared in QUANTITIES),
 )
-"""What the tables tell, the unit, and whether it is an error."""
+"""Quantity of a table's row, its unit, and whether it is an error."""
 
 
 @dataclass(frozen=True, slots=True)

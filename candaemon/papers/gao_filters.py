@@ -25,7 +25,7 @@ from candaemon.papers.tracking import default_estimator
 DT = 0.01
 """s, Δt: 100 Hz."""
 NOMINAL = (0.03, 0.1)
-"""R of lidar and radar as the filters are told, of each component, in its own unit squared."""
+"""R of lidar and radar as the filters assume it, of each component, in its own unit squared."""
 SENSORS = ("lidar", "radar")
 QUANTITIES = (("displacement", "m", "m²"), ("velocity", "m/s", "(m/s)²"), ("acceleration", "m/s²", "(m/s²)²"))
 """The components, their units, and those of their variances."""
@@ -58,7 +58,7 @@ class SensorRecording:
         across: position and velocity on the other axis, where the vehicle does not move, (2, steps, runs, 2): the
             daemon's filter is one of the plane.
         variance: true variance of the noise, the same for all components, (2, steps).
-        start: state that the filters are told to begin with, (3,); its covariance P₀ is the unit matrix.
+        start: state that the filters begin with, (3,); its covariance P₀ is the unit matrix.
         process: Q that suits a motion whose acceleration varies, (3, 3); None: it is constant.
     """
 
@@ -105,7 +105,7 @@ class Outcome:
     Attributes:
         methods: of each method of the table.
         default: of the daemon's default estimator.
-        bound: of a centralised filter that is told the true start and R of each instant. Where the acceleration is
+        bound: of a centralised filter that knows the true start and R of each instant. Where the acceleration is
             constant its Q is zero; else it is the one that suits, and this a reference, no strict bound.
         adaptation: of the joint filter of the paper.
     """
@@ -117,7 +117,7 @@ class Outcome:
 
 
 def filtered(recording: SensorRecording, advance: Advance) -> Outcome:
-    """Run all methods; `advance` is told the shares of the whole as they are done."""
+    """Run all methods; `advance` is called with the shares of the whole as they are done."""
     estimates: list[Floats] = []
     for sensor in range(len(SENSORS)):
         estimates += [conventional(recording, sensor), adaptive(recording, sensor)]
@@ -184,7 +184,7 @@ def joint(
 
 
 def bound(recording: SensorRecording) -> Floats:
-    """Return what one filter makes of both sensors that is told the true start, R of each instant, and Q."""
+    """Return what one filter makes of both sensors that knows the true start, R of each instant, and Q."""
     sensors, steps, runs, _ = recording.measured.shape
     process = np.zeros((3, 3)) if recording.process is None else recording.process
     first = np.linalg.solve(_TRANSITION, recording.truth[0].T).T  # `start` is wrong in most of a sweep

@@ -64,7 +64,7 @@ def acceleration_sweep(runs: int, seed: int, advance: Advance, accelerations: Fl
         recording = record(truth, variance, _START, truth.shape[1], random)
         outcome = filtered(recording, lambda share: advance(share / len(batches)))
         found.append({method: _by_value(estimates - truth, runs) for method, estimates in _all(outcome).items()})
-    errors = {method: np.concatenate([part[method] for part in found]) for method in found[0]}
+    errors = {method: np.concatenate([each[method] for each in found]) for method in found[0]}
     figure = sweep_figure(
         "004-acceleration-sweep", "Errors over the acceleration", "acceleration, m/s²", accelerations, errors
     )
@@ -91,8 +91,8 @@ def _rows(errors: Mapping[str, Floats], printed: tuple[tuple[float, ...], tuple[
     rows = []
     for case, figures in (("largest of the sweep", printed[0]), ("average of the sweep", printed[1])):
         over = np.max if case.startswith("largest") else np.mean
-        told = {method: over(error, axis=0).tolist() for method, error in errors.items()}
-        default, bound = told.pop(_DEFAULT), told.pop(_BOUND)
+        errors_of = {method: over(error, axis=0).tolist() for method, error in errors.items()}
+        default, bound = errors_of.pop(_DEFAULT), errors_of.pop(_BOUND)
         for q, (quantity, unit, _) in enumerate(QUANTITIES):
             rows += [
                 Row(
@@ -105,6 +105,6 @@ def _rows(errors: Mapping[str, Floats], printed: tuple[tuple[float, ...], tuple[
                     default[q],
                     bound[q],
                 )
-                for method, here in told.items()
+                for method, here in errors_of.items()
             ]
     return tuple(rows)

@@ -86,8 +86,8 @@ def _table_1(runs: int, seed: int, advance: Advance) -> Result:
     for variance in _VARIANCES:
         for name, (path, printed) in _MOTIONS.items():
             case = _MotionCase(f"{name}, noise variance {variance:g}", path, variance, printed)
-            told, estimates = _compared(case, runs, rng)
-            rows += told
+            compared, estimates = _compared(case, runs, rng)
+            rows += compared
             if variance == _VARIANCES[0]:
                 drawn += figures(f"000-{name.replace(' ', '-')}", name.capitalize(), path, estimates)
             advance(1 / (len(_VARIANCES) * len(_MOTIONS)))

@@ -9,7 +9,7 @@ The JSON is an object with
   - `name`, `paper`, `title`: texts, such as '000-table-1', '000',
   - `choices`: texts: what the paper leaves open or misprints, and what was chosen,
   - `rows`: a list of objects, a figure of the table each, with the texts `case`, `quantity`, `unit`, `method` and the
-    numbers `printed` (the paper's), `here`, `default` (the default estimator), `bound` (told when the target
+    numbers `printed` (the paper's), `here`, `default` (the default estimator), `bound` (which knows when the target
     manoeuvres); a number that there is none of, or that is not finite, is null; and `error`: whether the numbers are
     errors, of which the smaller is the better.
 
@@ -28,7 +28,7 @@ from candaemon.papers.experiment import Experiment, Result, Row
 
 
 def to_json(results: Iterable[tuple[Experiment, Result]], runs: int, seed: int) -> str:
-    """Return results as JSON text; the module's docstring tells its keys."""
+    """Return results as JSON text; the module's docstring lists its keys."""
     experiments = [
         {
             "name": experiment.name,

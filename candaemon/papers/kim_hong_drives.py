@@ -73,10 +73,10 @@ def drive(start: tuple[float, float], turns: Turns) -> TurnDrive:
 
 
 def bound(drive: TurnDrive, deviation: float, speed_spread: float) -> Floats:
-    """Return the Cramér-Rao bound of who is told when, and how much on average, the target turns.
+    """Return the Cramér-Rao bound of a filter that knows when, and how much on average, the target turns.
 
     That is the covariance of the extended Kalman filter without process noise, linearised at the truth. A filter
-    so told linearises at its estimates, which without process noise loses the target in turns so long.
+    with that knowledge linearises at its estimates, which without process noise loses the target in turns so long.
 
     Args:
         drive: the truth.

@@ -17,14 +17,14 @@ from candaemon.papers.tracking import default_estimator, follow_smoothed, rmse
 
 DT = 0.1
 """s between two measurements."""
-SETTLING = 20
+CONVERGED_AFTER = 20
 """Steps at the start that are not counted."""
 LAG_NS = 1_000_000_000
 """How long an instant is smoothed."""
 VARIANCE = 1.0
 """Of the noise of a measured position, m²."""
 _SPEED_VARIANCE = 400.0
-_TOLD = (("position x", "m", 0), ("velocity x", "m/s", 2))
+_REPORTED = (("position x", "m", 0), ("velocity x", "m/s", 2))
 
 
 def _along(pieces: Pieces, speed: float) -> ProfileMotion:
@@ -70,13 +70,13 @@ def _tracked(imm: Imm, truth: ProfileMotion, measured: Floats) -> _Tracked:
 
 
 def _errors(estimates: Floats, truth: ProfileMotion) -> Floats:
-    return rmse(estimates[SETTLING:], truth.state[SETTLING:])
+    return rmse(estimates[CONVERGED_AFTER:], truth.state[CONVERGED_AFTER:])
 
 
 def _rows(case: str, when: str, here: Floats, default: Floats, best: Sequence[float | None]) -> list[Row]:
     return [
         Row(case, f"{quantity}{when}", unit, "IMM", None, float(here[c]), float(default[c]), best[c])
-        for quantity, unit, c in _TOLD
+        for quantity, unit, c in _REPORTED
     ]
 
 

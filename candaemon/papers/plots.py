@@ -22,7 +22,7 @@ _PANEL_HEIGHT_IN = 2.6
 _PATH_HEIGHT_IN = 4.0
 _Y_LABEL_LETTERS = 28  # what a panel's height has room for
 
-# Okabe and Ito's, which colour-blind eyes tell apart; a seventh curve is the first colour again, dashed
+# Okabe and Ito's, which colour-blind eyes distinguish; a seventh curve is the first colour again, dashed
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 _DASHES = ("-", "--", ":")
 

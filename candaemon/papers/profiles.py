@@ -56,7 +56,7 @@ def motion(dt: float, along_x: Pieces, along_y: Pieces, velocity: tuple[float, f
 
 
 def bound(motion: ProfileMotion, measured: Floats, deviation: float, spread: float) -> Floats:
-    """Track each axis as one who is told when, and by how much on average, its acceleration changes, and no more of it.
+    """Track each axis knowing when, and by how much on average, its acceleration changes, and no more of it.
 
     From one change to the next the Kalman filter's model is exact: constant acceleration without noise. At a change the
     acceleration becomes unknown again. No causal filter that begins with as much, and must find the changes itself,
@@ -78,12 +78,14 @@ def bound(motion: ProfileMotion, measured: Floats, deviation: float, spread: flo
         usual = float(np.square(motion.state[:, 4 + axis]).mean())
         mean = np.tile([0.0, first_velocity[axis], 0.0], (measured.shape[1], 1))
         covariance = np.diag([spread**2, spread**2, usual])
-        told = _told(motion.dt, measured[..., axis], deviation**2, mean, covariance, motion.opening[:, axis])
-        estimates[..., axis::2] = told
+        informed = _informed(motion.dt, measured[..., axis], deviation**2, mean, covariance, motion.opening[:, axis])
+        estimates[..., axis::2] = informed
     return estimates
 
 
-def _told(dt: float, measured: Floats, variance: float, mean: Floats, covariance: Floats, opening: Booleans) -> Floats:
+def _informed(
+    dt: float, measured: Floats, variance: float, mean: Floats, covariance: Floats, opening: Booleans
+) -> Floats:
     """Filter an axis (steps, runs) from means (runs, 3), which share a covariance (3, 3), as `bound` says."""
     transition, usual = white_axis(dt, 0.0, order=2).transition, covariance[2, 2]
     estimates = np.empty((*measured.shape, 3))

@@ -23,7 +23,7 @@ def range_ekf(
 
     Source: Avatirak et al. 2012, eqs. (13), (14), (15), (16), (17), (18), (19).
 
-    With no process noise the filter believes the acceleration constant for ever; that it is not is what it errs by.
+    With no process noise the filter models the acceleration as constant, so that changes of it are its error.
 
     Args:
         ranges: measured (steps, runs, s), m.
@@ -32,7 +32,7 @@ def range_ekf(
         dt: s between two steps.
         first: [x, y, vx, vy, ax, ay] at the first step, (runs, 6), m, m/s, m/s².
         every: one estimate is returned for so many steps.
-        advance: told the share of the runs that was done since the last call.
+        advance: called with the share of the runs that was done since the last call.
 
     Returns:
         Estimates (steps // every, runs, 6), the first one of step `every` − 1.

@@ -31,7 +31,7 @@ def choose(names: Sequence[str]) -> tuple[Experiment, ...]:
         names: of experiments, '000-table-1', or of papers, '000' or 'han', which stand for all of theirs; none: all.
 
     Raises:
-        ConfigError: a name is neither; tells those there are and the nearest.
+        ConfigError: a name is neither; the message lists the known ones and the nearest.
     """
     known = list(dict.fromkeys([each.paper for each in EXPERIMENTS] + [each.name for each in EXPERIMENTS]))
     names = [AUTHORS.get(name, name) for name in names]

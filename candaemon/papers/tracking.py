@@ -22,7 +22,7 @@ QUANTITIES = (
     ("acceleration x", "m/s²"),
     ("acceleration y", "m/s²"),
 )
-"""What is estimated, and its units, in the order of the told state."""
+"""What is estimated, and its units, in the order of the reported state."""
 _AT_REST = np.zeros(2)
 
 

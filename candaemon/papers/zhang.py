@@ -105,7 +105,7 @@ def _statistical(along: Floats) -> _SwitchRun:
 
 
 def _switched(along: Floats) -> _SwitchRun:
-    """Track with the paper's algorithm; the manoeuvre is the share of the runs in which it tells CSM."""
+    """Track with the paper's algorithm; the manoeuvre is the share of the runs in which it reports CSM."""
     steps, runs = along.shape
     switch = CvCsmSwitch(1, _CV_NOISE, _STATISTICAL, _RULE)
     switch.spawn(np.tile([0.0, _SPEED, 0.0], (runs, 1, 1)), np.tile(_FIRST_VARIANCE * np.eye(3), (runs, 1, 1, 1)))
@@ -131,7 +131,7 @@ def _interacting(measured: Floats) -> _SwitchRun:
 
 
 def _plane(imm: Imm, measured: Floats, before: Callable[[int, FilterBank], None] | None = None) -> Floats:
-    """Track in the plane, of which y is noise alone, and return what is told of x, (steps, runs, 2)."""
+    """Track in the plane, of which y is noise alone, and return the estimates of x, (steps, runs, 2)."""
     noise, velocity_noise = _DEVIATION**2 * np.eye(2), _FIRST_VARIANCE * np.eye(2)
     return follow(imm, _DT, measured, noise, _VELOCITY, velocity_noise, before)[..., 0:3:2]
 

@@ -10,7 +10,7 @@ from candaemon.ego.georeference import Georeferencer
 from candaemon.ego.motion import EgoMotion
 from candaemon.ego.motion_plausibility import MotionPlausibility, MotionPlausibilityState
 from candaemon.pipeline.cycle import PipelineCounts
-from candaemon.protection.monitor import FrameGuard, GuardState
+from candaemon.protection.monitor import FrameMonitor, FrameMonitorState
 
 
 @dataclass(slots=True)
@@ -18,11 +18,11 @@ class EgoFramesState:
     """What is remembered of one message's frames.
 
     Attributes:
-        guard: of their counters and rate; None where they need no guard.
+        monitor: of their counters and rate; None where they are not monitored.
         plausibility: of their values.
     """
 
-    guard: GuardState | None
+    monitor: FrameMonitorState | None
     plausibility: MotionPlausibilityState
 
 
@@ -46,7 +46,7 @@ class EgoFrames:
         self._decode, self._names = message.decode, message.quantities
         self._length, self._can_id, self._bus = message.message.length, message.message.can_id, ego.bus
         self._consumers = [each for each in consumers if not each.wanted.isdisjoint(message.quantities)]
-        self._guard = None if message.guard is None else FrameGuard(message.guard, counts.ego_motion)
+        self._monitor = None if message.monitor is None else FrameMonitor(message.monitor, counts.ego_motion)
         self._plausibility = MotionPlausibility(message, ego.settings.plausibility, counts.ego_motion)
         self._counts = counts
 
@@ -57,21 +57,21 @@ class EgoFrames:
         Raises:
             ValueError: a state that is set does not fit the message.
         """
-        return EgoFramesState(None if self._guard is None else self._guard.state, self._plausibility.state)
+        return EgoFramesState(None if self._monitor is None else self._monitor.state, self._plausibility.state)
 
     @state.setter
     def state(self, state: EgoFramesState) -> None:
-        if (self._guard is None) != (state.guard is None):
+        if (self._monitor is None) != (state.monitor is None):
             raise ValueError("other frame guards than the configuration's")
-        if self._guard is not None and state.guard is not None:
-            self._guard.state = state.guard
+        if self._monitor is not None and state.monitor is not None:
+            self._monitor.state = state.monitor
         self._plausibility.state = state.plausibility
 
     def count_into(self, counts: PipelineCounts) -> None:
         """Count frames that fail in other counts from here on."""
         self._counts, self._plausibility.faults = counts, counts.ego_motion
-        if self._guard is not None:
-            self._guard.faults = counts.ego_motion
+        if self._monitor is not None:
+            self._monitor.faults = counts.ego_motion
 
     def receive(self, _part: int, _slot: int, data: bytes, time_ns: int) -> None:
         """Take a frame."""
@@ -80,7 +80,7 @@ class EgoFrames:
             self._counts.ego_motion_short += 1
             self._counts.buses[self._bus].short += 1
             return
-        if self._guard is not None and not self._guard.admits(self._can_id, data, time_ns):
+        if self._monitor is not None and not self._monitor.admits(self._can_id, data, time_ns):
             return
         if self._consumers and not self._plausibility.admits(time_ns, values):
             return

@@ -39,7 +39,7 @@ class FrameFaults:
 
 
 @dataclass(frozen=True, slots=True)
-class GuardPlan:
+class FrameMonitorSettings:
     """What frames of some messages must be to be used.
 
     Attributes:
@@ -88,28 +88,28 @@ class MessageSequence:
 
 
 @dataclass(slots=True)
-class GuardState:
-    """What a frame guard remembers: the sequence of each message, by its CAN id."""
+class FrameMonitorState:
+    """State of a frame monitor: the sequence of each message, by its CAN id."""
 
     sequences: dict[int, MessageSequence] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
-class FrameGuard:
-    """Judges frames by a plan: checksum, then silence, counter and rate.
+class FrameMonitor:
+    """Monitor of the frames of some messages: checksum, then silence, counter and rate.
 
     The rate is a leaky bucket (the generic cell rate algorithm of ITU-T I.371): jitter of a cycle passes, a babbling
     sender does not.
 
     Args:
-        plan: what is asked of them.
+        settings: what frames must be to be used.
         faults: where those that fail are counted; the owner's.
         state: what it remembers.
     """
 
-    plan: GuardPlan
+    settings: FrameMonitorSettings
     faults: FrameFaults
-    state: GuardState = field(default_factory=GuardState)
+    state: FrameMonitorState = field(default_factory=FrameMonitorState)
 
     def admits(self, can_id: int, data: bytes, time_ns: int) -> bool:
         """Return whether a frame may be used; one that may not is counted.
@@ -119,46 +119,46 @@ class FrameGuard:
             data: payload, not shorter than its message.
             time_ns: time stamp, not before that of the frame before.
         """
-        plan = self.plan
-        if plan.protector is not None and not plan.protector.verify(can_id, data):
+        settings = self.settings
+        if settings.protector is not None and not settings.protector.verify(can_id, data):
             self.faults.checksum += 1
             return False
-        if not plan.watches:
+        if not settings.watches:
             return True
         sequence = self.state.sequences.get(can_id)
         if sequence is None:
             sequence = self.state.sequences[can_id] = MessageSequence(time_ns, time_ns)
-        if time_ns - sequence.used_ns > plan.timeout_ns:
+        if time_ns - sequence.used_ns > settings.timeout_ns:
             self.faults.timeouts += 1
             sequence.used_ns, sequence.counter, sequence.settling = time_ns, None, 0
-        if plan.counter is not None and not self._follows(sequence, plan.counter(data)):
+        if settings.counter is not None and not self._follows(sequence, settings.counter(data)):
             return False
-        if plan.spacing_ns:
-            if time_ns < sequence.due_ns - plan.slack_ns:
+        if settings.spacing_ns:
+            if time_ns < sequence.due_ns - settings.slack_ns:
                 self.faults.too_fast += 1
                 return False
-            sequence.due_ns = max(sequence.due_ns, time_ns) + plan.spacing_ns
+            sequence.due_ns = max(sequence.due_ns, time_ns) + settings.spacing_ns
         sequence.used_ns = time_ns
         return True
 
     def _follows(self, sequence: MessageSequence, counter: int) -> bool:
         """Return whether a counter follows the one before it."""
-        plan, faults = self.plan, self.faults
-        if counter >= plan.counter_values:  # no value that it goes through: nothing follows from it
+        settings, faults = self.settings, self.faults
+        if counter >= settings.counter_values:  # no value that it goes through: nothing follows from it
             faults.jumped += 1
             return False
         before, sequence.counter = sequence.counter, counter
         if before is None:
             return True
-        step = (counter - before) % plan.counter_values
+        step = (counter - before) % settings.counter_values
         if step == 0:
             faults.repeated += 1
             return False
-        if step <= plan.max_step or plan.use_jumps:
+        if step <= settings.max_step or settings.use_jumps:
             faults.lost += step - 1
             sequence.settling = max(sequence.settling - 1, 0)
         else:
-            sequence.settling = plan.settle
+            sequence.settling = settings.settle
         if sequence.settling:
             faults.jumped += 1
         return not sequence.settling

@@ -30,7 +30,7 @@ import numpy as np
 from candaemon.binding.bound import BoundSensor
 from candaemon.frames.times import LONG_AGO_NS, NEVER_NS
 from candaemon.objects.object_batch import ObjectBatch
-from candaemon.protection.monitor import FrameGuard, GuardState
+from candaemon.protection.monitor import FrameMonitor, FrameMonitorState
 from candaemon.radar.frame_validity import FrameValidity, FrameValidityState
 from candaemon.radar.plausibility import ObjectPlausibilityState, count_keys
 from candaemon.radar.scan import Scan, ScanCounts
@@ -52,8 +52,8 @@ class AssemblerState:
 
     Attributes:
         counts: what became of the frames.
-        guards: of each part, None where its frames need no guard.
-        mark_guard: of the header or trigger, None where it needs none.
+        monitors: of each part, None where its frames are not monitored.
+        mark_monitor: of the header or trigger, None where it needs none.
         validity: of the valid-frame ratio.
         plausibility: of the objects.
         expected: of each part, whether its frames are awaited. An optional message is awaited if the scan before had
@@ -71,8 +71,8 @@ class AssemblerState:
     """
 
     counts: ScanCounts
-    guards: list[GuardState | None]
-    mark_guard: GuardState | None
+    monitors: list[FrameMonitorState | None]
+    mark_monitor: FrameMonitorState | None
     validity: FrameValidityState
     plausibility: ObjectPlausibilityState
     expected: list[bool]
@@ -110,16 +110,16 @@ class ScanAssembler(ABC):
         self._latency_ns = round(settings.latency * 1e9)
         self._from_last = settings.time_from == "last"
         self._half_cycle_ns = round(settings.cycle_time * 5e8)
-        self._messages = [[(message.can_id, message.length) for message in part.messages] for part in reader.parts]
+        self._messages = [[(message.can_id, message.length) for message in part.messages] for part in reader.layouts]
         # Some radars give the last slots shorter frames: here the least, to read a counter; `_admit` knows each.
-        self._lengths = [min(message.length for message in part.messages) for part in reader.parts]
-        self._alike = [len({message.length for message in part.messages}) == 1 for part in reader.parts]
-        self._guards = [None if plan is None else FrameGuard(plan, counts) for plan in sensor.guards]
-        self._mark_guard = None if sensor.mark_guard is None else FrameGuard(sensor.mark_guard, counts)
+        self._lengths = [min(message.length for message in part.messages) for part in reader.layouts]
+        self._alike = [len({message.length for message in part.messages}) == 1 for part in reader.layouts]
+        self._monitors = [None if each is None else FrameMonitor(each, counts) for each in sensor.monitors]
+        self._mark_monitor = None if sensor.mark_monitor is None else FrameMonitor(sensor.mark_monitor, counts)
         self._validity = FrameValidity(settings.protection, counts, longest_gap=2 * settings.cycle_time)
         self._selection = Selection(sensor, counts)
-        self._required = [part.index for part in reader.parts if not part.optional]
-        self._optional = [part.index for part in reader.parts if part.optional]
+        self._required = [part.index for part in reader.layouts if not part.optional]
+        self._optional = [part.index for part in reader.layouts if part.optional]
         self._every_slot = np.arange(reader.slots, dtype=np.int64)
         self._every_slot.flags.writeable = False  # scans share it
         self._slot_list = list(range(reader.slots))
@@ -127,12 +127,12 @@ class ScanAssembler(ABC):
         self._keys = count_keys(sensor)
         self._state = AssemblerState(
             counts,
-            [None if guard is None else guard.state for guard in self._guards],
-            None if self._mark_guard is None else self._mark_guard.state,
+            [None if monitor is None else monitor.state for monitor in self._monitors],
+            None if self._mark_monitor is None else self._mark_monitor.state,
             self._validity.state,
             self._selection.plausibility.state,
-            [True] * len(reader.parts),
-            [{} for _ in reader.parts],
+            [True] * len(reader.layouts),
+            [{} for _ in reader.layouts],
         )
         self.routes: Mapping[int, Route] = self._all_routes()
 
@@ -172,9 +172,11 @@ class ScanAssembler(ABC):
     def state(self, state: AssemblerState) -> None:
         self._require_fit(state)
         self._state = state
-        for guard, of_guard in zip((*self._guards, self._mark_guard), (*state.guards, state.mark_guard), strict=True):
-            if guard is not None and of_guard is not None:
-                guard.faults, guard.state = state.counts, of_guard
+        for monitor, of_monitor in zip(
+            (*self._monitors, self._mark_monitor), (*state.monitors, state.mark_monitor), strict=True
+        ):
+            if monitor is not None and of_monitor is not None:
+                monitor.faults, monitor.state = state.counts, of_monitor
         self._validity.counts, self._validity.state = state.counts, state.validity
         self._selection.counts = self._selection.plausibility.counts = state.counts
         self._selection.plausibility.state = state.plausibility
@@ -196,12 +198,12 @@ class ScanAssembler(ABC):
 
     @property
     def takes_all_alike(self) -> bool:
-        """Whether each frame of an object's slot is taken as it is: of one length, unguarded, awaited."""
+        """Whether each frame of an object's slot is taken as it is: of one length, unmonitored, awaited."""
         return all(receive == self.receive for receive, _, _ in self.routes.values())
 
     def _all_routes(self) -> dict[int, Route]:
         plain = [
-            self._alike[part] and self._guards[part] is None and part in self._required and not self._multiplexed
+            self._alike[part] and self._monitors[part] is None and part in self._required and not self._multiplexed
             for part in range(len(self._lengths))
         ]
         return {
@@ -216,8 +218,8 @@ class ScanAssembler(ABC):
         if len(data) < length:
             state.counts.short += 1
             return None
-        guard = self._guards[part]
-        if guard is not None and not guard.admits(can_id, data, time_ns):
+        monitor = self._monitors[part]
+        if monitor is not None and not monitor.admits(can_id, data, time_ns):
             self._validity.refused(time_ns)
             return None
         if slot < 0:
@@ -378,10 +380,10 @@ class ScanAssembler(ABC):
             ValueError: it is one; says what does not fit.
         """
         parts = len(self._lengths)
-        if not len(state.guards) == len(state.expected) == len(state.frames) == parts:
+        if not len(state.monitors) == len(state.expected) == len(state.frames) == parts:
             raise ValueError(f"a scan of other than {parts} messages")
-        guards = zip((*self._guards, self._mark_guard), (*state.guards, state.mark_guard), strict=True)
-        if any((guard is None) != (of_guard is None) for guard, of_guard in guards):
+        monitors = zip((*self._monitors, self._mark_monitor), (*state.monitors, state.mark_monitor), strict=True)
+        if any((monitor is None) != (of_monitor is None) for monitor, of_monitor in monitors):
             raise ValueError("other frame guards than the configuration's")
         if state.is_open != (state.deadline_ns != NEVER_NS):
             raise ValueError("an open scan without a deadline, or a deadline without a scan")

@@ -32,9 +32,9 @@ class WholeScans:
         assert isinstance(scan, CounterScan), "found by `whole_scans`"  # noqa: S101  # a promise within this file
         self.assembler = assembler
         self._reader = sensor.reader
-        self._counters = [BatchDecoder(part.shortest, [scan.signal]) for part in sensor.reader.parts]
-        self._lengths = np.array([part.length for part in sensor.reader.parts])
-        self._frames = sensor.reader.slots * len(sensor.reader.parts)
+        self._counters = [BatchDecoder(part.shortest, [scan.signal]) for part in sensor.reader.layouts]
+        self._lengths = np.array([part.length for part in sensor.reader.layouts])
+        self._frames = sensor.reader.slots * len(sensor.reader.layouts)
 
     def find(
         self, block: FrameBlock, rows: Indices, part: Integers, slot: Integers
@@ -91,7 +91,7 @@ class WholeScans:
 
 def whole_scans(sensor: BoundSensor, assembler: ScanAssembler) -> WholeScans | None:
     """Return what finds the whole scans of a sensor; None where its frames must be looked at one by one."""
-    several = sensor.reader.slots * len(sensor.reader.parts) > 1
+    several = sensor.reader.slots * len(sensor.reader.layouts) > 1
     if isinstance(assembler, CounterAssembler) and assembler.takes_all_alike and several:
         return WholeScans(sensor, assembler)
     return None

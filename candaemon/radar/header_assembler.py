@@ -30,7 +30,7 @@ class HeaderAssembler(TimeoutAssembler):
         if len(data) < self._header.message.length:
             state.counts.short += 1
             return None
-        if self._mark_guard is not None and not self._mark_guard.admits(self._header.can_id, data, time_ns):
+        if self._mark_monitor is not None and not self._mark_monitor.admits(self._header.can_id, data, time_ns):
             return None
         count, measurement = self._header.read(data)
         if state.is_open and state.count is not None and measurement >= 0 and measurement == state.measurement:

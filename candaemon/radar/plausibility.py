@@ -140,5 +140,5 @@ class ObjectPlausibility:
 
 def count_keys(sensor: BoundSensor) -> int:
     """Count the slots, or the ids in the payload, that distinguish objects."""
-    identifying = [part.id_signal for part in sensor.reader.parts if part.id_signal is not None]
+    identifying = [part.id_signal for part in sensor.reader.layouts if part.id_signal is not None]
     return max([sensor.reader.slots, *(value_count(signal) for signal in identifying)])

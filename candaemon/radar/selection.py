@@ -30,7 +30,7 @@ class Selection:
         self.counts, self._sensor = counts, sensor.index
         self._has_identity = form.identity is not None
         self._has_pairs = len(form.pair) > 1
-        self._may_lack = any(part.optional for part in reader.parts)
+        self._may_lack = any(part.optional for part in reader.layouts)
         self._position = [row for row, name in enumerate(reader.quantities) if name in POSITION]
         self.plausibility = ObjectPlausibility(sensor, counts)
 

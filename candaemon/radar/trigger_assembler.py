@@ -39,7 +39,7 @@ class TriggerAssembler(TimeoutAssembler):
         if len(data) < self._trigger.length:
             state.counts.short += 1
             return None
-        if self._mark_guard is not None and not self._mark_guard.admits(self._trigger.can_id, data, time_ns):
+        if self._mark_monitor is not None and not self._mark_monitor.admits(self._trigger.can_id, data, time_ns):
             return None
         if not state.is_open:
             if self._is_late(time_ns, 2 * self._half_cycle_ns):

@@ -51,7 +51,7 @@ class EgoEncoder:
             MessageWriter(each.message, (*each.bindings, *counter))
             for each, (counter, _) in zip(ego.messages.values(), counters, strict=True)
         ]
-        self._protectors = [None if each.guard is None else each.guard.protector for each in ego.messages.values()]
+        self._protectors = [None if each.monitor is None else each.monitor.protector for each in ego.messages.values()]
         self._names = [each.quantities for each in ego.messages.values()]
         sensors = scenario.ego.own_motion
         self._drift: Drift | None = None

@@ -41,7 +41,7 @@ class SensorEncoder:
         self._writer = bind_sensor_writer(sensor, where)
         self._packed = form.identity is not None and not form.multiplexed
         self._used_only = form.multiplexed or (isinstance(scan, HeaderScan) and scan.used_only)
-        objects = {message.can_id: (part.index, message) for part in self._writer.parts for message in part.messages}
+        objects = {message.can_id: (part.index, message) for part in self._writer.layouts for message in part.messages}
         self._fd = frozenset(can_id for can_id, (_, message) in objects.items() if message.is_fd)
         self._rank = {can_id: part for can_id, (part, _) in objects.items()} if form.multiplexed else {}
         self._header = sensor.header

@@ -68,12 +68,12 @@ def test_a_message_may_have_a_protection_of_its_own(tmp_path: Path) -> None:
             '{message: "OBSTACLE_{slot:02d}_C", protection: {counter: Counter, checksum: Crc, kind: additive}}',
         ),
     )
-    first, second = bound.sensors[0].guards
+    first, second = bound.sensors[0].monitors
     assert first is not None
     assert second is None
     assert rows(bound, "output")["protection of OBSTACLE_{slot:02d}_C"] == "counter Counter, checksum Crc (additive)"
     assert bound.output is not None
-    summed = {message.can_id for message in bound.output.writer.parts[2].messages}
+    summed = {message.can_id for message in bound.output.writer.layouts[2].messages}
     frames = [frame for cycle in Pipeline(bound).run(drive("toyota_rav4_ins")) for frame in cycle.frames]
     mine = [frame.data for frame in frames if frame.can_id in summed]
     assert len(mine) > 100

@@ -1,4 +1,4 @@
-"""Checksums, end-to-end profiles and the guard of counters and rates, with any settings and frames."""
+"""Checksums, end-to-end profiles and the monitor of counters and rates, with any settings and frames."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
 from candaemon.protection.checksums import FrameProtector, Kind, Protector
 from candaemon.protection.e2e import E2eProtector
-from candaemon.protection.monitor import UNWATCHED, FrameFaults, FrameGuard, GuardPlan
+from candaemon.protection.monitor import UNWATCHED, FrameFaults, FrameMonitor, FrameMonitorSettings
 
 from .drawn import Drawn
 
@@ -22,7 +22,7 @@ _IDS = (0x123, 0, 0x7FF, 0x98FF_1234)
 
 
 def fuzz_protection(data: bytes) -> None:
-    """Seal and verify a payload, change a bit of it, and guard a sequence of frames."""
+    """Seal and verify a payload, change a bit of it, and monitor a sequence of frames."""
     drawn = Drawn(data)
     message = MessageSpec("M", drawn.choice(_IDS), drawn.choice((8, 1, 2, 3, 4, 5, 12, 16, 64)), ())
     try:
@@ -44,7 +44,7 @@ def fuzz_protection(data: bytes) -> None:
     assert not protector.verify(message.can_id, bytes(damaged)), f"bit {bit} of {sealed.hex()} is not protected"
     for length in range(message.length):
         assert not protector.verify(message.can_id, sealed[:length])
-    _guarded(drawn, protector, message)
+    _monitored(drawn, protector, message)
 
 
 def _checksum(drawn: Drawn, message: MessageSpec) -> FrameProtector:
@@ -67,9 +67,9 @@ def _e2e(drawn: Drawn, message: MessageSpec) -> FrameProtector:
     return E2eProtector(_E2E.validate_python(given), [message], [0])
 
 
-def _guarded(drawn: Drawn, protector: FrameProtector, message: MessageSpec) -> None:
+def _monitored(drawn: Drawn, protector: FrameProtector, message: MessageSpec) -> None:
     """Hold that every frame is admitted or counted under one cause."""
-    plan = GuardPlan(
+    plan = FrameMonitorSettings(
         protector=protector if drawn.flag() else None,
         counter=(lambda payload: payload[0] & 15) if drawn.flag() else None,
         counter_values=drawn.integer(2, 20),
@@ -81,13 +81,13 @@ def _guarded(drawn: Drawn, protector: FrameProtector, message: MessageSpec) -> N
         slack_ns=drawn.choice((0, 500_000)),
     )
     faults = FrameFaults()
-    guard = FrameGuard(plan, faults)
+    monitor = FrameMonitor(plan, faults)
     admitted, seen, time_ns = 0, 0, 0
     while drawn:
         time_ns += drawn.integer(0, 255) * 50_000
         payload = drawn.taken(message.length).ljust(message.length, b"\0")
         payload = protector.seal(message.can_id, payload) if drawn.flag() else payload
-        admitted += guard.admits(message.can_id, payload, time_ns)
+        admitted += monitor.admits(message.can_id, payload, time_ns)
         seen += 1
     assert admitted + faults.failed == seen, faults
     assert min(faults.lost, faults.timeouts) >= 0

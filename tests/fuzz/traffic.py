@@ -119,7 +119,7 @@ def kinds_of(binding: Binding) -> list[Kind]:
         message.can_id
         for sensor in binding.sensors
         if sensor.reader.multiplexed
-        for part in sensor.reader.parts
+        for part in sensor.reader.layouts
         for message in part.messages
     }
     return [
@@ -137,7 +137,7 @@ def protectors_of(binding: Binding) -> dict[tuple[int, int], FrameProtector]:
     return {
         (sensor.bus, message.can_id): protector
         for sensor in binding.sensors
-        for part, protector in zip(sensor.reader.parts, sensor.protectors, strict=True)
+        for part, protector in zip(sensor.reader.layouts, sensor.protectors, strict=True)
         for message in part.messages
         if protector is not None
     }

@@ -33,7 +33,7 @@ def written(
         low, high = (0.5, min(ends[1], 200.0)) if bound.quantity in {"x", "range"} else ends
         values[bound.quantity] = rng.uniform(low, high, len(slot))
     frames = writer.write(slot, values, occupied, counter=int(rng.integers(1000)), new=new)
-    columns: list[list[bytes | None]] = [[] for _ in reader.parts]
+    columns: list[list[bytes | None]] = [[] for _ in reader.layouts]
     for can_id, data in frames:
         part, routed = reader.routes[can_id]
         protector = sensor.protectors[part]
@@ -66,7 +66,7 @@ def test_objects_read_back_as_written(name: str, seed: int, count: int) -> None:
 @pytest.mark.parametrize("name", SENSORS)
 def test_an_empty_scan_has_no_objects(name: str) -> None:
     reader = binding(name).sensors[0].reader
-    batch = reader.read([[] for _ in reader.parts])
+    batch = reader.read([[] for _ in reader.layouts])
     assert batch.values.shape == (len(reader.quantities), 0)
     assert not len(batch.valid)
 
@@ -166,7 +166,7 @@ def test_obstacles_written_in_vendor_formats_read_back() -> None:
         frames = output.writer.write(
             np.array([3, 5]), values, np.ones(2, np.bool_), counter=1, identity=np.array([3, 5])
         )
-        columns: list[list[bytes | None]] = [[] for _ in sensor.reader.parts]
+        columns: list[list[bytes | None]] = [[] for _ in sensor.reader.layouts]
         for can_id, data in frames:
             part, _ = sensor.reader.routes[can_id]
             columns[part].append(data)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from candaemon.binding.bind import bind
-from candaemon.binding.bind_protection import bind_guard
+from candaemon.binding.bind_protection import bind_frame_monitor
 from candaemon.binding.bind_writer import bind_writer
 from candaemon.binding.bound import Binding
 from candaemon.binding.location import SettingLocation
@@ -27,7 +27,7 @@ from candaemon.errors import ConfigError
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.protection.e2e import E2eProtector
-from candaemon.protection.monitor import FrameFaults, FrameGuard
+from candaemon.protection.monitor import FrameFaults, FrameMonitor
 from tests.pipeline.test_pipeline import drive
 from tests.support.paths import ROOT
 
@@ -125,15 +125,15 @@ def test_what_is_written_goes_on_for_the_reader(profile: int, tmp_path: Path) ->
         {"counter": "Count", "checksum": "Crc", "e2e": PROFILES[profile] | more, "max_step": 1}
     )
     writer = bind_writer(FORM, {}, database, protection)
-    plan = bind_guard(writer.parts[0].messages, protection, SettingLocation(), cycle_time=0.05)
+    plan = bind_frame_monitor(writer.layouts[0].messages, protection, SettingLocation(), cycle_time=0.05)
     assert plan is not None
-    guard = FrameGuard(plan, FrameFaults())
+    monitor = FrameMonitor(plan, FrameFaults())
     for cycle in range(600):
         frames = writer.write(np.arange(2), {}, np.ones(2, np.bool_), counter=cycle)
         assert [can_id for can_id, _ in frames] == [16, 17]
         for can_id, data in frames:
-            assert guard.admits(can_id, data, cycle * 50_000_000)
-    assert guard.faults == FrameFaults()
+            assert monitor.admits(can_id, data, cycle * 50_000_000)
+    assert monitor.faults == FrameFaults()
     (_, first), (_, second) = frames
     assert (first == second) == (profile == 2)
     assert not plan.protector or plan.protector.verify(17, first) == (profile == 2)
@@ -154,7 +154,7 @@ def test_profile_5_protects_every_obstacle_frame(tmp_path: Path) -> None:
     bound = configured(tmp_path, "{counter: Counter, checksum: Crc, e2e: {profile: 5, data_id: 0x1000, step: 1}}")
     assert bound.output is not None
     assert bound.output.status is not None
-    order = [message.can_id for part in bound.output.writer.parts for message in part.messages]
+    order = [message.can_id for part in bound.output.writer.layouts for message in part.messages]
     order.append(bound.output.status.message.can_id)
     counters: dict[int, int] = {}
     sent: list[Frame] = [frame for cycle in Pipeline(bound).run(drive("toyota_rav4_ins")) for frame in cycle.frames]

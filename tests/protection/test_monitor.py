@@ -12,63 +12,63 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from candaemon.protection.monitor import FrameFaults, FrameGuard, GuardPlan
+from candaemon.protection.monitor import FrameFaults, FrameMonitor, FrameMonitorSettings
 from tests.support.builders import ns
 
 ID = 0x123
 CYCLE_NS = ns(0.05)
 
 
-def guard(**plan: Any) -> FrameGuard:
-    """Make a guard that watches a counter of 16 values, steps of 3 allowed."""
-    watched = GuardPlan(counter=itemgetter(0), counter_values=16, max_step=3)
-    return FrameGuard(replace(watched, **plan), FrameFaults())
+def monitor(**plan: Any) -> FrameMonitor:
+    """Make a monitor that watches a counter of 16 values, steps of 3 allowed."""
+    watched = FrameMonitorSettings(counter=itemgetter(0), counter_values=16, max_step=3)
+    return FrameMonitor(replace(watched, **plan), FrameFaults())
 
 
-def admitted(of: FrameGuard, counters: list[int], *, start: float = 0.0) -> list[bool]:
+def admitted(of: FrameMonitor, counters: list[int], *, start: float = 0.0) -> list[bool]:
     """Send frames a cycle apart; tell which were used."""
     return [of.admits(ID, bytes((c,)), ns(start) + k * CYCLE_NS) for k, c in enumerate(counters)]
 
 
 def test_a_counter_that_goes_on_is_used_and_wraps() -> None:
-    of = guard()
+    of = monitor()
     assert all(admitted(of, [13, 14, 15, 0, 1]))
     assert of.faults == FrameFaults()
 
 
 def test_small_steps_are_frames_lost() -> None:
-    of = guard()
+    of = monitor()
     assert all(admitted(of, [14, 1, 2, 4]))
     assert of.faults == FrameFaults(lost=3)
 
 
 def test_a_repeated_frame_is_not_used() -> None:
-    of = guard()
+    of = monitor()
     assert admitted(of, [5, 5, 5, 6]) == [True, False, False, True]
     assert of.faults == FrameFaults(repeated=2)
 
 
 @pytest.mark.parametrize(("settle", "used"), [(1, [False, True, True]), (2, [False, False, True])])
 def test_after_a_jump_it_has_to_settle(settle: int, used: list[bool]) -> None:
-    of = guard(settle=settle)
+    of = monitor(settle=settle)
     assert admitted(of, [3, 9, 10, 11]) == [True, *used]
     assert of.faults == FrameFaults(jumped=settle)
 
 
 def test_a_jump_may_be_used_as_a_loss() -> None:
-    of = guard(use_jumps=True)
+    of = monitor(use_jumps=True)
     assert all(admitted(of, [3, 9, 10]))
     assert of.faults == FrameFaults(lost=5)
 
 
 def test_a_counter_beyond_its_values_is_a_jump_and_says_nothing_else() -> None:
-    of = guard(counter_values=15)
+    of = monitor(counter_values=15)
     assert admitted(of, [13, 14, 15, 0, 1]) == [True, True, False, True, True]
     assert of.faults == FrameFaults(jumped=1)
 
 
 def test_after_a_silence_the_counter_may_start_anywhere() -> None:
-    of = guard(timeout_ns=ns(0.5))
+    of = monitor(timeout_ns=ns(0.5))
     assert all(admitted(of, [1, 2]))
     assert all(admitted(of, [9, 10], start=0.7))
     assert of.faults == FrameFaults(timeouts=1)
@@ -76,15 +76,15 @@ def test_after_a_silence_the_counter_may_start_anywhere() -> None:
 
 
 def test_messages_are_judged_each_on_its_own() -> None:
-    of = guard()
+    of = monitor()
     assert of.admits(1, bytes((4,)), 0)
     assert of.admits(2, bytes((4,)), 0)
     assert not of.admits(1, bytes((4,)), CYCLE_NS)
 
 
-def rated() -> FrameGuard:
-    """Make a guard that lets twice the nominal rate pass."""
-    return guard(counter=None, spacing_ns=CYCLE_NS // 2, slack_ns=CYCLE_NS)
+def rated() -> FrameMonitor:
+    """Make a monitor that lets twice the nominal rate pass."""
+    return monitor(counter=None, spacing_ns=CYCLE_NS // 2, slack_ns=CYCLE_NS)
 
 
 @given(st.lists(st.integers(-CYCLE_NS // 2, CYCLE_NS // 2), min_size=2, max_size=200))
@@ -115,7 +115,7 @@ class Refusing:
 
 
 def test_what_fails_the_checksum_moves_no_counter() -> None:
-    of = guard(protector=Refusing())
+    of = monitor(protector=Refusing())
     assert admitted(of, [1, 0, 2, 0, 3]) == [True, False, True, False, True]
     assert of.faults == FrameFaults(checksum=2)
 
@@ -134,7 +134,7 @@ def test_what_fails_the_checksum_moves_no_counter() -> None:
     ),
 )
 def test_every_frame_is_used_or_fails_once(frames: list[tuple[int, int]], plan: dict[str, Any]) -> None:
-    of, time_ns, used = guard(**plan), 0, 0
+    of, time_ns, used = monitor(**plan), 0, 0
     for counter, later_ns in frames:
         time_ns += later_ns
         used += of.admits(ID, bytes((counter,)), time_ns)

@@ -20,7 +20,7 @@ from candaemon.errors import ConfigError
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.protection.checksums import Protector
-from candaemon.protection.monitor import GuardPlan
+from candaemon.protection.monitor import FrameMonitorSettings
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.assembly import ScanAssembler
 from candaemon.radar.scan import ScanCounts
@@ -83,7 +83,7 @@ def test_a_header_that_fails_opens_nothing() -> None:
     header, length = bound.header.can_id, len(frames[0][1])
     spec = MessageSpec("H", header, length, (SignalSpec(name="Sum", start=8 * (length - 1), length=8),))
     protector = Protector("xor", [spec], "Sum")
-    assembler = make_assembler(replace(bound, mark_guard=GuardPlan(protector)))
+    assembler = make_assembler(replace(bound, mark_monitor=FrameMonitorSettings(protector)))
     for number, sealed in ((0, True), (1, False)):
         now = [(i, protector.seal(i, data) if i == header and sealed else data) for i, data in frames]
         now[0] = now[0] if sealed else (header, bytes((*now[0][1][:-1], protector.checksum(*now[0]) ^ 1)))

@@ -100,7 +100,7 @@ def test_a_lost_frame_costs_only_its_object(kind: str, data: st.DataObject) -> N
         frames += timed(kind, number, kept)
         lost_of.append({order[k][0] for k in lost})
     scans = run(make_assembler(sensor(kind)), frames)
-    routes, required = sensor(kind).reader.routes, {p.index for p in sensor(kind).reader.parts if not p.optional}
+    routes, required = sensor(kind).reader.routes, {p.index for p in sensor(kind).reader.layouts if not p.optional}
     assert len(scans) == 4
     for number, (scan, lost_ids) in enumerate(zip(scans, lost_of, strict=True)):
         gone = {routes[can_id][1] for can_id in lost_ids if routes[can_id][0] in required}
@@ -109,7 +109,7 @@ def test_a_lost_frame_costs_only_its_object(kind: str, data: st.DataObject) -> N
         assert scan.slot.tolist() == reference.slot[keep].tolist()
         assert np.array_equal(scan.values[:2], reference.values[:2, keep])
         assert scan.missing <= len(lost_ids)
-        if required == {part.index for part in sensor(kind).reader.parts}:
+        if required == {part.index for part in sensor(kind).reader.layouts}:
             assert scan.missing == len(lost_ids)
 
 
