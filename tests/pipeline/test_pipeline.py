@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import chain
 from operator import itemgetter
 
@@ -26,12 +27,17 @@ CONFIGS = ("toyota_rav4", "toyota_rav4_ins", "demo", "esr_ins", "gm_lrr", "tesla
 CYCLE_NS = 50_000_000
 
 
-def drive(config: str, scenario: str = "highway", duration: float = 6.0, *, loss: float = 0.0) -> list[Frame]:
-    """Return the frames of a scenario's beginning."""
+@cache
+def simulated(config: str, scenario: str, duration: float, loss: float) -> tuple[Frame, ...]:
     told = load_scenario(ROOT / "config" / "scenarios" / f"{scenario}.yaml").model_dump()
     told["duration"] = duration
     told["frames"]["loss"] = loss
-    return list(simulate(Scenario.model_validate(told), binding(config)).frames())
+    return tuple(simulate(Scenario.model_validate(told), binding(config)).frames())
+
+
+def drive(config: str, scenario: str = "highway", duration: float = 6.0, *, loss: float = 0.0) -> list[Frame]:
+    """Return the frames of a scenario's beginning."""
+    return list(simulated(config, scenario, duration, loss))
 
 
 def without_output(config: str) -> Pipeline:
@@ -55,11 +61,17 @@ def essence(cycles: Iterable[Cycle]) -> list[tuple[object, ...]]:
     ]
 
 
-def status(cycle: Cycle) -> dict[str, int]:
-    """Decode a cycle's status message with cantools."""
+@cache
+def status_message() -> cantools.database.can.Message:
+    """Return the status message as cantools has it; its parser takes longer than most of the tests here."""
     database = cantools.database.load_file(ROOT / "dbc" / "obstacles.dbc")
     assert isinstance(database, cantools.database.can.Database)
-    message = database.get_message_by_name("OBSTACLE_STATUS")
+    return database.get_message_by_name("OBSTACLE_STATUS")
+
+
+def status(cycle: Cycle) -> dict[str, int]:
+    """Decode a cycle's status message with cantools."""
+    message = status_message()
     (data,) = (frame.data for frame in cycle.frames if frame.can_id & ~EXTENDED == message.frame_id)
     decoded = message.decode_simple(data, decode_choices=False)
     return {name: int(decoded[name]) for name in ("Occupied", "Ego", "Health", "Drops")}  # type: ignore[arg-type]  # plain numbers without choices

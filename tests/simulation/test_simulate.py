@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
-from candaemon.config.load import load_config
 from candaemon.ego.factory import make_ego
 from candaemon.ego.motion import EgoMotion
 from candaemon.errors import ConfigError
@@ -24,13 +22,10 @@ from candaemon.simulation.scene import Scene
 from candaemon.simulation.schedule import start_ns
 from candaemon.simulation.simulate import Simulation, simulate
 from candaemon.simulation.slot_reports import SlotReport
+from tests.support.bound import binding as bound
 from tests.support.paths import ROOT
 
 CONFIGS = ("esr_ins", "gm_lrr", "tesla_continental", "ars408", "toyota_rav4", "toyota_rav4_ins")
-
-
-def bound(name: str) -> Binding:
-    return bind(load_config(ROOT / "config" / f"{name}.yaml"))
 
 
 def drive(name: str, **changes: Any) -> Scenario:

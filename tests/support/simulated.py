@@ -5,14 +5,13 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from candaemon.binding.bind import bind
-from candaemon.config.load import load_config
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.results import Evaluation
 from candaemon.evaluation.tables import TrackWriter, track_columns
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import simulate
+from tests.support.bound import binding as bound
 from tests.support.paths import ROOT
 
 
@@ -23,7 +22,7 @@ def scenario(name: str) -> Scenario:
 
 def drive(config: str, drama: Scenario, seed: int) -> tuple[Evaluation, Pipeline]:
     """Simulate, track and evaluate."""
-    binding = bind(load_config(ROOT / "config" / f"{config}.yaml"))
+    binding = bound(config)
     simulation, pipeline = simulate(drama, binding, seed), Pipeline(binding)
     names = [sensor.name for sensor in binding.sensors]
     with tempfile.TemporaryDirectory() as folder:
