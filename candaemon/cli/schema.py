@@ -9,7 +9,7 @@ from candaemon.config.load import json_schema
 
 
 def add_arguments(_parser: argparse.ArgumentParser) -> None:
-    """Add nothing: it takes no arguments."""
+    """Add nothing: the command has no arguments."""
 
 
 def execute(_arguments: argparse.Namespace) -> None:

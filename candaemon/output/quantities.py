@@ -1,6 +1,6 @@
-"""Obstacles as the quantities that an output's signals ask for, in the axes of its mount.
+"""Obstacles as the quantities of an output's signals, in the axes of its mount.
 
-Plane vectors are complex numbers, x + iy: a rotation is a product.
+Plane vectors are complex numbers, x + iy: a rotation is a multiplication.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class ReplayRequest:
         tracks: table of obstacles; None: not written.
         predictions: table of expected positions; None: not written.
         horizons: of the predictions, s.
-        speed: times real time; None: as fast as it goes.
+        speed: times real time; None: as fast as possible.
         channels: additional channel names in the log: channel → bus.
         smooth: lag of the smoothing of the table of obstacles, s; None: the table holds the causal estimates.
         fresh: start with an empty pipeline, even where the recording holds the service's state.

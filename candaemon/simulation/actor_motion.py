@@ -73,12 +73,12 @@ class TurningMotion:
         """Return the motion at seconds since the piece's start, shape (n,)."""
         zeroth, first = _turning_integrals(self.yaw_rate * elapsed)
         start = cmath.exp(1j * self.yaw)
-        way = elapsed * (self.speed * zeroth + self.acceleration * elapsed * first)
+        path = elapsed * (self.speed * zeroth + self.acceleration * elapsed * first)
         yaw = self.yaw + self.yaw_rate * elapsed
         heading = np.exp(1j * yaw)
         speed = self.speed + self.acceleration * elapsed
         return TrueMotion(
-            self.position + start * way,
+            self.position + start * path,
             np.asarray(speed * heading),
             np.asarray((self.acceleration + 1j * self.yaw_rate * speed) * heading),
             yaw,
@@ -133,9 +133,9 @@ class LaneChangeMotion:
         acceleration = self.acceleration + 1j * across_acceleration
         moving = np.abs(velocity) > _SLOW
         squared = np.where(moving, np.abs(velocity) ** 2, 1.0)
-        way = elapsed * (self.speed + self.acceleration * elapsed / 2) + 1j * across
+        path = elapsed * (self.speed + self.acceleration * elapsed / 2) + 1j * across
         return TrueMotion(
-            self.position + lane * way,
+            self.position + lane * path,
             lane * velocity,
             np.asarray(lane * acceleration),
             self.yaw + np.where(moving, np.angle(velocity), 0.0),

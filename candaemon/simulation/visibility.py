@@ -26,7 +26,7 @@ _CORNERS = np.array([1 + 1j, 1 - 1j, -1 - 1j, -1 + 1j])
 
 
 def seen_from(instant: SceneState, eye: complex) -> ComplexPlane:
-    """Return an observer's position (level axes, m) in each actor's own axes, shape (actors,)."""
+    """Return an observer's position (local axes, m) in each actor's own axes, shape (actors,)."""
     return np.asarray((eye - instant.actors.position) * np.exp(-1j * instant.actors.yaw))
 
 
