@@ -25,11 +25,11 @@ class SettingLocation:
     location: Location = ()
 
     def at(self, *steps: str | int) -> SettingLocation:
-        """Go to a place further in."""
+        """Return the location that these steps lead to from here."""
         return SettingLocation(self.loaded, (*self.location, *steps))
 
     def beside(self, key: str) -> SettingLocation:
-        """Go to another key of the mapping that holds this place."""
+        """Return the location of another key of the same mapping."""
         return SettingLocation(self.loaded, (*self.location[:-1], key))
 
     def error(self, text: str) -> ConfigError:

@@ -65,20 +65,20 @@ class InformationFilter:
     @property
     def determined(self) -> Booleans:
         """Whether every component of a state is known, (n,): Y is regular."""
-        return np.asarray(self._taken_apart().rank == self._matrix.shape[-1])
+        return np.asarray(self._factorised().rank == self._matrix.shape[-1])
 
     @property
     def mean(self) -> Floats:
         """State x̂ = Y⁻¹ y, (n, D); of a state that is not determined one that agrees with all that is known."""
         if self._mean is None:
-            inverse = self._taken_apart().inverse
+            inverse = self._factorised().inverse
             self._mean = times(np.swapaxes(inverse, -1, -2), times(inverse, self._state))
         return self._mean.copy()
 
     @property
     def covariance(self) -> Floats:
         """Covariance P = Y⁻¹, (n, D, D); finite, but no bound on the error, of a state that is not determined."""
-        return _squared(np.swapaxes(self._taken_apart().inverse, -1, -2))
+        return _squared(np.swapaxes(self._factorised().inverse, -1, -2))
 
     def spawn(self, state: Floats, matrix: Floats) -> None:
         """Append k states: y (k, D) and Y (k, D, D), zeros for states of which nothing is known."""
@@ -103,7 +103,7 @@ class InformationFilter:
         """
         if predicted is None:
             predicted = times(transition, self.mean)
-        carried = np.linalg.solve(np.swapaxes(transition, -1, -2), self._taken_apart().root)
+        carried = np.linalg.solve(np.swapaxes(transition, -1, -2), self._factorised().root)
         disturbance = np.swapaxes(factorise(noise).root, -1, -2) @ carried
         _, strength, axes = np.linalg.svd(disturbance)
         # With M = B Bᵀ and Q = C Cᵀ, (M⁻¹ + Q)⁻¹ = B (I + AᵀA)⁻¹ Bᵀ with A = Cᵀ B: diagonal along A's singular vectors.
@@ -141,8 +141,8 @@ class InformationFilter:
         self._state, self._matrix = state, matrix
         self._factor, self._mean = None, None
 
-    def _taken_apart(self) -> PsdFactor:
-        """Return Y taken apart."""
+    def _factorised(self) -> PsdFactor:
+        """Return the factors of Y."""
         if self._factor is None:
             self._factor = factorise(self._matrix)
         return self._factor
@@ -213,7 +213,7 @@ def update(mean: Floats, covariance: Floats, innovation: Floats, observation: Fl
 
 
 def _regular(covariance: Floats) -> PsdFactor:
-    """Take a covariance apart that must have an inverse."""
+    """Factorise a covariance that must have an inverse."""
     factor = factorise(covariance)
     if (factor.rank < covariance.shape[-1]).any():
         raise ValueError("what is certain is infinite information: give the singular covariance some noise")

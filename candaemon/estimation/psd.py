@@ -1,4 +1,4 @@
-"""Covariance and information matrices taken apart, singular ones too, batched over any leading shape."""
+"""Covariance and information matrices factorised, singular ones too, batched over any leading shape."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class PsdFactor:
 
 
 def factorise(matrix: Floats) -> PsdFactor:
-    """Take symmetric positive semidefinite matrices apart.
+    """Factorise symmetric positive semidefinite matrices.
 
     Rows and columns are scaled to a diagonal of one first: a range in metres and a turn rate in radians, or the
     variances of a component that is known and of one that is not, may be a hundred orders of magnitude apart.

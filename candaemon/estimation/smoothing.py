@@ -134,7 +134,7 @@ class FixedLag:
     def add(
         self, time_ns: int, keys: Integers, mean: Floats, covariance: Floats, linked: Integers, link: Link | None
     ) -> list[Smoothed]:
-        """Take an instant as the filter says it; return those before it that are due.
+        """Add the filtered estimate of an instant; return the smoothed instants before it that are due.
 
         Args:
             time_ns: the instant.

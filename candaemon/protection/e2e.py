@@ -104,7 +104,7 @@ class E2eProtector:
 
 
 def check_header(profile: Profile, signal: SignalSpec, role: str) -> str | None:
-    """Say what is wrong with a signal that is named as the profile's counter or checksum, None if nothing is.
+    """Return what is wrong with a signal that is named as the profile's counter or checksum, None if nothing is.
 
     A CRC of 16 bits may be named by its whole or by its low byte.
     """
