@@ -24,7 +24,7 @@ WITHIN_S: Final = 60.0
 """So many messages within that time: a bus with a short circuit goes off ten times a second while it lasts."""
 
 
-class LinkLog:
+class BusStateLog:
     """Logs when a bus goes up or down; of one that changes too often, only the state after a pause is logged.
 
     Args:
@@ -113,7 +113,7 @@ class LiveBus:
         self._waiting = TxQueue(settings.send_queue, settings.send_timeout)
         self._delay_s = settings.reopen_first
         self._next_s = 0.0
-        self._link_log = LinkLog(request.name)
+        self._state_log = BusStateLog(request.name)
 
     @property
     def waiting(self) -> int:
@@ -129,7 +129,7 @@ class LiveBus:
         try:
             self._adopt(open_port(self.request), now_s)
         except BusError as error:
-            self._link_log.logged_up = False  # the caller logs it
+            self._state_log.logged_up = False  # the caller logs it
             self._stay_down(str(error), now_s)
             self._put_off(now_s)
             raise
@@ -297,7 +297,7 @@ class LiveBus:
 
     def _tell(self, now_s: float) -> None:
         """Let the log know whether the bus is there."""
-        self._link_log.update(now_s, up=self.state.up, error=self.state.error)
+        self._state_log.update(now_s, up=self.state.up, error=self.state.error)
 
     def _put_off(self, now_s: float) -> None:
         """Try again after a wait, and the next time after a longer one."""

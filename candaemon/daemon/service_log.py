@@ -44,7 +44,7 @@ def configure_logging(form: LogFormat, stream: TextIO | None = None) -> None:
     text = JsonFormatter() if form == "json" else logging.Formatter("%(message)s")
     journal = is_journal_stream(stream)
     prefix = "" if journal or form == "json" else "candaemon: "
-    handler.setFormatter(PrefixFormatter(text, prefix, priorities=journal))
+    handler.setFormatter(JournalFormatter(text, prefix, priorities=journal))
     logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)
 
 
@@ -84,7 +84,7 @@ def is_journal_stream(stream: TextIO) -> bool:
     return os.environ.get("JOURNAL_STREAM") == f"{found.st_dev}:{found.st_ino}"
 
 
-class PrefixFormatter(logging.Formatter):
+class JournalFormatter(logging.Formatter):
     """Puts a prefix before each line of a record.
 
     Args:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import can
 import pytest
 
-from candaemon.can_io.live_bus import MOST, LinkLog
+from candaemon.can_io.live_bus import MOST, BusStateLog
 from candaemon.can_io.live_buses import READ_LIMIT
 from candaemon.can_io.open_port import PORTS
 from candaemon.can_io.port import Controller, PortRequest
@@ -180,7 +180,7 @@ def test_a_change_loses_nothing_that_has_come(flaky: type[FlakyPort]) -> None:
 
 
 def test_a_bus_that_flutters_does_not_fill_the_log(caplog: pytest.LogCaptureFixture) -> None:
-    notices = LinkLog("radar")
+    notices = BusStateLog("radar")
     with caplog.at_level(logging.INFO):
         for k in range(6001):  # ten times a second for five minutes, ending down
             notices.update(k * 0.1, up=k % 2 == 1, error="bus-off")
