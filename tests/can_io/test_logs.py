@@ -19,6 +19,7 @@ from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.errors import InputError
 from candaemon.frames.frame import EXTENDED, Frame
+from tests.support.effort import examples
 
 CHANNELS = {"can0": 0, "can1": 1}
 START = 1_533_226_488_434_433_000
@@ -47,7 +48,7 @@ def log(tmp_path: Path) -> Path:
     return tmp_path / "a.log"
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(frames=st.lists(classic | can_fd, max_size=60), repeat=st.integers(1, 30))
 def test_candump_text_comes_back_exactly(
     tmp_path_factory: pytest.TempPathFactory, frames: list[Frame], repeat: int
@@ -60,7 +61,7 @@ def test_candump_text_comes_back_exactly(
     assert counts.malformed == 0
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(
     lines=st.lists(
         st.sampled_from(

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from candaemon.can_io.reorder import ReorderBuffer, TimedItem
 from candaemon.frames.frame import Frame, Tick
+from tests.support.effort import examples
 
 MS = 1_000_000
 S = 1000 * MS
@@ -129,7 +130,7 @@ def test_a_clock_set_forward_is_rebased_where_pauses_cannot_be() -> None:
     assert (sequencer.forward_steps, sequencer.backward_steps) == (1, 0)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(
     offsets=st.lists(st.integers(-2 * HOUR, 2 * HOUR) | st.integers(-300 * MS, 300 * MS), max_size=40),
     window=st.sampled_from([0, MS, 50 * MS, 400 * MS]),
@@ -145,7 +146,7 @@ def test_time_never_runs_backwards_and_nothing_is_lost(offsets: list[int], windo
         assert max(b - a for a, b in pairwise(stamps)) <= max_gap + window
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=examples(50))
 @given(
     places=st.lists(st.integers(0, 399), max_size=4),
     offset=st.sampled_from([-HOUR, -10 * MS, HOUR]),

@@ -19,6 +19,7 @@ from candaemon.dbc.batch_codec import BatchDecoder, BatchEncoder
 from candaemon.dbc.database import load_database
 from candaemon.dbc.single_codec import compile_decoder, compile_encoder
 from candaemon.dbc.types import MessageSpec, SignalSpec
+from tests.support.effort import examples
 from tests.support.paths import DATA, ROOT
 
 FILES = sorted([*(DATA / "dbc").glob("*.dbc"), *(ROOT / "dbc").glob("*.dbc")])
@@ -177,7 +178,7 @@ def both(folder: Path, text: str) -> tuple[MessageSpec, Message]:
     return load_database(path).message("M"), oracle(path)[0]
 
 
-@settings(deadline=None, max_examples=250, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=examples(250), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=drawn_message(), seed=st.integers(0, 1 << 32))
 def test_any_layout(tmp_path: Path, text: str, seed: int) -> None:
     spec, message = both(tmp_path, text)
@@ -208,7 +209,7 @@ VAL_ 291 OUTER 4 "nothing more";
 WILD = st.floats(allow_nan=True, allow_infinity=True) | st.sampled_from([0.0, 1e300, -1e300, 1e18, 255.5, 0.5])
 
 
-@settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=drawn_message(), data=st.data())
 def test_any_value_is_saturated_alike_and_never_nan(tmp_path: Path, text: str, data: st.DataObject) -> None:
     spec, _ = both(tmp_path, text)
@@ -229,7 +230,7 @@ def test_any_value_is_saturated_alike_and_never_nan(tmp_path: Path, text: str, d
                 assert low - slack <= bits.to_raw(signal, sent[signal.name]) <= high + slack
 
 
-@settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=drawn_message(), data=st.binary(max_size=70))
 def test_no_bytes_raise_and_short_ones_are_told(tmp_path: Path, text: str, data: bytes) -> None:
     spec, _ = both(tmp_path, text)

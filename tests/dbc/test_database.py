@@ -15,6 +15,7 @@ from candaemon.dbc.database import load_database
 from candaemon.dbc.types import Database
 from candaemon.errors import ConfigError, DatabaseError
 from candaemon.frames.frame import EXTENDED
+from tests.support.effort import examples
 from tests.support.paths import DATA, ROOT
 
 FILES = sorted([*(DATA / "dbc").glob("*.dbc"), *(ROOT / "dbc").glob("*.dbc")])
@@ -251,7 +252,7 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
         load_database(tmp_path / "none.dbc")
 
 
-@settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 1 << 32), edits=st.integers(1, 6))
 def test_no_damage_to_a_file_escapes_the_loader(tmp_path: Path, seed: int, edits: int) -> None:
     chance = random.Random(seed)  # noqa: S311 - damage, not secrets

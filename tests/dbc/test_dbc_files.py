@@ -13,6 +13,7 @@ from cantools.database.can import Database, Message, Signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.support.effort import examples
 from tests.support.paths import ROOT
 
 DBC = ROOT / "dbc"
@@ -192,7 +193,7 @@ def test_fd_frames_say_the_same_at_least_as_finely(ours: dict[str, Database]) ->
     assert first == second
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=examples(50))
 @given(data=st.data(), name=st.sampled_from(OUTPUTS))
 def test_obstacles_come_back_within_half_a_quantum(ours: dict[str, Database], data: st.DataObject, name: str) -> None:
     message = data.draw(st.sampled_from(ours[name].messages))

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from candaemon.arrays import Floats
 from candaemon.ego.geodesy import TangentPlane, ecef
+from tests.support.effort import examples
 
 A, INVERSE_FLATTENING = 6_378_137.0, 298.257_223_563
 LATITUDES, LONGITUDES = st.floats(-90.0, 90.0), st.floats(-180.0, 180.0)
@@ -54,13 +55,13 @@ def test_the_notes_own_example_holds() -> None:
     np.testing.assert_allclose(relative, [-189_013.869, -128_642.040, -4_220.171], atol=1e-3)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(latitude=LATITUDES, longitude=LONGITUDES)
 def test_places_on_the_ellipsoid(latitude: float, longitude: float) -> None:
     np.testing.assert_allclose(ecef(radians(latitude), radians(longitude)), cartesian(latitude, longitude), atol=1e-8)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(latitude=LATITUDES, longitude=LONGITUDES, east=WITHIN_10_KM, north=WITHIN_10_KM)
 def test_both_ways_are_exact_within_10_km(latitude: float, longitude: float, east: float, north: float) -> None:
     plane = TangentPlane(radians(latitude), radians(longitude))
@@ -71,7 +72,7 @@ def test_both_ways_are_exact_within_10_km(latitude: float, longitude: float, eas
     np.testing.assert_allclose(plane.project(phi, lam), [[east], [north]], atol=1e-6)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(100))
 @given(latitude=LATITUDES, longitude=LONGITUDES, course=st.floats(-pi, pi), distance=st.floats(1e4, 6.2e6))
 def test_a_plane_reaches_as_far_as_the_earth(latitude: float, longitude: float, course: float, distance: float) -> None:
     plane = TangentPlane(radians(latitude), radians(longitude))

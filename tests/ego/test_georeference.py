@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from candaemon.ego.geodesy import TangentPlane
 from candaemon.ego.georeference import MOST_WAITING
 from tests.support.builders import Circle, known, ns
+from tests.support.effort import examples
 from tests.support.gnss_drives import HOME, MOTION, PLACE, Drive, Ins, city
 
 FILTERS = ("drift", "switching", "imm")
@@ -234,7 +235,7 @@ def test_far_from_home_the_filter_keeps_what_it_knows(kind: str) -> None:
     assert max(off[200:]) < 1e-3
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=examples(20))
 @given(
     kind=st.sampled_from(FILTERS),
     steps=st.lists(st.tuples(st.sampled_from([0.01, 0.05, 0.31, 1.0, 2.5]), st.booleans()), min_size=5, max_size=60),

@@ -20,6 +20,7 @@ from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.bound import binding
 from tests.support.builders import Circle, known, ns
+from tests.support.effort import examples
 
 WHEELS = {"left_wheels": ["M.fl", "M.rl"], "right_wheels": ["M.fr", "M.rr"], "yaw_rate": "M.w"}
 
@@ -136,7 +137,7 @@ def test_until_the_biases_are_learnt_it_is_initialising(bias: dict[str, Any], un
     assert all(status is EgoStatus.VALID for time, status in told.items() if time > last)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(
     frames=st.lists(
         st.tuples(

@@ -19,6 +19,7 @@ from candaemon.estimation.innovation_noise import (
     process_noise,
 )
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 
 DT = 0.05
 CA = white_axis(DT, 0.1, order=2)
@@ -38,7 +39,7 @@ def followed(tracks: AdaptiveFilter, measured: Floats, observation: Floats) -> F
     return np.array(estimates)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(25))
 @given(seed=st.integers(0, 2**32 - 1), size=st.integers(1, 8), steps=st.integers(1, 30))
 def test_window_holds_the_latest_of_each_row(seed: int, size: int, steps: int) -> None:
     rng = np.random.default_rng(seed)

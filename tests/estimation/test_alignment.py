@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from candaemon.arrays import Floats
 from candaemon.estimation.alignment import lagrange, mounted, mounting_rotation
 from tests.support.builders import rotation
+from tests.support.effort import examples
 
 ANGLES = st.floats(-1.5, 1.5)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_parabola_is_met_at_any_instant(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -73,7 +74,7 @@ def test_a_lidar_between_its_scans_is_met_at_the_radars_instant() -> None:
     assert np.abs(at(nearest) - at(instant)).max() > 0.05
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(deflection=ANGLES, pitch=ANGLES)
 def test_mounting_is_a_proper_rotation_about_x_then_z(deflection: float, pitch: float) -> None:
     found = mounting_rotation(deflection, pitch)

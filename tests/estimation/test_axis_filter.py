@@ -14,6 +14,7 @@ from candaemon.estimation.discretisation import decaying_axis, white_axis
 from candaemon.estimation.motion_models import CurrentStatistical, Singer
 from candaemon.papers.profiles import Pieces, motion
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 from tests.support.long_runs import few_and_many_cycles
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -65,7 +66,7 @@ def textbook_predict(kf: KalmanFilter, model: AxisModel, dt: float) -> None:
         kf.predict(u=acceleration, B=axis.input[:, None], F=axis.transition, Q=axis.noise)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(100))
 @given(seed=SEEDS, model=MODELS, axes=st.integers(1, 5))
 def test_the_batched_filter_equals_filterpys_on_each_axis(seed: int, model: AxisModel, axes: int) -> None:
     """With time steps that vary, noise that does, and some axes measured only."""

@@ -13,12 +13,13 @@ from candaemon.estimation.federated import Federated, fused, information_shares
 from candaemon.estimation.innovation_noise import InnovationNoise
 from candaemon.estimation.variational_noise import VariationalNoise
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 from tests.support.long_runs import few_and_many_cycles
 
 ALONE = np.arange(1)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(
     seed=st.integers(0, 2**32 - 1),
     sensors=st.integers(1, 4),

@@ -14,6 +14,7 @@ from candaemon.estimation.filter_bank import moments
 from candaemon.estimation.imm import mix, posterior
 from candaemon.estimation.kalman import predict, update
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 from tests.support.long_runs import few_and_many_cycles
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -47,7 +48,7 @@ def assert_close(ours: Floats, theirs: Floats) -> None:
     np.testing.assert_allclose(ours, theirs, rtol=CLOSE, atol=CLOSE * max(float(np.abs(theirs).max()), 1.0))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(seed=SEEDS, n=st.integers(1, 4), size=st.integers(1, 8), measured=st.integers(1, 5))
 def test_a_linear_system_is_filterpys(seed: int, n: int, size: int, measured: int) -> None:
     system = System(seed, n, size, measured)
@@ -66,7 +67,7 @@ def test_a_linear_system_is_filterpys(seed: int, n: int, size: int, measured: in
             assert fit.nis[row] == pytest.approx(kf.mahalanobis**2, rel=CLOSE)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(seed=SEEDS)
 def test_a_nonlinear_measurement_is_filterpys(seed: int) -> None:
     """Range and azimuth of a position: the extended filter."""
@@ -95,7 +96,7 @@ def test_a_nonlinear_measurement_is_filterpys(seed: int) -> None:
         assert_close(covariance, ekf.P)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(seed=SEEDS, models=st.integers(2, 4), size=st.integers(1, 6), measured=st.integers(1, 3))
 def test_the_steps_make_filterpys_imm(seed: int, models: int, size: int, measured: int) -> None:
     """Mixing, each model's own filter, mode probabilities and combination of one track; the rows are its models."""
@@ -155,7 +156,7 @@ def test_the_same_exact_measurement_twice_counts_once() -> None:
     np.testing.assert_allclose(system.innovation(once, 0), 0.0, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(
     seed=SEEDS,
     size=st.integers(1, 9),

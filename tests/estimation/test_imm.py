@@ -16,6 +16,7 @@ from candaemon.estimation.imm import Imm
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.estimation.motion_models import CoordinatedTurn, LinearModel, MotionModel
 from tests.support.builders import AT_REST, random_covariance, rotation
+from tests.support.effort import examples
 
 DT, RATE = 0.1, 0.8
 WEAK, STRONG = LinearModel(2, (0.05, 0.02), (20.0, 0.8), (0.001, 0.02)), LinearModel(2, (5.0, 5.0))
@@ -70,7 +71,7 @@ def oracles(imm: Imm, models: Sequence[MotionModel], direction: Floats, h: Float
     return filters
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=examples(20))
 @given(seed=SEEDS, model=st.sampled_from((WEAK, STRONG, MIDDLE)), steps=st.integers(1, 60), velocities=st.booleans())
 def test_one_model_is_filterpys_kalman_filter(seed: int, model: LinearModel, steps: int, velocities: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -96,7 +97,7 @@ def test_one_model_is_filterpys_kalman_filter(seed: int, model: LinearModel, ste
     np.testing.assert_allclose(covariance[0], kf.P, rtol=1e-10, atol=1e-10)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=examples(15))
 @given(seed=SEEDS, models=st.sampled_from(((WEAK, STRONG), (STRONG, MIDDLE, WEAK))), steps=st.integers(1, 80))
 def test_several_models_are_filterpys_imm(seed: int, models: tuple[LinearModel, ...], steps: int) -> None:
     rng = np.random.default_rng(seed)

@@ -17,6 +17,7 @@ from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel
 from candaemon.tracking.estimator_factory import make_estimator
 from tests.support.builders import AT_REST, random_covariance
+from tests.support.effort import examples
 
 SEEDS = st.integers(0, 2**32 - 1)
 CV, CA, JERK = (LinearModel(order, (noise, noise)) for order, noise in ((1, 1e-3), (2, 5.0), (3, 20.0)))
@@ -75,7 +76,7 @@ def drive(bank: FilterBank, seed: int, *, regular: bool) -> None:
             assert np.isfinite(each).all()
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(seed=SEEDS, models=st.sampled_from(MODELS), information=st.booleans())
 def test_an_imm_stays_finite(seed: int, models: Sequence[MotionModel], information: bool) -> None:
     forms: list[Form] = ["information" if information and j != 1 else "covariance" for j in range(len(models))]
@@ -83,7 +84,7 @@ def test_an_imm_stays_finite(seed: int, models: Sequence[MotionModel], informati
     drive(imm, seed, regular=information)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(seed=SEEDS, kind=st.sampled_from(KINDS), noise=st.sampled_from(NOISES))
 def test_every_kind_stays_finite(seed: int, kind: str, noise: str) -> None:
     process = {"noise": 2.0} if kind in ("cv", "ca", "jerk") else {}

@@ -14,6 +14,7 @@ from candaemon.arrays import Floats
 from candaemon.estimation import information, kalman
 from candaemon.estimation.information import InformationFilter, contribution
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 from tests.support.long_runs import few_and_many_cycles
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -25,7 +26,7 @@ def assert_close(ours: Floats, theirs: Floats, tolerance: float = 1e-9) -> None:
     np.testing.assert_allclose(ours, theirs, rtol=tolerance, atol=tolerance * max(float(np.abs(theirs).max()), 1.0))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(seed=SEEDS, size=st.integers(1, 7), measured=st.integers(1, 4))
 def test_a_linear_system_is_filterpys(seed: int, size: int, measured: int) -> None:
     rng = np.random.default_rng(seed)
@@ -47,7 +48,7 @@ def test_a_linear_system_is_filterpys(seed: int, size: int, measured: int) -> No
         np.testing.assert_array_equal(ours.matrix, ours.matrix.swapaxes(1, 2))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(seed=SEEDS, n=st.integers(1, 4), size=st.integers(1, 7), measured=st.integers(1, 9))
 def test_an_update_in_information_form_is_the_kalman_filters(seed: int, n: int, size: int, measured: int) -> None:
     rng = np.random.default_rng(seed)
@@ -64,7 +65,7 @@ def test_an_update_in_information_form_is_the_kalman_filters(seed: int, n: int, 
     assert_close(fit.log_likelihood, expected.log_likelihood)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(seed=SEEDS, size=st.integers(1, 6), measured=st.integers(1, 3))
 def test_prediction_and_update_are_equations_12_to_14(seed: int, size: int, measured: int) -> None:
     rng = np.random.default_rng(seed)
@@ -104,7 +105,7 @@ def batch_estimate(f: Floats, q: Floats, h: Floats, r: Floats, z: Floats) -> tup
     return spread @ a.T @ weight @ z.reshape(-1), spread
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(seed=SEEDS, size=st.integers(1, 4), disturbed=st.integers(0, 4))
 def test_from_knowing_nothing_it_is_least_squares(seed: int, size: int, disturbed: int) -> None:
     """A chain of derivatives whose first is measured; its Q is singular, or nothing at all."""
@@ -136,7 +137,7 @@ def test_nothing_stays_nothing() -> None:
     assert not ours.determined.any()
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(seed=SEEDS, sensors=st.integers(2, 4))
 def test_sensors_add_up_in_any_order(seed: int, sensors: int) -> None:
     """Each sensor's contribution alone, all added, is one update with all of them."""
@@ -198,7 +199,7 @@ def test_infinite_information_is_refused(act: Callable[[], object]) -> None:
         act()
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(
     seed=SEEDS,
     size=st.integers(1, 9),

@@ -13,6 +13,7 @@ from candaemon.arrays import Floats
 from candaemon.estimation.kalman import symmetrise, update_position, update_scalar
 from candaemon.estimation.measurement import line_of_sight
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -25,7 +26,7 @@ def textbook(mean: Floats, covariance: Floats, z: Floats, h: Floats, noise: Floa
     return kf
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(100))
 @given(seed=SEEDS, size=st.integers(2, 7))
 def test_a_position_update_is_filterpys(seed: int, size: int) -> None:
     rng = np.random.default_rng(seed)
@@ -39,7 +40,7 @@ def test_a_position_update_is_filterpys(seed: int, size: int) -> None:
     assert float(fit.nis) == pytest.approx(kf.mahalanobis**2, rel=1e-9)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(100))
 @given(seed=SEEDS, size=st.integers(4, 7), batch=st.sampled_from(((), (1,), (3,), (2, 3))))
 def test_updates_one_after_another_are_the_joint_one(seed: int, size: int, batch: tuple[int, ...]) -> None:
     """Position, then two scalars; their likelihoods multiply and their NIS add up to the joint ones."""
@@ -97,7 +98,7 @@ def test_an_exact_position_leaves_no_doubt_and_a_vague_one_teaches_nothing() -> 
     np.testing.assert_allclose(covariance[0, :2], 0.0, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(
     x=st.floats(-200, 200),
     y=st.floats(-100, 100),
@@ -164,7 +165,7 @@ def test_what_is_certain_hardly_moves_whatever_is_measured_exactly(known: float,
         np.testing.assert_allclose(covariance, known * np.eye(4)[None], rtol=1e-9, atol=1e-300)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(100))
 @given(seed=SEEDS, rank=st.integers(0, 6), powers=st.tuples(st.floats(-8, 8), st.floats(-8, 8)), exact=st.booleans())
 def test_singular_covariances_stay_positive_semidefinite(
     seed: int, rank: int, powers: tuple[float, float], exact: bool

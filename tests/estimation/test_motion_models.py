@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from candaemon.arrays import Floats
 from candaemon.estimation.discretisation import decaying_axis, white_axis
 from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
+from tests.support.effort import examples
 
 DECAYS = (1e-5, 1e-4, 8e-4, 1e-3, 0.01, 0.099, 0.101, 0.5, 1.0, 2.0, 3.0)
 """αT, over the whole range that the papers and a radar need."""
@@ -129,7 +130,7 @@ def test_current_statistical_fills_any_width_alike(width: int) -> None:
     assert q[0, 0, 0] > q[1, 0, 0] > q[2, 0, 0]
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(
     decay=st.floats(1e-5, 3.0),
     dt=st.sampled_from((0.01, 0.05, 0.1, 1.0)),
@@ -205,7 +206,7 @@ def test_each_row_has_its_own_direction() -> None:
         np.testing.assert_allclose(predicted[k], f[k] @ states[k], rtol=1e-14)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(w=st.floats(-3.0, 3.0), speed=st.floats(0.1, 60.0), course=ANGLES, dt=st.sampled_from((0.01, 0.05, 0.565, 1.0)))
 def test_a_turns_jacobian_is_its_derivative(w: float, speed: float, course: float, dt: float) -> None:
     model = CoordinatedTurn(0.01, 0.1)
@@ -220,7 +221,7 @@ def test_a_turns_jacobian_is_its_derivative(w: float, speed: float, course: floa
         np.testing.assert_allclose(f[0][:, c], numeric, atol=2e-7 * max(speed, 1.0), err_msg=f"component {c}")
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(w=st.floats(-3.0, 3.0), speed=st.floats(0.0, 60.0), course=ANGLES, dt=st.floats(0.001, 2.0))
 def test_a_turn_is_a_circle(w: float, speed: float, course: float, dt: float) -> None:
     """Speed is kept, the course turns by ωT, the chord is that of the arc."""

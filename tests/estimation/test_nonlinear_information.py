@@ -15,6 +15,7 @@ from candaemon.estimation.information import InformationFilter
 from candaemon.estimation.measurement import line_of_sight
 from candaemon.estimation.motion_models import TURN, CoordinatedTurn, LinearModel, MotionModel
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 
 TURNING = [0, 1, 2, 3, TURN]
 
@@ -71,7 +72,7 @@ def test_the_nonlinear_filter_is_the_extended_kalman_filter() -> None:
     assert np.abs(mean - truth[-1]).max() < 1.0
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(100))
 @given(
     speed=st.tuples(st.floats(-40, 40), st.floats(-40, 40)),
     turn_rate=st.floats(0.01, 1.5) | st.floats(-1.5, -0.01),

@@ -15,6 +15,7 @@ from candaemon.estimation.motion_models import CurrentStatistical, Singer
 from candaemon.estimation.packed_symmetric import PackedSymmetric
 from candaemon.estimation.plane_filter import PlaneFilter
 from tests.support.builders import polar_measurement, random_covariance
+from tests.support.effort import examples
 
 SEEDS = st.integers(0, 2**32 - 1)
 MODELS = (Singer(0.5, 2.0), CurrentStatistical(0.5, 10.0, 1.0), CurrentStatistical(0.2, 8.0, 0.1, 1.0))
@@ -54,7 +55,7 @@ def assert_same(plane: FilterBank, bank: FilterBank) -> None:
     np.testing.assert_array_equal(covariance, np.swapaxes(covariance, 1, 2))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(seed=SEEDS, model=st.sampled_from(MODELS), speeds=st.integers(0, 3), tracks=st.integers(1, 9))
 def test_the_plane_filter_equals_the_bank_of_its_model(
     seed: int, model: Singer | CurrentStatistical, speeds: int, tracks: int

@@ -12,6 +12,7 @@ from scipy.stats import multivariate_normal
 from candaemon.arrays import Floats
 from candaemon.estimation.radial import ModifiedLinearKalman, radial, radial_jacobian
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 from tests.support.long_runs import few_and_many_cycles
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -39,7 +40,7 @@ def after(state: Floats, time: float) -> Floats:
     return moved
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(seed=SEEDS)
 def test_rate_and_acceleration_are_the_derivatives_of_range(seed: int) -> None:
     state, step = motions(seed, 20), 1e-4
@@ -54,7 +55,7 @@ def test_without_the_centripetal_term_the_acceleration_misses_what_a_crossing_ta
     np.testing.assert_allclose(radial(crossing, sensor, centripetal=False)[0, 0], (10.0, 0.0, 0.0))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(seed=SEEDS, centripetal=st.booleans())
 def test_the_jacobian_is_the_derivative(seed: int, centripetal: bool) -> None:
     state, step = motions(seed, 20), 1e-5
@@ -79,7 +80,7 @@ def oracle(mean: Floats, covariance: Floats) -> KalmanFilter:
     return kf
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(seed=SEEDS, floor=st.sampled_from((0.0, 0.03, 0.3)))
 def test_the_mlkf_equals_filterpys_filter_with_a_floor(seed: int, floor: float) -> None:
     rng = np.random.default_rng(seed)

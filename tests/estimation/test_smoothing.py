@@ -19,6 +19,7 @@ from candaemon.papers.han_filters import three_models
 from candaemon.papers.manoeuvre_set import DT, MOTIONS
 from candaemon.papers.tracking import follow_smoothed
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 
 CA, CT = LinearModel(2, (5.0, 5.0)), CoordinatedTurn(0.01, 0.1)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -70,7 +71,7 @@ def close(found: Floats, expected: Floats) -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * max(1.0, float(np.abs(expected).max())))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(seed=SEEDS, steps=st.integers(1, 30), size=st.integers(1, 6))
 def test_a_whole_run_is_filterpys_smoother(seed: int, steps: int, size: int) -> None:
     system = System.random(seed, steps, size)
@@ -79,7 +80,7 @@ def test_a_whole_run_is_filterpys_smoother(seed: int, steps: int, size: int) -> 
         close(found[:, 0], expected)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(deadline=None, max_examples=examples(12))
 @given(seed=SEEDS, lag=st.integers(0, 12))
 def test_a_window_is_filterpys_smoother_on_the_window(seed: int, lag: int) -> None:
     system = System.random(seed, 15, 3)
@@ -125,7 +126,7 @@ def fed(systems: dict[int, System], lives: dict[int, range], steps: int, lag: in
     return told + smoother.finish()
 
 
-@settings(deadline=None, max_examples=12)
+@settings(deadline=None, max_examples=examples(12))
 @given(
     seed=SEEDS, lag=st.integers(0, 8), births=st.lists(st.tuples(st.integers(0, 12), st.integers(1, 12)), max_size=5)
 )
@@ -166,7 +167,7 @@ def test_a_chain_without_a_link_begins_anew() -> None:
     close(mean[:3, 0], system.oracle(3)[0])
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(seed=SEEDS, rank=st.integers(0, 6), scale=st.floats(-100, 100))
 def test_gains_are_finite_on_singular_and_huge_covariances(seed: int, rank: int, scale: float) -> None:
     rng = np.random.default_rng(seed)

@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from candaemon.arrays import Floats
 from candaemon.estimation.radial import radial
 from candaemon.estimation.trilateration import Status, Trilateration, trilaterate
+from tests.support.effort import examples
 
 SEEDS = st.integers(0, 2**32 - 1)
 BUMPER = np.array([(3.6, 0.8), (3.6, -0.8)])
@@ -33,7 +34,7 @@ def told(state: Floats, sensors: Floats = BUMPER, *, centripetal: bool = True) -
     return trilaterate(radial(state, sensors), NOISE, sensors, AHEAD, centripetal=centripetal)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=examples(50))
 @given(seed=SEEDS)
 def test_two_sensors_anywhere_tell_the_motion_exactly(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -70,7 +71,7 @@ def test_without_the_centripetal_term_accelerations_are_off_by_tens_near_the_car
     np.testing.assert_allclose(told(state).state, state, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(seed=SEEDS)
 def test_more_sensors_are_the_least_squares_solution(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -182,7 +183,7 @@ def test_sensors_at_one_place_are_as_one() -> None:
     assert not result.state.any()
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(100))
 @given(
     values=st.lists(
         st.sampled_from([0.0, -1.0, 1e-9, 0.8, 1.6, 10.0, 1e5, 1e300, np.inf, np.nan]), min_size=12, max_size=12

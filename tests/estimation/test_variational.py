@@ -11,12 +11,13 @@ from candaemon.arrays import Floats
 from candaemon.estimation.noise_factor import NoiseScale, WindowedScale
 from candaemon.estimation.variational_noise import VariationalNoise
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 
 SEEDS = st.integers(0, 2**32 - 1)
 FORGETTING = 0.95
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(25))
 @given(seed=SEEDS, iterations=st.integers(1, 6))
 def test_diagonal_noise_is_that_of_sarkka_and_nummenmaa(seed: int, iterations: int) -> None:
     """Their recursion with the state inside the iteration, α at 1 / (2 (1 − ρ))."""
@@ -41,7 +42,7 @@ def test_diagonal_noise_is_that_of_sarkka_and_nummenmaa(seed: int, iterations: i
         mean, covariance = mean + gain @ innovation, covariance - gain @ h @ covariance + 0.1 * np.eye(3)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(seed=SEEDS, dimension=st.integers(1, 2), alike=st.booleans())
 def test_factor_solves_its_fixed_point(seed: int, dimension: int, alike: bool) -> None:
     """λ = ρ λ⁻ + (1 − ρ) tr(R₀⁻¹ E[(z − H x)(z − H x)ᵀ]) / d, written out with matrices."""

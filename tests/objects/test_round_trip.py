@@ -14,6 +14,7 @@ from candaemon.dbc.bits import sendable_values
 from candaemon.objects.object_batch import ObjectBatch
 from candaemon.objects.writer import ObjectWriter
 from tests.support.bound import binding
+from tests.support.effort import examples
 
 SENSORS = ("toyota_rav4", "esr_ins", "gm_lrr", "tesla_continental", "acura_ilx", "mando", "ars408")
 
@@ -45,7 +46,7 @@ def written(
 
 
 @pytest.mark.parametrize("name", SENSORS)
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(25))
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 64))
 def test_objects_read_back_as_written(name: str, seed: int, count: int) -> None:
     sensor = binding(name).sensors[0]

@@ -25,6 +25,7 @@ from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.scan import Scan
 from candaemon.tracking.obstacles import COASTING, CONFIRMED, TENTATIVE, Obstacles
 from tests.support.bound import binding
+from tests.support.effort import examples
 from tests.support.paths import ROOT
 
 POSE = EgoPose(0, 5.0, 6.0, 0.0, 20.0, 0.0, 0.0, 0.01, EgoStatus.VALID)
@@ -137,7 +138,7 @@ def test_tentative_obstacles_are_told_on_demand(tentative: bool, names: int) -> 
     assert encoder.state.unreported == 0
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=examples(50))
 @given(st.data())
 def test_any_obstacles_are_encoded_as_numbers_in_range(data: st.DataObject) -> None:
     wild = st.floats(width=64) | st.sampled_from([math.nan, math.inf, -math.inf, 1e300])
@@ -186,7 +187,7 @@ def moving(n: int, seed: int) -> tuple[Obstacles, EgoPose]:
     return seen, EgoPose(0, 1.0, 2.0, 0.7, 9.0, 4.0, 0.2, 0.01, EgoStatus.VALID)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(25))
 @given(seed=st.integers(0, 1000), n=st.integers(0, 64))
 def test_written_as_esr_targets_obstacles_read_back(seed: int, n: int) -> None:
     seen, pose = moving(n, seed)
@@ -208,7 +209,7 @@ def test_written_as_esr_targets_obstacles_read_back(seed: int, n: int) -> None:
     assert rows["range_rate"] == pytest.approx(view.quantity("range_rate", polar=True), abs=0.006)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(25))
 @given(seed=st.integers(0, 1000), n=st.integers(0, 40))
 def test_written_as_ars408_objects_obstacles_read_back(seed: int, n: int) -> None:
     seen, pose = moving(n, seed)
@@ -233,7 +234,7 @@ def test_written_as_ars408_objects_obstacles_read_back(seed: int, n: int) -> Non
     assert len(again) == 4  # a list names what there is; nothing is sent for what left
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(
     st.tuples(*[st.floats(-60, 60)] * 2, *[st.floats(-30, 30)] * 4),
     st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.6, 0.6)),

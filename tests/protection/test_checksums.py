@@ -16,6 +16,7 @@ from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import EXTENDED
 from candaemon.protection.checksums import Kind, Protector, crc8_sae_j1850
+from tests.support.effort import examples
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
@@ -64,7 +65,7 @@ def test_toyota_sums_every_byte_of_an_extended_identifier() -> None:
     assert protector.checksum(can_id, bytes(8)) == (0x18 + 0xDA + 0x10 + 0xF1 + 8) & 0xFF
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(
     kind=st.sampled_from(KINDS),
     length=st.integers(2, 64),

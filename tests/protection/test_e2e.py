@@ -29,6 +29,7 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.protection.e2e import E2eProtector
 from candaemon.protection.monitor import FrameFaults, FrameMonitor
 from tests.pipeline.test_pipeline import drive
+from tests.support.effort import examples
 from tests.support.paths import ROOT
 
 ADAPTER: TypeAdapter[Any] = TypeAdapter(E2eSettings)
@@ -83,7 +84,7 @@ def test_profile_2_takes_its_data_id_by_the_counter() -> None:
 
 
 @pytest.mark.parametrize("given_", VARIANTS, ids=str)
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(payload=st.binary(min_size=8, max_size=8), bit=st.integers(0, 63), count=st.integers(0, 14))
 def test_one_changed_bit_is_found(given_: dict[str, Any], payload: bytes, bit: int, count: int) -> None:
     of = protector(given_)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from candaemon.frames.times import NEVER_NS
 from candaemon.radar.assembler_factory import make_assembler
+from tests.support.effort import examples
 from tests.support.scan_frames import KINDS, UNMARKED, Sent, cycle, run, same, sensor, timed, whole
 
 
@@ -29,7 +30,7 @@ def test_a_cycle_makes_a_scan_of_its_valid_objects(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=examples(15))
 @given(random=st.randoms(use_true_random=False))
 def test_any_order_gives_the_same_scans(kind: str, random: Random) -> None:
     frames: list[Sent] = []
@@ -51,7 +52,7 @@ FATES = st.sampled_from(["kept"] * 12 + ["lost", "lost", "twice", "short", "late
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(25))
 @given(data=st.data())
 def test_every_frame_is_accounted_for(kind: str, data: st.DataObject) -> None:
     frames: list[Sent] = []
@@ -88,7 +89,7 @@ def _length(kind: str, can_id: int) -> int:
 
 
 @pytest.mark.parametrize("kind", UNMARKED)
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(25))
 @given(data=st.data())
 def test_a_lost_frame_costs_only_its_object(kind: str, data: st.DataObject) -> None:
     frames: list[Sent] = []
@@ -228,7 +229,7 @@ def test_the_stamp_is_the_first_or_last_frames_less_the_latency(time_from: str, 
     assert scan.time_ns == frames[frame].time_ns - 20_000_000
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(st.data())
 @pytest.mark.parametrize("kind", KINDS)
 def test_random_payloads_are_counted_not_raised(kind: str, data: st.DataObject) -> None:

@@ -32,6 +32,7 @@ from candaemon.radar.counter_assembler import CounterAssembler
 from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import simulate
 from tests.support.bound import binding
+from tests.support.effort import examples
 from tests.support.paths import ROOT
 
 CONFIGS = ("esr_ins", "two_radars", "toyota_rav4", "gm_lrr", "ars408", "tesla_continental")
@@ -171,7 +172,7 @@ def test_a_block_out_of_order_is_sorted_as_its_frames_are(window_ns: int) -> Non
     assert sequence.backward_steps == 1
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=examples(200))
 @given(
     steps=st.lists(
         st.one_of(

@@ -29,6 +29,7 @@ from candaemon.radar.plausibility import ObjectPlausibility
 from candaemon.radar.scan import ScanCounts
 from tests.support.bound import binding
 from tests.support.builders import ns
+from tests.support.effort import examples
 from tests.support.paths import ROOT
 
 CYCLE = 0.05
@@ -121,7 +122,7 @@ def test_a_sensor_that_tells_neither_identity_nor_novelty_is_not_watched() -> No
     assert not any(refused((ObjectPlausibility(sensor, counts), counts, sensor), [50, 49, 80, 20]))
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=examples(50))
 @given(st.data())
 def test_plausible_motion_is_never_rejected(data: st.DataObject) -> None:
     """In any mix of slots, polar or not."""

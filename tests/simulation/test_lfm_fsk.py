@@ -22,6 +22,7 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.lfm_fsk import LfmFsk, LfmFskReceiver, Peaks
 from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import simulate
+from tests.support.effort import examples
 from tests.support.paths import ROOT
 
 DEFAULT = LfmFskSettings(kind="lfm_fsk")
@@ -54,7 +55,7 @@ def test_at_the_classical_step_range_and_speed_share_the_phase() -> None:
     assert -rate[0] / classical.speed_cell == pytest.approx(half + beat[0] / 2)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=examples(100))
 @given(distance=st.floats(0.0, 245.0), rate=st.floats(-70.0, 70.0))
 def test_within_the_unambiguous_interval_a_target_comes_back(distance: float, rate: float) -> None:
     found = WAVEFORM.target(*WAVEFORM.beat(np.array([distance]), np.array([rate])))

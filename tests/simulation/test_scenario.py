@@ -14,6 +14,7 @@ from candaemon.errors import ConfigError
 from candaemon.simulation.actor_motion import Trajectory, trajectory
 from candaemon.simulation.scenario import Scenario, Segment, load_scenario
 from candaemon.simulation.scene import Scene
+from tests.support.effort import examples
 from tests.support.paths import ROOT
 
 SCENARIOS = sorted((ROOT / "config" / "scenarios").glob("*.yaml"))
@@ -48,7 +49,7 @@ def of(parts: list[Segment], speed: float = 15.0, yaw: float = 0.3) -> Trajector
     return trajectory(3 - 2j, cmath.rect(speed, yaw), yaw, parts, axes_yaw=0.3)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(segments, st.floats(0, 30))
 def test_velocity_and_acceleration_are_the_derivatives_of_position(parts: list[Segment], speed: float) -> None:
     track, h = of(parts, speed), 1e-4
@@ -60,7 +61,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position(parts: list[S
     assert np.count_nonzero(difference > 1e-2 * (1 + np.abs(here.acceleration))) <= 2 * len(parts) + 1
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(segments)
 def test_motion_is_continuous_and_in_any_order_of_times(parts: list[Segment]) -> None:
     track = of(parts)

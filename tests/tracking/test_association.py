@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.tracking.association import nearest_neighbours, pair_nis
 from tests.support.builders import random_covariance
+from tests.support.effort import examples
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -58,7 +59,7 @@ def test_the_innovation_of_a_pair_is_the_joint_one(seed: int, rated: bool) -> No
     np.testing.assert_allclose(nis, expected, rtol=1e-8)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(seed=SEEDS, tracks=st.integers(1, 4), detections=st.integers(1, 4), gate=st.floats(1.0, 30.0))
 def test_the_assignment_is_the_best_of_all(seed: int, tracks: int, detections: int, gate: float) -> None:
     """As many pairs inside the gate as can be, and of those the least sum; behind the gate nothing is paired."""

@@ -19,6 +19,7 @@ from candaemon.tracking.obstacles import MOTION, Obstacles, concatenated, no_obs
 from candaemon.tracking.smoother_history import with_motion
 from candaemon.tracking.tracker import Tracker
 from tests.support.builders import CYCLE, HandFed, Seen, assert_sane, ns, pose, times
+from tests.support.effort import examples
 
 Pairs = list[tuple[Obstacles, Obstacles]]
 
@@ -74,7 +75,7 @@ SCANS = st.lists(
 )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(scans=SCANS, kind=st.sampled_from(("imm", "cs", "information")), lag=st.sampled_from((0.03, 0.5, 10.0)))
 def test_any_detections_leave_it_sane(scans: list[tuple[float, int, list[Seen]]], kind: str, lag: float) -> None:
     fed = HandFed(estimator={"kind": kind}, max_tracks=12)

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.builders import CYCLE, HandFed, Seen, assert_sane, car, ns, times
+from tests.support.effort import examples
 
 POINT = st.one_of(
     st.builds(
@@ -63,7 +64,7 @@ def test_what_does_not_fit_is_counted_and_dropped() -> None:
     assert (fed.tracker.counts.crowded, fed.tracker.counts.used, fed.tracker.counts.detections) == (4, 8, 12)
 
 
-@settings(deadline=None, max_examples=80)
+@settings(deadline=None, max_examples=examples(80))
 @given(steps=STEPS, method=st.sampled_from(("nearest", "id")), merge=st.booleans(), kind=st.sampled_from(("imm", "cs")))
 def test_any_detections_leave_it_sane(
     steps: list[tuple[float, int, list[Seen]]], method: str, merge: bool, kind: str
