@@ -6,11 +6,14 @@ import logging
 import sys
 import threading
 from collections.abc import Iterator
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from candaemon.dbc.database import load_database
+from candaemon.dbc.types import Database
 from tests.support.paths import DATA
 
 if TYPE_CHECKING:
@@ -24,6 +27,22 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> WorkSte
     from xdist.scheduler import WorkStealingScheduling
 
     return WorkStealingScheduling(config, log)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _each_dbc_is_parsed_once() -> Iterator[None]:
+    """Let `bind` load a DBC file of the same path and content once: parsing is most of what many tests would do."""
+    loaded: dict[tuple[Path, bytes], Database] = {}
+
+    def load_once(path: Path) -> Database:
+        key = (path, sha256(path.read_bytes()).digest())
+        if key not in loaded:
+            loaded[key] = load_database(path)
+        return loaded[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("candaemon.binding.bind.load_database", load_once)
+        yield
 
 
 @pytest.fixture(scope="session")
