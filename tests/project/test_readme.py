@@ -39,8 +39,8 @@ def test_ci_runs_the_second_command_and_every_marker() -> None:
     markers = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["pytest"]["ini_options"][
         "markers"
     ]
-    for marker in markers:
-        assert f"-m {marker.partition(':')[0]}" in text
+    selected = set(re.findall(r"\w+", " ".join(re.findall(r'-m ("[^"]*"|bed|benchmark)', text))))
+    assert {marker.partition(":")[0] for marker in markers} <= selected
     for tool in ("ruff check", "ruff format --check", "mypy", "mkdocs build"):
         assert tool in text
 
