@@ -11,27 +11,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+
+from candaemon.printable import printable
 
 
 class CandaemonError(Exception):
     """Base of every error that candaemon raises on purpose.
 
+    Whatever the texts quote, the error's text has a line for itself and one for each of the others, and is safe to
+    print.
+
     Args:
         message: what was found, what was expected, what to do.
         file: the file it was found in, where there is one.
         line: 1-based line in that file, where it is known.
+        others: found at the same time; told after it.
     """
 
     exit_code = 1
 
-    def __init__(self, message: str, *, file: Path | str | None = None, line: int | None = None) -> None:
-        self.message = message
-        self.file = None if file is None else str(file)
+    def __init__(
+        self,
+        message: str,
+        *,
+        file: Path | str | None = None,
+        line: int | None = None,
+        others: Sequence[CandaemonError] = (),
+    ) -> None:
+        self.message = printable(message)
+        self.file = None if file is None else printable(str(file))
         self.line = line
+        self.others = tuple(others)
         super().__init__(str(self))
 
     def __str__(self) -> str:
+        return "\n".join([self._own_line(), *map(str, self.others)])
+
+    def _own_line(self) -> str:
         if self.file is None:
             return self.message
         where = self.file if self.line is None else f"{self.file}:{self.line}"

@@ -58,4 +58,4 @@ def raise_all(errors: Sequence[ConfigError]) -> None:
     if not errors:
         return
     first, *others = errors
-    raise ConfigError("\n".join([first.message, *map(str, others)]), file=first.file, line=first.line)
+    raise ConfigError(first.message, file=first.file, line=first.line, others=[*first.others, *others])

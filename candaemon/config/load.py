@@ -75,8 +75,8 @@ def load_config(path: Path) -> LoadedConfig:
 
 def join_problems(path: Path, problems: list[tuple[int, str]]) -> ConfigError:
     """Return one error for several (line, text), each on a separate line with file and line."""
-    (line, first), *others = problems
-    return ConfigError("\n".join([first, *(f"{path}:{at}: {text}" for at, text in others)]), file=path, line=line)
+    first, *others = (ConfigError(text, file=path, line=line) for line, text in problems)
+    return ConfigError(first.message, file=path, line=first.line, others=others)
 
 
 def json_schema() -> dict[str, Any]:

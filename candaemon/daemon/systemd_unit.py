@@ -52,7 +52,7 @@ def install(config_path: Path, *, show: bool, units: Path = SYSTEMD_UNITS) -> No
         print(unit, end="")
         return
     if problems:
-        raise InputError("\n".join(["the service could not read what it needs:", *problems]))
+        raise InputError("the service could not read what it needs:", others=[InputError(each) for each in problems])
     path = units / f"candaemon@{name}.service"
     atomic_write(path, unit)
     print(f"{path} is written; `systemctl daemon-reload && systemctl enable --now candaemon@{name}` starts it")

@@ -16,6 +16,7 @@ from tests.support.paths import ROOT
 PACKAGE = ROOT / "candaemon"
 
 ROOMS: tuple[str, ...] = (
+    "printable",
     "errors",
     "_version",
     "arrays",
@@ -189,7 +190,7 @@ def test_a_room_says_what_it_holds_and_what_it_knows_nothing_of(here: str) -> No
 
 
 def test_no_module_lies_outside_a_room() -> None:
-    assert {path.stem for path in PACKAGE.glob("*.py")} == {"__init__", "__main__", "errors", "_version"}
+    assert {path.stem for path in PACKAGE.glob("*.py")} == {"__init__", "__main__", "errors", "_version", "printable"}
 
 
 def test_file_names_are_unique() -> None:
