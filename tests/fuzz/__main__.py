@@ -25,6 +25,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--mutate", type=Path, metavar="LOG", help="a drive of the RAV4 for half of these frames")
     parser.add_argument("--seed", type=int, default=1, help="of chance; default: %(default)s")
     parser.add_argument("--processes", type=int, default=1, metavar="N", help="for these frames; default: %(default)s")
+    parser.add_argument("--parts", type=int, default=1, metavar="N", help="of these frames, each with its digest")
+    parser.add_argument("--results", type=Path, metavar="FILE", help="where what is done of these frames is kept")
     given = parser.parse_args(arguments)
     if given.frames is None:  # candaemon is imported here, for atheris to see it
         from .guided import guided
@@ -34,7 +36,7 @@ def main(arguments: list[str]) -> int:
         parser.error("--frames goes with the target pipeline")
     from .campaign_report import report
 
-    return report(given.frames, given.seed, given.mutate, given.processes)
+    return report(given.frames, given.seed, given.mutate, given.processes, given.parts, given.results)
 
 
 if __name__ == "__main__":

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from itertools import islice
 from pathlib import Path
-from zlib import crc32
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
@@ -63,7 +64,8 @@ class Result:
         most: obstacles at once.
         state: bytes of the pipeline's state, at most: every queue, history and track.
         grown: bytes that the process grew by after the first quarter.
-        digest: of all that was sent.
+        digest: SHA-256 of all that was sent, in hexadecimal.
+        error: what was not as it must be; empty where all was.
     """
 
     share: Share
@@ -73,7 +75,8 @@ class Result:
     most: int
     state: int
     grown: int
-    digest: int
+    digest: str
+    error: str = ""
 
 
 def shares(frames: int, seed: int, drive: Path | None) -> list[Share]:
@@ -86,6 +89,13 @@ def shares(frames: int, seed: int, drive: Path | None) -> list[Share]:
     return parts + [
         Share(name, count, seed + 100 + k) for k, (name, count) in enumerate(zip(CONFIGS, counts, strict=True))
     ]
+
+
+def split(frames: int, seed: int, drive: Path | None, parts: int) -> list[list[Share]]:
+    """Split a campaign into smaller ones, each a campaign by its own seed: 1000 more than that of the one before."""
+    each = frames // parts
+    counts = [frames - each * (parts - 1), *[each] * (parts - 1)]
+    return [shares(count, seed + 1000 * k, drive) for k, count in enumerate(counts)]
 
 
 @cache
@@ -121,12 +131,24 @@ def run(share: Share, progress: Callable[[int], None] | None = None) -> Result:
     largest = max(largest, _hold_state(bound, pipeline, watch, list(items)))
     _hold_counts(pipeline, frames)
     counts = pipeline.counts
-    return Result(share, counts.cycles, counts.sent, pipeline.drops, watch.most, largest, grown, watch.digest)
+    return Result(
+        share, counts.cycles, counts.sent, pipeline.drops, watch.most, largest, grown, watch.outputs.hexdigest()
+    )
 
 
-def digest_of(results: Sequence[Result]) -> int:
-    """Return one number for all that was sent."""
-    return crc32(b"".join(result.digest.to_bytes(4, "little") for result in results))
+def attempt(share: Share, progress: Callable[[int], None] | None = None) -> Result:
+    """Run a share; one that fails is a result too, so that the others go on."""
+    try:
+        return run(share, progress)
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is what is looked for
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        told = f"{type(error).__name__} at {place.filename}:{place.lineno}: {error}"
+        return Result(share, 0, 0, 0, 0, 0, 0, "", told)
+
+
+def digest_of(results: Sequence[Result]) -> str:
+    """Return one SHA-256 for all that was sent, from those of the shares in order."""
+    return sha256("".join(result.digest for result in results).encode("ascii")).hexdigest()
 
 
 class _Counted:
@@ -169,12 +191,13 @@ def _hold_state(bound: Binding, pipeline: Pipeline, watch: Watch, last: Sequence
     """Hold that a pipeline with the state of this one does the same with the last frames; return the state's size."""
     stored, other, other_watch = dump(pipeline), Pipeline(bound), Watch(bound, _SAMPLED)
     restore(other, stored)
-    other_watch.digest = watch.digest
+    other_watch.outputs = watch.outputs.copy()
     for each, watching in ((pipeline, watch), (other, other_watch)):
         for cycle in each.run(last):
             watching.take(cycle)
+        watching.finish()
     assert other.counts == pipeline.counts
-    assert other_watch.digest == watch.digest, "a pipeline with the same state sends something else"
+    assert other_watch.outputs.digest() == watch.outputs.digest(), "a pipeline with the same state sends something else"
     return len(stored)
 
 

@@ -25,7 +25,7 @@ def fuzz_pipeline(data: bytes) -> None:
     assert _digest(data) == _digest(data), "the same frames gave something else"
 
 
-def _digest(data: bytes) -> int:
+def _digest(data: bytes) -> str:
     drawn = Drawn(data)
     bound = binding(drawn.choice(CONFIGS))
     protectors = protectors_of(bound)
@@ -45,8 +45,9 @@ def _digest(data: bytes) -> int:
         watch.take(cycle)
     for cycle in pipeline.finish():
         watch.take(cycle)
+    watch.finish()
     assert sum(bus.frames for bus in pipeline.counts.buses) == sum(isinstance(item, Frame) for item in items)
-    return watch.digest
+    return watch.outputs.hexdigest()
 
 
 def _items(drawn: Drawn, kinds: list[Kind]) -> Iterator[Frame | Tick]:

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 from dataclasses import fields
 from functools import cache
-from math import isfinite
-from zlib import crc32
+from hashlib import sha256
+from math import inf, isfinite
+from struct import Struct
 
 import cantools
 import numpy as np
 from cantools.database.can import Database, Message
 
 from candaemon.binding.bound import Binding
+from candaemon.dbc.batch_codec import BatchDecoder
+from candaemon.dbc.types import MessageSpec
 from candaemon.ego.pose import EgoPose
 from candaemon.frames.frame import EXTENDED
 from candaemon.pipeline.cycle import Cycle
 from candaemon.tracking.obstacles import Obstacles
 
 _COLUMNS = tuple(field.name for field in fields(Obstacles))
+_HEAD = Struct("<qHIB")
+"""Of a frame that is sent: its time, bus, CAN id and length."""
+_GATHERED = 200
+"""Frames of an identifier that are decoded together."""
 _NOT_NEGATIVE = ("sx", "sy", "svx", "svy", "age", "existence")
 
 
@@ -26,22 +33,23 @@ class Watch:
 
     Args:
         binding: of the pipeline.
-        sampled: of so many cycles, the frames of one are decoded by cantools; of the others only the lengths are held.
+        sampled: of so many cycles, the frames of one are decoded by cantools too.
 
     Attributes:
         cycles: seen so far.
         most: obstacles in one of them.
-        digest: of all that was sent.
+        outputs: SHA-256 of all that was sent, to be gone on with.
     """
 
     def __init__(self, binding: Binding, sampled: int = 1) -> None:
         self.cycles = 0
         self.most = 0
-        self.digest = 0
+        self.outputs = sha256()
         self._sampled = sampled
         self._limit = _limit(binding)
         self._messages = _messages(binding)
-        self._output = binding.output
+        self._output = output = binding.output
+        self._sent = {can_id: _Sent(output.database.by_id[can_id]) for can_id in output.can_ids} if output else {}
         self._time_ns = 0
 
     def take(self, cycle: Cycle) -> None:
@@ -59,6 +67,15 @@ class Watch:
         self.most = max(self.most, len(cycle.obstacles))
         self.cycles += 1
 
+    def finish(self) -> None:
+        """Hold the ranges of the frames that are left.
+
+        Raises:
+            AssertionError: a signal is beyond its range.
+        """
+        for sent in self._sent.values():
+            sent.hold()
+
     def _hold_frames(self, cycle: Cycle, *, decoded: bool) -> None:
         """Hold that every frame is one of the output's DBC, and all its signals are numbers."""
         if self._output is None:
@@ -69,13 +86,44 @@ class Watch:
             assert (time_ns, bus) == (cycle.time_ns, self._output.bus)
             assert len(data) == message.length, f"{message.name} of {len(data)} bytes"
             assert fd == (can_id in self._output.fd_ids), message.name
-            self.digest = crc32(data, crc32(can_id.to_bytes(4, "little"), self.digest))
+            self.outputs.update(_HEAD.pack(time_ns, bus, can_id, len(data)) + data)
+            self._sent[can_id].take(data)
             if decoded:
                 values = message.decode(data, decode_choices=False)
                 assert isinstance(values, dict)
                 for name, value in values.items():
                     assert isinstance(value, int | float), f"{message.name}.{name} is {value}"
                     assert isfinite(value), f"{message.name}.{name} is {value}"
+
+
+class _Sent:
+    """Frames of one identifier, whose signals are held to the ranges that the DBC gives.
+
+    Args:
+        message: what they are.
+    """
+
+    def __init__(self, message: MessageSpec) -> None:
+        self._message = message
+        self._decoder = BatchDecoder(message)
+        bounds = [_range(signal.minimum, signal.maximum) for signal in message.signals]
+        self._least, self._greatest = (np.array([pair[k] for pair in bounds]).reshape(-1, 1) for k in (0, 1))
+        self._payloads: list[bytes] = []
+
+    def take(self, data: bytes) -> None:
+        """Hold one more frame, together with some others."""
+        self._payloads.append(data)
+        if len(self._payloads) >= _GATHERED:
+            self.hold()
+
+    def hold(self) -> None:
+        """Hold what is gathered."""
+        if not self._payloads:
+            return
+        values = self._decoder.decode(b"".join(self._payloads))
+        self._payloads = []
+        beyond = (values < self._least) | (values > self._greatest) | np.isinf(values)  # a signal not sent is NaN
+        assert not beyond.any(), f"{self._message.name}: {values[beyond.any(axis=1)]} is out of range"
 
 
 def hold_obstacles(obstacles: Obstacles) -> None:
@@ -102,6 +150,14 @@ def hold_obstacles(obstacles: Obstacles) -> None:
 def _hold_pose(pose: EgoPose) -> None:
     for field in fields(EgoPose):
         assert isfinite(getattr(pose, field.name)), f"own {field.name} is {getattr(pose, field.name)}"
+
+
+def _range(least: float | None, greatest: float | None) -> tuple[float, float]:
+    """Return the range of a signal, with what rounding a raw value adds; without an end where the DBC gives none."""
+    if least is None or greatest is None or not least < greatest:
+        return -inf, inf
+    slack = 1e-9 * max(abs(least), abs(greatest))
+    return least - slack, greatest + slack
 
 
 def _limit(binding: Binding) -> int:
