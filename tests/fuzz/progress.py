@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import TracebackType
+from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -30,7 +31,7 @@ class ProgressLines:
         )
         self._task = self._bar.add_task(name, total=total)
 
-    def __enter__(self) -> ProgressLines:
+    def __enter__(self) -> Self:
         self._bar.start()
         return self
 
