@@ -186,12 +186,15 @@ class LiveBus:
         """Close the bus; return what it had received and nobody has read."""
         if self._port is not None:
             self._left += _last_frames(self._port, _LEFT_FRAMES)
+        frames = self._take_remaining()
         self.close()
-        return self._take_remaining()
+        return frames
 
     def close(self) -> None:
-        """Close the bus; what waits to be sent is dropped."""
+        """Close the bus; what waits to be sent is dropped, and counted as what had come and nobody has read."""
         self.counts.send_dropped += self._waiting.clear()
+        self.counts.unread += len(self._left)
+        self._left = []
         if self._opening is not None:
             self._opening.abandon()
             self._opening = None

@@ -149,15 +149,18 @@ class LiveBuses:
             kept.append(self._bus(request))
         for bus in before.values():
             self._held += bus.leave()
-        self._buses = tuple(kept)
         index = {bus.name: bus.index for bus in kept}
+        self._give_up([frame for frame in self._held if names[frame.bus] not in index])
         self._held = [frame._replace(bus=index[names[frame.bus]]) for frame in self._held if names[frame.bus] in index]
+        self._buses = tuple(kept)
         self._ahead.clear()
 
     def close(self) -> None:
-        """Close every bus; takes 0.2 s for one whose driver does not come back."""
+        """Close every bus; takes 0.2 s for one whose driver does not come back. What nobody has read is counted."""
         for bus in self._buses:
             bus.close()
+        self._give_up(self._held)
+        self._held = []
 
     def __enter__(self) -> Self:
         return self
@@ -169,6 +172,13 @@ class LiveBuses:
 
     def _bus(self, request: PortRequest) -> LiveBus:
         return LiveBus(request, self._clock, self._selector)
+
+    def _give_up(self, frames: Iterable[Frame]) -> None:
+        """Count frames as unread that were received and held back, and that nobody will get."""
+        for frame in frames:
+            counts = self._buses[frame.bus].counts
+            counts.received -= 1
+            counts.unread += 1
 
     def _tend(self, now_s: float) -> float:
         """Do what is due on every bus; return when something is due next."""

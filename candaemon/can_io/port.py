@@ -28,6 +28,7 @@ class PortCounts:
         kernel_lost: frames that the receive buffer had no room for, as the kernel reports it; error frames among them.
         queue_full: frames dropped behind a driver because the daemon did not take them in time.
         malformed: messages that no CAN frame can be.
+        unread: frames that had come when the bus was closed or left, and that nobody has read.
         send_dropped: frames given up because a newer state came, or the bus took none for too long.
         send_failed: frames not sent because the bus was down.
         remote: remote frames, skipped.
@@ -47,6 +48,7 @@ class PortCounts:
     kernel_lost: int = 0
     queue_full: int = 0
     malformed: int = 0
+    unread: int = 0
     send_dropped: int = 0
     send_failed: int = 0
     remote: int = 0
@@ -63,7 +65,7 @@ class PortCounts:
     @property
     def lost(self) -> int:
         """Frames that should have reached the pipeline and did not."""
-        return self.kernel_lost + self.queue_full + self.malformed
+        return self.kernel_lost + self.queue_full + self.malformed + self.unread
 
     @property
     def unsent(self) -> int:
@@ -101,16 +103,23 @@ class Port(Protocol):
         """Return the descriptor that is readable when there is something to receive."""
 
     def receive(self, limit: int) -> list[Frame]:
-        """Return what has come, `limit` frames at most. Raises `PORT_ERRORS`: the bus is gone, or its link is down."""
+        """Return what has come, `limit` frames at most.
+
+        Raises `PORT_ERRORS`: the bus is gone, or its link is down. No frame is lost by that: what fails behind some
+        frames is raised by the next call.
+        """
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """Send frames until one finds no room; return how many were taken. Raises `PORT_ERRORS`: none can be sent."""
+        """Send frames until one finds no room, or fails; return how many were taken.
+
+        Raises `PORT_ERRORS`: none was sent.
+        """
 
     def check(self) -> None:
         """Look whether the bus is still there; asked once a second. Raises `PORT_ERRORS` where it is not."""
 
     def close(self) -> None:
-        """Close the bus. Raises `PORT_ERRORS`."""
+        """Close the bus; count what had come and nobody has read. Raises `PORT_ERRORS`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import can
 
-from candaemon.can_io.port import PortRequest
+from candaemon.can_io.port import PORT_ERRORS, PortRequest
 from candaemon.config.buses import BusSettings
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.frame_block import FD_LENGTHS
@@ -115,7 +115,12 @@ class PythonCanPort:
             if message is None:
                 return frames
             self._take(message, frames)
-            message = self._bus.recv(0)
+            try:
+                message = self._bus.recv(0)
+            except PORT_ERRORS:
+                if frames:  # an error that lasts comes again
+                    return frames
+                raise
         if message is not None:
             self._take(message, frames)
         return frames
@@ -131,6 +136,10 @@ class PythonCanPort:
                 self._bus.send(to_message(frame), timeout=0)
             except can.CanError:  # full, or gone: the latter shows when it is read
                 return sent
+            except (OSError, ValueError):
+                if sent:  # what fails for good fails again
+                    return sent
+                raise
         return len(frames)
 
     def close(self) -> None:

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import logging
 import os
 import socket
 import struct
 import sys
 import time
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from typing import Final
 
 from candaemon.can_io import timestamps
 from candaemon.can_io.port import Controller, PortCounts, PortRequest
+from candaemon.can_io.receive_buffer import SO_RXQ_OVFL, ReceiveDrops, size_receive_buffer
 from candaemon.can_io.recvmmsg import DatagramBatch
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.frame_block import FD_LENGTHS
@@ -79,54 +80,10 @@ def _controller_state(detail: int, counts: PortCounts, before: Controller) -> Co
     return "active" if detail & _ACTIVE else before
 
 
-logger = logging.getLogger(__name__)
-
-FRAME_BITS: Final = 111
-"""A classic frame of 8 bytes without stuff bits: a full bus has no more of them a second."""
-
-_MOST: Final = (1 << 30) - 1
-"""No kernel gives more than twice this."""
-
-
-def size_receive_buffer(receiving: socket.socket, request: PortRequest, frame_bytes: int) -> None:
-    """Give a socket a receive buffer for the configured traffic; warn where the kernel allows less.
-
-    Args:
-        receiving: the socket.
-        request: which bus, how many frames/s it expects and for how long they are to be kept.
-        frame_bytes: what a frame takes of the buffer, the kernel's book-keeping included.
-
-    Raises:
-        OSError: the kernel refuses.
-    """
-    settings = request.settings
-    rate = settings.bitrate / FRAME_BITS if request.rate is None else request.rate
-    wanted = int(settings.receive_buffer * rate * frame_bytes)
-    given = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-    if wanted <= given:
-        return
-    half = wanted // 2 + 1  # the kernel doubles it
-    receiving.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, min(half, _MOST))
-    given = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-    if given < wanted:
-        logger.warning(
-            "bus '%s': the kernel keeps %d frames (%.2f s) while the daemon is busy, expected %d (receive_buffer: "
-            "%g s); set the sysctl net.core.rmem_max to %d or more, as config/sysctl.d/90-candaemon.conf does",
-            request.name,
-            given // frame_bytes,
-            given / frame_bytes / rate,
-            wanted // frame_bytes,
-            settings.receive_buffer,
-            half,
-        )
-
-
 FRAME_BYTES: Final = 768
 """What a frame takes of a receive buffer, classic or FD: the kernel counts its own book-keeping."""
 
 _CAN_RAW_ERR_FILTER: Final = 2  # these are Linux's, and Python has no names for them
-_SO_RXQ_OVFL: Final = 40
-_SO_MEMINFO: Final = 55
 _SIOCGIFFLAGS: Final = 0x8913
 _SIOCGIFMTU: Final = 0x8921
 _SIOCGIFINDEX: Final = 0x8933
@@ -135,6 +92,7 @@ _IFF_RUNNING: Final = 0x40
 _CARRIER_S: Final = 1.5
 """The kernel reports a change of carrier up to a second late."""
 
+_NO_ROOM: Final = (errno.EAGAIN, errno.ENOBUFS)
 _REMOTE_FLAG: Final = 0x4000_0000
 _FD_SWITCH: Final = 0x01  # CANFD_BRS: the payload has the data bit rate
 _MOST_FILTERS: Final = 512  # CAN_RAW_FILTER_MAX
@@ -142,14 +100,14 @@ _CLASSIC: Final = struct.Struct("=IB3x8s")
 _FD: Final = struct.Struct("=IBB2x64s")
 
 _BATCH: Final = 64
+_ERRORS_BEFORE_FRAMES: Final = 3
+"""Readings of a socket that had an error and then another, until what is in its buffer comes."""
 _ERROR_FRAME_FACTOR: Final = 4
 """How many times the limit is read where what comes are error frames, which no limit counts."""
 
 _STAMPS_SPACE: Final = struct.calcsize("@Nii6l0N")
 _COUNT_SPACE: Final = struct.calcsize("@NiiI0N")
 _HEADER: Final = f"{struct.calcsize('@Nii')}x"
-_MEMORY: Final = struct.Struct("@32xI")
-"""SO_MEMINFO: the last of its numbers is the count of SO_RXQ_OVFL."""
 _RECORD: Final = struct.Struct(f"@IB3x64s {_HEADER}6l0N {_HEADER}I0N")
 """A frame, SCM_TIMESTAMPING's three times (software, unused, hardware), and SO_RXQ_OVFL's count."""
 
@@ -176,11 +134,12 @@ class SocketCanPort:
         self._index = request.index
         self._counts = request.counts
         self._name = request.settings.channel
-        self._lost = 0
+        self._failure: OSError | None = None
         self._contradicted_s: float | None = None
         self._clock = timestamps.HardwareClockOffset()
         self._datagrams = DatagramBatch(_BATCH, _FD.size, _STAMPS_SPACE + _COUNT_SPACE)
         self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW | socket.SOCK_NONBLOCK, socket.CAN_RAW)
+        self._drops = ReceiveDrops(self._socket, request.counts)
         try:
             self._set_up(request)
             self._socket.bind((self._name,))
@@ -200,14 +159,18 @@ class SocketCanPort:
         Raises:
             OSError: the interface went down (ENETDOWN) or was deleted (ENODEV). What came before can still be received.
         """
+        self._raise_failure()
         frames: list[Frame] = []
         before = self.controller
         for _ in range(1 + _ERROR_FRAME_FACTOR * limit // _BATCH):
             try:
                 number = self._datagrams.receive(self._socket.fileno(), _BATCH)
-            except OSError:
+            except OSError as error:
                 self.controller = "active"  # as which it starts with its link
-                raise
+                if not frames:
+                    raise
+                self._failure = error  # the kernel reports it once
+                return frames
             self._take(number, frames)
             if number < _BATCH or len(frames) >= limit:
                 break
@@ -225,12 +188,10 @@ class SocketCanPort:
         for sent, frame in enumerate(frames):
             try:
                 send(_packed(frame))
-            except BlockingIOError:
-                return sent
             except OSError as error:
-                if error.errno != errno.ENOBUFS:
-                    raise
-                return sent
+                if sent or error.errno in _NO_ROOM:  # what fails for good fails again
+                    return sent
+                raise
         return len(frames)
 
     def check(self) -> None:
@@ -239,18 +200,44 @@ class SocketCanPort:
         Raises:
             OSError: it is not.
         """
+        self._raise_failure()
         if self._ask(_SIOCGIFINDEX) != self._interface:
             raise OSError(errno.ENODEV, "the interface was made anew")
         flags = self._ask(_SIOCGIFFLAGS)
         if not flags & _IFF_UP:
             raise OSError(errno.ENETDOWN, os.strerror(errno.ENETDOWN))
         self._follow_carrier(bool(flags & _IFF_RUNNING), time.monotonic())
-        self._count_lost(self._lost_in_all())
+        self._drops.look()
 
     def close(self) -> None:
-        """Close the socket; count what was lost behind the last frame."""
-        self._count_lost(self._lost_in_all())
+        """Close the socket; count what was lost behind the last frame, and what had come and nobody has read."""
+        with suppress(OSError):  # nothing more comes, so that what there is can be counted
+            self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
+            self._socket.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, 0)
+        self._drops.look()
+        for _ in range(_ERRORS_BEFORE_FRAMES):
+            with suppress(OSError):
+                self._count_unread()
         self._socket.close()
+
+    def _count_unread(self) -> None:
+        """Empty the receive buffer; count the frames in it.
+
+        Raises:
+            OSError: the socket reports an error first; once, then what is in the buffer can be read.
+        """
+        number = _BATCH
+        while number == _BATCH:
+            number = self._datagrams.receive(self._socket.fileno(), _BATCH)
+            frames: list[Frame] = []
+            self._take(number, frames)
+            self._counts.unread += len(frames)
+
+    def _raise_failure(self) -> None:
+        """Raise, once, what ended the last reading behind some frames."""
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
 
     def _follow_carrier(self, there: bool, now_s: float) -> None:
         """Learn from the carrier that the controller is off the bus, or back, where no error frame reported it.
@@ -270,20 +257,6 @@ class SocketCanPort:
             self._counts.bus_off += not there
             self.controller = "active" if there else "bus-off"
 
-    def _lost_in_all(self) -> int:
-        """Return how many frames this socket had no room for."""
-        try:
-            return int(_MEMORY.unpack(self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMORY.size))[0])
-        except (OSError, struct.error):  # a kernel before 4.12, which reports it with the next frame only
-            return self._lost
-
-    def _count_lost(self, in_all: int) -> None:
-        """Count the frames that found no room; a frame that came before the last look knows of fewer."""
-        more = (in_all - self._lost) & 0xFFFF_FFFF
-        if more < 1 << 31:
-            self._counts.kernel_lost += more
-            self._lost = in_all
-
     def _set_up(self, request: PortRequest) -> None:
         """Set all that must hold before the first frame comes."""
         settings = request.settings
@@ -295,7 +268,7 @@ class SocketCanPort:
         option(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, EVERY_ERROR)
         if request.ids is not None and len(request.ids) <= _MOST_FILTERS:
             option(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, receive_filters(request.ids))
-        option(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
+        option(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
         option(socket.SOL_SOCKET, timestamps.SO_TIMESTAMPING, timestamps.timestamping_flags(settings.time_stamps))
         size_receive_buffer(self._socket, request, FRAME_BYTES)
 
@@ -317,7 +290,7 @@ class SocketCanPort:
 
     def _take(self, number: int, frames: list[Frame]) -> None:
         """Append the frames of as many datagrams; count the others and the losses before them."""
-        datagrams = self._datagrams
+        datagrams, drops = self._datagrams, self._drops
         for (length, control), record in zip(
             datagrams.lengths(number), datagrams.records(number, _RECORD), strict=False
         ):
@@ -328,8 +301,8 @@ class SocketCanPort:
                     time_ns = self._clock.system_ns(hardware_s * 1_000_000_000 + hardware_ns, time_ns)
             else:
                 time_ns = time.time_ns()
-            if control == _STAMPS_SPACE + _COUNT_SPACE and lost != self._lost:
-                self._count_lost(lost)
+            if control == _STAMPS_SPACE + _COUNT_SPACE and lost != drops.in_all:
+                drops.note(lost)
             fd = length == _FD.size
             if can_id & ERROR_FLAG:
                 self.controller = count_error_frame(can_id, data, self._counts, self.controller)

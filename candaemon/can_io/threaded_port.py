@@ -57,6 +57,7 @@ class ThreadedPort:
         self._ours, self._theirs = socket.socketpair()
         self._signalled = False
         self._closing = Event()
+        self._closed = False
         self._thread = Thread(target=self._read, name=f"bus {name}", daemon=True)
         self._thread.start()
 
@@ -87,12 +88,15 @@ class ThreadedPort:
         """Do nothing: what fails shows when it is read."""
 
     def close(self) -> None:
-        """End the thread, or leave a driver that does not come back alone with it; close the bus."""
+        """End the thread, or leave a driver that does not come back alone with it; close the bus; count the unread."""
         self._closing.set()
         self._thread.join(_JOIN_S)
         self._ours.close()
         with self._lock:
             self._theirs.close()
+            self._closed = True
+            self._counts.unread += len(self._frames)
+            self._frames = []
         self._port.close()
 
     def _read(self) -> None:
@@ -109,10 +113,13 @@ class ThreadedPort:
                 self._signal()
 
     def _put(self, frames: list[Frame]) -> None:
-        """Append frames as far as there is room; count the others."""
+        """Append frames as far as there is room; count the others, and all where nobody reads any more."""
         if not frames:
             return
         with self._lock:
+            if self._closed:
+                self._counts.unread += len(frames)
+                return
             room = self._capacity - len(self._frames)
             self._frames += frames[:room]
             self._counts.queue_full += max(len(frames) - room, 0)

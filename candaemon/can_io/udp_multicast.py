@@ -4,7 +4,7 @@ At 8,000 frames/s it takes half of the CPU time that python-can's takes a frame,
 python-can's loses without a trace.
 
 A frame is a datagram: a msgpack map of what python-can's `Message` holds. The kernel stamps each when it comes, and
-reports with the next one how many found no room in the receive buffer.
+reports how many found no room in the receive buffer.
 """
 
 from __future__ import annotations
@@ -14,21 +14,22 @@ import socket
 import struct
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Any
 
 from candaemon.can_io.port import Controller, PortRequest
-from candaemon.can_io.socketcan import size_receive_buffer
+from candaemon.can_io.receive_buffer import SO_RXQ_OVFL, ReceiveDrops, size_receive_buffer
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.frame_block import FD_LENGTHS
 
 PORT = 43_113
 """UDP port where the options give none, as python-can has it."""
 
-_SO_TIMESTAMPNS, _SO_RXQ_OVFL = 35, 40  # Linux; the socket module does not name them
+_SO_TIMESTAMPNS, _IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 35, 49, 29  # Linux; the socket module does not name them
 _STAMP, _DROPS, _INDEX = struct.Struct("@ll"), struct.Struct("@I"), struct.Struct("@I")
 _CONTROL = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_DROPS.size)
 _LONGEST = 4096
+_BATCH = 256
 _DATAGRAM_BYTES = 1280
 """What a datagram takes of a receive buffer: a classic frame 832 with the kernel's book-keeping, CAN FD more."""
 _FULL = (errno.EAGAIN, errno.ENOBUFS)
@@ -60,7 +61,6 @@ class UdpMulticastPort:
         self.controller: Controller = "active"
         self._pack, self._unpack = msgpack.Packer().pack, msgpack.unpackb
         self._index, self._counts, self._fd = request.index, request.counts, request.settings.fd
-        self._dropped = 0
         options: dict[str, Any] = request.settings.options
         family, address, hops = _where(request.settings.channel, **options)
         with ExitStack() as opened:
@@ -70,6 +70,8 @@ class UdpMulticastPort:
             if request.ids is None or request.ids:
                 self._hearing = opened.enter_context(_listener(family, address))
                 size_receive_buffer(self._hearing, request, _DATAGRAM_BYTES)
+            self._family, self._address = family, address
+            self._drops = ReceiveDrops(self._hearing, request.counts)
             self._opened = opened.pop_all()
 
     def fileno(self) -> int:
@@ -83,18 +85,7 @@ class UdpMulticastPort:
             OSError: the network is gone.
         """
         frames: list[Frame] = []
-        recvmsg, own = self._hearing.recvmsg, self._own
-        for _ in range(limit):
-            try:
-                content, control, _, sender = recvmsg(_LONGEST, _CONTROL)
-            except BlockingIOError:
-                break
-            if len(control) > 1:
-                self._count_lost(control)
-            if sender != own:
-                frame = self._frame(content, _time_ns(control))
-                if frame is not None:
-                    frames.append(frame)
+        self._take(limit, frames)
         return frames
 
     def send(self, frames: Sequence[Frame]) -> int:
@@ -108,25 +99,61 @@ class UdpMulticastPort:
             try:
                 send(pack(_message(frame)))
             except OSError as error:
-                if error.errno in _FULL:
+                if sent or error.errno in _FULL:  # what fails for good fails again
                     return sent
                 raise
         return len(frames)
 
     def check(self) -> None:
-        """Do nothing: a group has no state."""
+        """Count what was lost behind the last frame; a group has no state that could be looked at."""
+        self._drops.look()
 
     def close(self) -> None:
-        """Leave the group."""
-        self._opened.close()
+        """Leave the group; count what was lost behind the last frame, and what had come and nobody has read."""
+        with self._opened:
+            if self._hearing is not self._sending and self._hearing.fileno() >= 0:
+                self._count_unread()
+
+    def _count_unread(self) -> None:
+        """Let nothing more come; count what there is.
+
+        Raises:
+            OSError: the network is gone.
+        """
+        with suppress(OSError):
+            _leave(self._hearing, self._family, self._address)
+        self._drops.look()
+        taken = _BATCH
+        while taken == _BATCH:
+            frames: list[Frame] = []
+            taken = self._take(_BATCH, frames)
+            self._counts.unread += len(frames)
+
+    def _take(self, limit: int, frames: list[Frame]) -> int:
+        """Append the frames of what has come; count the rest. Return how many datagrams it was, `limit` at most."""
+        recvmsg, own = self._hearing.recvmsg, self._own
+        for taken in range(limit):
+            try:
+                content, control, _, sender = recvmsg(_LONGEST, _CONTROL)
+            except BlockingIOError:
+                return taken
+            except OSError:
+                if frames:  # an error that lasts comes again
+                    return taken
+                raise
+            if len(control) > 1:
+                self._count_lost(control)
+            if sender != own:
+                frame = self._frame(content, _time_ns(control))
+                if frame is not None:
+                    frames.append(frame)
+        return limit
 
     def _count_lost(self, control: list[tuple[int, int, bytes]]) -> None:
         """Count the datagrams that found no room before this one; the kernel reports them once there were any."""
         for _, kind, data in control:
-            if kind == _SO_RXQ_OVFL:
-                (dropped,) = _DROPS.unpack(data)
-                self._counts.kernel_lost += (dropped - self._dropped) % (1 << 32)
-                self._dropped = dropped
+            if kind == SO_RXQ_OVFL:
+                self._drops.note(int(_DROPS.unpack(data)[0]))
 
     def _frame(self, content: bytes, time_ns: int) -> Frame | None:
         """Return a datagram's data frame; None, and counted, if it is none."""
@@ -215,18 +242,37 @@ def _listener(family: socket.AddressFamily, address: Any) -> socket.socket:
     """Return a socket that hears the group and no other."""
     hearing = socket.socket(family, socket.SOCK_DGRAM)
     try:
-        for option in (socket.SO_REUSEADDR, socket.SO_REUSEPORT, _SO_TIMESTAMPNS, _SO_RXQ_OVFL):
+        for option in (socket.SO_REUSEADDR, socket.SO_REUSEPORT, _SO_TIMESTAMPNS, SO_RXQ_OVFL):
             hearing.setsockopt(socket.SOL_SOCKET, option, 1)
         hearing.setblocking(False)
+        # before it is bound, so that whoever sees it bound can rely on its hearing all
+        if family == socket.AF_INET:
+            hearing.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(family, address))
+        else:
+            hearing.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, _membership(family, address))
         # bound to any address it would hear every group that this machine has joined on the port
         hearing.bind(address)
-        packed = socket.inet_pton(family, address[0].partition("%")[0])
-        if family == socket.AF_INET:
-            membership = packed + _INDEX.pack(socket.INADDR_ANY)
-            hearing.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
-        else:
-            hearing.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, packed + _INDEX.pack(address[3]))
     except OSError:
         hearing.close()
         raise
     return hearing
+
+
+def _leave(hearing: socket.socket, family: socket.AddressFamily, address: Any) -> None:
+    """Let a socket hear nothing more, even where others of this machine are members of the group.
+
+    Raises:
+        OSError: the network is gone.
+    """
+    if family == socket.AF_INET:
+        hearing.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+        hearing.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, _membership(family, address))
+    else:
+        hearing.setsockopt(socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0)
+        hearing.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_LEAVE_GROUP, _membership(family, address))
+
+
+def _membership(family: socket.AddressFamily, address: Any) -> bytes:
+    """Return a group as a socket joins and leaves it."""
+    packed = socket.inet_pton(family, address[0].partition("%")[0])
+    return packed + _INDEX.pack(socket.INADDR_ANY if family == socket.AF_INET else address[3])

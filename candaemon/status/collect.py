@@ -29,7 +29,7 @@ from candaemon.status.snapshot import (
 )
 from candaemon.tracking.obstacles import STATE_NAMES
 
-LOSS_CAUSES = ("kernel_lost", "queue_full", "malformed")
+LOSS_CAUSES = ("kernel_lost", "queue_full", "malformed", "unread")
 """Causes of a live bus's frames being lost before the pipeline."""
 UNSENT_CAUSES = ("send_dropped", "send_failed")
 """Causes of frames not being sent."""

@@ -21,7 +21,7 @@ from .live_wire import HERE, ROOT, cycle_time, free_wire, on_wire
 
 CPU, LATENCY, EVENNESS = 0.5, 0.35, 2.0
 """Goals on an idle machine: CPU time and p99 latency by the naive daemon's, and p99 by p50 of candaemon's cycles."""
-CAUSES = ("kernel_lost", "queue_full", "malformed")
+CAUSES = ("kernel_lost", "queue_full", "malformed", "unread")
 """Counts of a bus that say why a frame was lost on its way in."""
 FULL = ROOT / "config/esr_ins.yaml"
 _WARMING_CYCLES = 20
@@ -83,7 +83,8 @@ class Compared:
             f"{self.case.name}, {self.case.rate:,.0f} frames/s: CPU {_pair(self.cpu, 100, '%')}, goal {CPU:g};"
             f" latency p50 {_pair(self.p50, 1e3, 'ms')}, p99 {_pair(self.p99, 1e3, 'ms')}, goal {LATENCY:g};"
             f" cycle p99/p50 {self.evenness:.2f}, goal {EVENNESS:g};"
-            f" answered {self.answered[0]:.1%} and {self.answered[1]:.1%}, stalled {self.stalled:.1%}"
+            f" answered {self.answered[0]:.1%} and {self.answered[1]:.1%}, stalled {self.stalled:.1%};"
+            f" sent {self.sent:,}, received {self.received:,}, lost {_told(self.lost)}"
         )
 
 
@@ -151,21 +152,28 @@ class Endured:
     longest_delay: float
 
     def __str__(self) -> str:
-        lost = ", ".join(f"{cause} {count:,}" for cause, count in self.lost.items()) or "0"
         return (
-            f"sent {self.sent:,}, received {self.received:,}, lost {lost}; CPU {self.cpu:.0%};"
+            f"sent {self.sent:,}, received {self.received:,}, lost {_told(self.lost)}; CPU {self.cpu:.0%};"
             f" latency p50 {self.p50 * 1e3:.2f} ms, p99 {self.p99 * 1e3:.2f} ms;"
             f" sent up to {self.longest_delay * 1e3:.0f} ms late"
         )
 
 
-def endure(rate: float, seconds: float, folder: Path) -> Endured:
-    """Feed candaemon with all its defaults for a time, s."""
+def endure(rate: float, seconds: float, folder: Path, *, paused_from: float | None = None) -> Endured:
+    """Feed candaemon with all its defaults.
+
+    Args:
+        rate: frames/s.
+        seconds: for how long.
+        folder: for its files.
+        paused_from: s from the first frame until it gets no time at all, up to the last frame; None: never.
+    """
     warming = 1.0
     drive = _drive(FULL, rate, warming + seconds, folder)
     with ahead_of_others(), Side(FULL, rate, folder / "candaemon") as side:
         side.wait_until_it_listens()
-        side.feed(_part(drive, 0.0, warming), _part(drive, warming, seconds))
+        with side.paused_from(paused_from):
+            side.feed(_part(drive, 0.0, warming), _part(drive, warming, seconds))
         report = side.stop()
     (it,) = side.blocks
     return Endured(
@@ -181,8 +189,12 @@ def endure(rate: float, seconds: float, folder: Path) -> Endured:
 def _received(report: Mapping[str, Any]) -> tuple[int, dict[str, int]]:
     """Return the frames that candaemon took, and those it lost by cause."""
     buses = report["buses"].values()
-    lost = {cause: count for bus in buses for cause, count in bus.items() if count and cause in CAUSES}
-    return sum(bus["received"] for bus in buses), lost
+    lost = {cause: sum(bus[cause] for bus in buses) for cause in CAUSES}
+    return sum(bus["received"] for bus in buses), {cause: count for cause, count in lost.items() if count}
+
+
+def _told(lost: Mapping[str, int]) -> str:
+    return ", ".join(f"{cause} {count:,}" for cause, count in lost.items()) or "0"
 
 
 def _drive(config: Path, rate: float, seconds: float, folder: Path) -> list[Datagram]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Timer
 from types import TracebackType
 from typing import Any, Self
 
@@ -142,6 +144,24 @@ class Side:
         self._driver.hear_the_rest(played)
         self.fed += len(warming) + len(block)
         self.blocks.append(Measured.of(played, self._cpu() - before, (began_ns, time.time_ns())))
+
+    @contextmanager
+    def paused_from(self, seconds: float | None) -> Iterator[None]:
+        """Let the daemon have no time from some seconds on, as long as the context lasts; None: let it run.
+
+        Its end is asked for before it runs again, so that it reads nothing of what has come meanwhile.
+        """
+        if seconds is None:
+            yield
+            return
+        pause = Timer(seconds, self._process.send_signal, (signal.SIGSTOP,))
+        pause.start()
+        try:
+            yield
+        finally:
+            pause.join()
+            self._process.terminate()
+            self._process.send_signal(signal.SIGCONT)
 
     def stop(self) -> dict[str, Any]:
         """End the daemon; return what candaemon told of itself."""

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import can
 import pytest
+from can.interfaces.virtual import VirtualBus
 
 from candaemon.can_io.live_bus import MOST, BusStateLog
 from candaemon.can_io.live_buses import READ_LIMIT
@@ -177,6 +178,64 @@ def test_a_change_loses_nothing_that_has_come(flaky: type[FlakyPort]) -> None:
         buses.change({"bus1": settings})
         heard = [(frame.bus, frame.can_id) for frame in read_all(buses, 4, 0.5)]
     assert heard == [(0, 0x201 + number) for number in range(4)]
+
+
+@pytest.mark.parametrize("left", ["closed", "changed"])
+def test_what_is_held_back_when_its_bus_goes_is_counted(flaky: type[FlakyPort], left: str) -> None:
+    flaky.brings = 10_000
+    settings = virtual()
+    with live(FLAKY, settings) as buses, peer(settings) as other:
+        buses.open()
+        for number in range(3):  # far ahead of what the flood has brought, so they are held back
+            other.send(message(0x201 + number, timestamp=1.0 + number))
+        time.sleep(0.2)
+        assert all(frame.bus == 0 for frame in buses.read(0.0))
+        counts = buses[1].counts
+        assert counts.received == 3
+        if left == "closed":
+            buses.close()
+        else:
+            flaky.brings = 0
+            buses.change({"bus0": FLAKY})
+            assert read_all(buses, 1, 0.1) == []
+    assert (counts.received, counts.unread) == (0, 3)
+
+
+def test_what_was_sent_before_an_error_is_counted_as_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    took: list[int] = []
+
+    def send(_: can.BusABC, sending: can.Message, timeout: float | None = None) -> None:
+        assert timeout == 0
+        if len(took) == 3:
+            raise OSError(errno.ENODEV, "No such device")
+        took.append(sending.arbitration_id)
+
+    settings = virtual()
+    with live(settings) as buses:
+        buses.open()
+        monkeypatch.setattr(VirtualBus, "send", send)
+        assert buses.send(0, [Frame(0, 0, k, b"") for k in range(5)]) == 3
+        assert turn_until(buses, lambda: not buses[0].state.up)
+        counts = buses[0].counts
+        assert (took, counts.sent, counts.send_failed) == ([0, 1, 2], 3, 2)
+
+
+def test_what_came_before_an_error_is_received(monkeypatch: pytest.MonkeyPatch) -> None:
+    coming: list[can.Message | Exception] = [message(1), message(2), OSError(errno.ENODEV, "No such device")]
+
+    def recv(_: can.BusABC, timeout: float | None = None) -> can.Message:
+        assert timeout is not None
+        each = coming.pop(0) if len(coming) > 1 else coming[0]
+        if isinstance(each, Exception):
+            raise each
+        return each
+
+    monkeypatch.setattr(VirtualBus, "recv", recv)
+    with live(virtual()) as buses:
+        buses.open()
+        assert [frame.can_id for frame in read_all(buses, 2)] == [1, 2]
+        assert turn_until(buses, lambda: "No such device" in buses[0].state.error)
+        assert buses[0].counts.received == 2
 
 
 def test_a_bus_that_flutters_does_not_fill_the_log(caplog: pytest.LogCaptureFixture) -> None:

@@ -145,6 +145,33 @@ def test_a_full_receive_buffer_is_counted_with_the_next_frame(bench: Bench) -> N
     assert bench.counts.kernel_lost == 3000 - kept
 
 
+@pytest.mark.parametrize("look", ["check", "close"])
+def test_what_is_lost_behind_the_last_frame_is_counted_without_another(bench: Bench, look: str) -> None:
+    there = bench.open(rate=1.0)
+    for _ in range(3000):
+        bench.other.send(message())
+    kept = 0
+    if look == "check":
+        kept = len(there.receive(10_000))
+        assert 0 < kept < 3000
+        there.check()
+    else:
+        there.close()
+    counts = bench.counts
+    assert kept + counts.kernel_lost + counts.unread == 3000
+    assert counts.kernel_lost > 0
+
+
+def test_what_a_closed_port_had_received_is_counted(bench: Bench) -> None:
+    there = bench.open()
+    for number in range(7):
+        bench.other.send(message(data=bytes([number])))
+    bench.other.send(message(is_remote_frame=True, data=b""))
+    assert len(there.receive(3)) == 3
+    there.close()
+    assert (bench.counts.unread, bench.counts.remote, bench.counts.kernel_lost) == (4, 1, 0)
+
+
 def test_a_receive_buffer_that_is_too_small_is_told_with_the_cure(
     bench: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -57,6 +57,7 @@ class SlowPort:
     def __init__(self, batches: Sequence[list[Frame] | Exception]) -> None:
         self.batches = list(batches)
         self.hangs = threading.Event()
+        self.late: list[Frame] = []
         self.closed = False
 
     def receive(self, limit: int, timeout_s: float) -> list[Frame]:
@@ -64,7 +65,7 @@ class SlowPort:
         if not self.batches:
             self.hangs.set()
             time.sleep(20 * timeout_s)
-            return []
+            return self.late
         batch = self.batches.pop(0)
         if isinstance(batch, Exception):
             raise batch
@@ -97,6 +98,20 @@ def test_a_reader_is_readable_while_something_waits() -> None:
     port.close()
     assert time.monotonic() - start < 0.5
     assert slow.closed
+
+
+def test_what_a_closed_reader_had_received_is_counted() -> None:
+    slow = SlowPort([[frame(k) for k in range(8)]])
+    counts = PortCounts()
+    port = ThreadedPort(slow, "slow", counts, capacity=6)
+    assert slow.hangs.wait(10.0)
+    slow.late = [frame(9)]  # with which it comes back after the closing has given up on it
+    read = len(port.receive(2))
+    port.close()
+    end = time.monotonic() + 10.0
+    while read + counts.lost < 9 and time.monotonic() < end:
+        time.sleep(0.01)
+    assert (read, counts.queue_full, counts.unread) == (2, 2, 5)
 
 
 def test_the_frames_before_an_error_come_first() -> None:

@@ -16,6 +16,7 @@ import pytest
 
 from candaemon.can_io.open_port import open_port
 from candaemon.can_io.port import PortCounts, PortRequest
+from candaemon.can_io.recvmmsg import DatagramBatch
 from candaemon.can_io.socketcan import SocketCanPort
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
@@ -211,6 +212,41 @@ def test_what_is_lost_behind_the_last_frame_is_counted_by_the_next_look(
     frames += heard.frames(10_000, 0.2)
     heard.port.close()
     assert heard.counts.kernel_lost == 4000 - len(frames)
+
+
+def test_what_a_closed_port_had_received_is_counted(vcan0: Link, listen: Callable[..., Heard]) -> None:
+    heard = listen(vcan0, rate=2000.0)
+    cangen(vcan0.name, "-g", "0", "-n", "300", "-I", "i", "-L", "8")
+    read = len(heard.port.receive(100))
+    heard.port.close()
+    assert (read + heard.counts.unread, heard.counts.kernel_lost) == (300, 0)
+    assert heard.counts.unread > 100
+    down = listen(vcan0, rate=1.0)
+    cangen(vcan0.name, "-g", "0", "-n", "2000", "-I", "i", "-L", "8")
+    vcan0.down()  # the socket reports that before what is in its buffer
+    down.port.close()
+    assert down.counts.unread + down.counts.kernel_lost == 2000
+    assert min(down.counts.unread, down.counts.kernel_lost) > 0
+
+
+def test_an_error_behind_some_frames_comes_after_them(
+    vcan0: Link, listen: Callable[..., Heard], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard = listen(vcan0, rate=2000.0)
+    cangen(vcan0.name, "-g", "0", "-n", "100", "-I", "i", "-L", "8")
+    receive = DatagramBatch.receive
+
+    def then_down(batch: DatagramBatch, descriptor: int, limit: int) -> int:
+        number = receive(batch, descriptor, limit)
+        if number == 64:
+            vcan0.down()
+        return number
+
+    monkeypatch.setattr(DatagramBatch, "receive", then_down)
+    frames = heard.port.receive(100)
+    with pytest.raises(OSError, match="down"):
+        heard.port.receive(100)
+    assert len(frames) + len(heard.port.receive(100)) == 100
 
 
 def test_a_thousand_frames_take_few_calls(vcan0: Link, listen: Callable[..., Heard]) -> None:
