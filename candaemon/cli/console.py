@@ -11,6 +11,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from candaemon.log_lines import LineFormatter
+from candaemon.printable import printable
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -23,13 +26,15 @@ _NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?%?|-")
 
 
 def log_to_stderr(level: int = logging.WARNING) -> None:
-    """Send log records to standard error, one per line."""
-    logging.basicConfig(stream=sys.stderr, level=level, format="candaemon: %(message)s", force=True)
+    """Send log records to standard error."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(LineFormatter("candaemon: %(message)s"))
+    logging.basicConfig(level=level, handlers=[handler], force=True)
 
 
 def say(text: str) -> None:
     """Write a message to standard error."""
-    print(f"candaemon: {text}", file=sys.stderr)
+    print(f"candaemon: {printable(text)}", file=sys.stderr)
 
 
 def warn(warnings: Sequence[str]) -> None:

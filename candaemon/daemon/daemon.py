@@ -198,7 +198,7 @@ class Daemon:
             self._swap(loaded)
         else:
             error = str(loaded)
-            logger.error("reload refused, the former configuration stays: %s", error)
+            logger.error("reload refused, the former configuration stays: %s", loaded)
         for observer in self._observers:
             observer.on_reload_end(self, error)
 

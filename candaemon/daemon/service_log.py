@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import Literal, TextIO, TypeAlias
 
 from candaemon.daemon.observer import DaemonView, Observer
+from candaemon.log_lines import LineFormatter, text_of
 
 logger = logging.getLogger(__name__)
 
@@ -41,7 +42,7 @@ def configure_logging(form: LogFormat, stream: TextIO | None = None) -> None:
     stream = sys.stderr if stream is None else stream
     handler = logging.StreamHandler(stream)
     handler.addFilter(RepetitionFilter())
-    text = JsonFormatter() if form == "json" else logging.Formatter("%(message)s")
+    text = JsonFormatter() if form == "json" else LineFormatter("%(message)s")
     journal = is_journal_stream(stream)
     prefix = "" if journal or form == "json" else "candaemon: "
     handler.setFormatter(JournalFormatter(text, prefix, priorities=journal))
@@ -105,10 +106,10 @@ class JournalFormatter(logging.Formatter):
             prefix = f"<{priority}>{prefix}"
         repeated = getattr(record, "repeated", 0)
         more = f" ({repeated} more like it were left out)" if repeated else ""
-        return "\n".join(prefix + line for line in (self._text.format(record) + more).splitlines())
+        return "\n".join(prefix + line for line in (self._text.format(record) + more).split("\n"))
 
 
-class JsonFormatter(logging.Formatter):
+class JsonFormatter(LineFormatter):
     """Makes one JSON object of a record."""
 
     def format(self, record: logging.LogRecord) -> str:
@@ -117,12 +118,13 @@ class JsonFormatter(logging.Formatter):
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
             "logger": record.name,
-            "message": record.getMessage(),
+            "message": text_of(record),
         }
         fields |= {name: value for name, value in vars(record).items() if name not in _OF_EVERY_RECORD}
         if record.exc_info:
             fields["error"] = self.formatException(record.exc_info)
-        return json.dumps(fields, ensure_ascii=False, default=str)
+        line = json.dumps(fields, ensure_ascii=False, default=str)
+        return line if line.isprintable() else json.dumps(fields, default=str)
 
 
 @dataclass(slots=True)

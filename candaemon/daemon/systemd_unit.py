@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from candaemon.binding.bound import Binding
+from candaemon.config.buses import BusSettings
 from candaemon.config.shipped import shared_folder
 from candaemon.daemon.reload import load_service_config
 from candaemon.errors import ConfigError, InputError
@@ -66,13 +67,17 @@ def unit_text(binding: Binding, program: Iterable[str]) -> str:
         program: the command that runs candaemon, with absolute paths.
 
     Raises:
-        ConfigError: a bus is `virtual`, which ends at the process.
+        ConfigError: a bus is `virtual`, which ends at the process; or a unit cannot hold the path of the configuration
+            or of the program.
     """
-    command = " ".join(map(_quoted, [*program, "run", str(binding.loaded.path)]))
+    executable, *arguments = program
+    words = [_executable(executable), *map(_argument, [*arguments, "run", str(binding.loaded.path)])]
+    command = " ".join(words)
     text = (shared_folder() / "config" / "systemd" / "candaemon@.service").read_text(encoding="utf-8")
     settings = {"ExecStart": command}
     interfaces = {bus.settings.interface for bus in binding.buses}
     families = ["AF_UNIX", "AF_INET"] + ["AF_CAN"] * ("socketcan" in interfaces)
+    families += ["AF_INET6"] * any(_needs_ipv6(bus.settings) for bus in binding.buses)
     settings["RestrictAddressFamilies"] = " ".join(sorted(families))
     if "udp_multicast" in interfaces:
         settings["IPAddressAllow"] = "localhost multicast"
@@ -84,10 +89,15 @@ def unit_text(binding: Binding, program: Iterable[str]) -> str:
 
 def _with(unit: str, name: str, value: str) -> str:
     """Return a unit with another value for a setting that it has once."""
-    lines = unit.splitlines()
+    lines = unit.split("\n")
     (place,) = (k for k, line in enumerate(lines) if line.startswith(f"{name}="))
     lines[place] = f"{name}={value}"
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
+
+
+def _needs_ipv6(bus: BusSettings) -> bool:
+    """Return whether a bus is a multicast group of IPv6, or one by a name that may be."""
+    return bus.interface == "udp_multicast" and not re.fullmatch(r"[\d.]+", bus.channel)
 
 
 def _devices(binding: Binding) -> dict[str, str]:
@@ -152,9 +162,35 @@ def _unreadable(path: Path) -> Iterator[str]:
             yield f"{path} cannot be read by all users; `chmod o+{letter} {each}` makes it so"
 
 
+def _executable(path: str) -> str:
+    """Return the path of a program as a unit file takes it; its `$` stand for themselves.
+
+    Raises:
+        ConfigError: a unit cannot hold it.
+    """
+    if not set(path).isdisjoint("\"'\\"):
+        raise ConfigError(
+            f"'{path}' holds a quote or a backslash, which systemd takes of no program; install candaemon elsewhere, "
+            "such as in /opt/candaemon"
+        )
+    return _quoted(path.replace("%", "%%"))
+
+
+def _argument(word: str) -> str:
+    """Return an argument of a command as a unit file takes it.
+
+    Raises:
+        ConfigError: a unit cannot hold it.
+    """
+    return _quoted(word.replace("%", "%%").replace("$", "$$"))
+
+
 def _quoted(word: str) -> str:
-    """Return a word of a command as a unit file takes it."""
-    word = word.replace("%", "%%").replace("$", "$$")
+    if not word.isprintable():
+        raise ConfigError(
+            f"'{word}' holds a control character, a line separator or bytes that are not UTF-8, which a unit cannot "
+            "hold; rename the file or its folder"
+        )
     if re.fullmatch(r"[\w@%+=:,./$-]+", word):
         return word
     return '"' + word.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -18,6 +18,7 @@ from prometheus_client.core import (
 )
 from prometheus_client.registry import Collector
 
+from candaemon.printable import printable
 from candaemon.status.collect import EGO_STATUS_NAMES
 from candaemon.status.histogram import HistogramSnapshot
 from candaemon.status.snapshot import BusStatus, Counts, SensorStatus, StatusSnapshot
@@ -56,7 +57,9 @@ class SnapshotCollector(Collector):
 def _of_process(snapshot: StatusSnapshot) -> Iterator[Metric]:
     service = snapshot.service
     about = {"version": service.version, "instance": service.instance, "name": service.name, "config": service.config}
-    yield InfoMetricFamily("candaemon", "Which service this is", about)
+    yield InfoMetricFamily(
+        "candaemon", "Which service this is", {label: printable(text) for label, text in about.items()}
+    )
     yield GaugeMetricFamily("process_start_time_seconds", "Start, since 1970", service.time - service.uptime)
     yield CounterMetricFamily("process_cpu_seconds", "Processor time, all threads", service.cpu)
     if service.memory is not None:
@@ -133,14 +136,14 @@ def _by(labels: Sequence[str], counts: Counts) -> list[Labelled]:
 def _counter(name: str, about: str, labels: Sequence[str], values: Sequence[Labelled]) -> Metric:
     family = CounterMetricFamily(name, about, labels=labels)
     for given, value in values:
-        family.add_metric(given, value)
+        family.add_metric([printable(each) for each in given], value)
     return family
 
 
 def _gauge(name: str, about: str, labels: Sequence[str], values: Sequence[Labelled]) -> Metric:
     family = GaugeMetricFamily(name, about, labels=labels)
     for given, value in values:
-        family.add_metric(given, value)
+        family.add_metric([printable(each) for each in given], value)
     return family
 
 

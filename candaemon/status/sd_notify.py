@@ -13,6 +13,7 @@ from collections.abc import Callable, MutableMapping
 from typing import Self
 
 from candaemon.daemon.observer import DaemonView, Observer
+from candaemon.printable import printable
 from candaemon.status.health_summary import HealthSummary
 
 logger = logging.getLogger(__name__)
@@ -44,7 +45,7 @@ class SystemdNotifier:
         """Send fields such as `READY=1`; return whether they went out. Does not wait and does not raise."""
         if not self._address:
             return False
-        message = "\n".join(f"{name}={value}" for name, value in fields.items())
+        message = "\n".join(f"{name}={printable(str(value))}" for name, value in fields.items())
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
                 manager.setblocking(False)

@@ -90,6 +90,42 @@ def test_a_path_is_quoted_as_systemd_reads_it(tmp_path: Path) -> None:
     assert unit["ExecStart"][0].endswith('/a \\"good\\" 100%% $$place/front.yaml"')
 
 
+def test_a_program_below_a_dollar_is_named_as_it_is(tmp_path: Path) -> None:
+    unit = settings(unit_text(bound(configuration(tmp_path)), ["/opt/$a 5%/candaemon", "$b"]))
+    assert unit["ExecStart"][0].startswith('"/opt/$a 5%%/candaemon" $$b run /')
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+def test_systemd_reads_the_command_as_it_was(tmp_path: Path) -> None:
+    folder, opt = tmp_path / """a 'b' "c" 5%n $HOME ${HOME} \\n ;""", tmp_path / "5%n $HOME ${HOME} ;"
+    folder.mkdir()
+    opt.mkdir()
+    program = Path(shutil.copy("/bin/true", opt / "candaemon"))
+    unit = tmp_path / "front.service"
+    unit.write_text(unit_text(bound(configuration(folder)), [str(program)]), encoding="utf-8")
+    told = subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, check=False)
+    assert "is not executable" not in told.stderr
+    assert "front.service:" not in told.stderr
+
+
+@pytest.mark.parametrize("mark", ["\n", "\r", "\t", "\x1b", "\x85", "\u2028", "\u2029", "\udcff"])
+def test_a_path_that_a_unit_cannot_hold_is_refused(tmp_path: Path, mark: str) -> None:
+    folder = tmp_path / f"a{mark}ExecStartPre=b"
+    folder.mkdir()
+    binding = bound(configuration(folder))
+    with pytest.raises(ConfigError, match=r"ExecStartPre=b/front\.yaml' holds a control character, .* rename the"):
+        unit_text(binding, PROGRAM)
+    with pytest.raises(ConfigError, match="ExecStartPre=b' holds a control character"):
+        unit_text(bound(configuration(tmp_path)), [f"/opt/{mark}ExecStartPre=b"])
+
+
+@pytest.mark.parametrize("group", ["ff15:7079:7468:6f6e:6465:6d6f:6d63:6173", "ff02::1%lo", "group.example"])
+def test_a_group_of_ipv6_gets_its_address_family(tmp_path: Path, group: str) -> None:
+    path = configuration(tmp_path, ("channel: can1", f"interface: udp_multicast, channel: '{group}'"))
+    unit = settings(unit_text(bound(path), PROGRAM))
+    assert unit["RestrictAddressFamilies"] == ["AF_CAN AF_INET AF_INET6 AF_UNIX"]
+
+
 def test_a_name_that_systemd_would_escape_is_refused(tmp_path: Path) -> None:
     path = configuration(tmp_path, name="my front.yaml")
     with pytest.raises(ConfigError, match=r"'my front' cannot be the name of a service; rename"):

@@ -13,11 +13,16 @@ from pathlib import Path
 import pytest
 
 from candaemon.daemon.daemon import Daemon
-from candaemon.daemon.service_log import RepetitionFilter, configure_logging, log_uncaught_exceptions
+from candaemon.daemon.service_log import LogFormat, RepetitionFilter, configure_logging, log_uncaught_exceptions
+from candaemon.errors import ConfigError
+from candaemon.printable import printable
 from candaemon.status.health_summary import StatusLogger
 from tests.support.bound import binding
 
 logger = logging.getLogger("candaemon.test")
+
+HOSTILE = ["\n", "\r\n", "\x0b", "\x0c", "\x1c", "\x1b[2J", "\x85", "\u2028", "\u2029", "\u202e", "\udcff", "\x00"]
+"""What ends a line somewhere, acts on a terminal, or is no UTF-8."""
 
 pytestmark = pytest.mark.usefixtures("logging_as_it_was")
 
@@ -38,9 +43,45 @@ def test_the_journal_gets_a_priority_before_each_line(monkeypatch: pytest.Monkey
         configure_logging("text", stream)
         logger.info("up")
         logger.warning("bus '%s' is down", "can0")
-        logger.error("refused:\nmy.yaml:7: found 'x'")
+        logger.error("refused: %s", ConfigError("two", others=[ConfigError("found 'x'", file="my.yaml", line=7)]))
         stream.seek(0)
-        assert stream.read() == "<6>up\n<4>bus 'can0' is down\n<3>refused:\n<3>my.yaml:7: found 'x'\n"
+        assert stream.read() == "<6>up\n<4>bus 'can0' is down\n<3>refused: two\n<3>my.yaml:7: found 'x'\n"
+
+
+@pytest.mark.parametrize("form", ["text", "json"])
+@pytest.mark.parametrize("breaks", HOSTILE)
+def test_no_record_makes_two_lines_or_a_priority_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, form: LogFormat, breaks: str
+) -> None:
+    with (tmp_path / "journal").open("w+", encoding="utf-8", newline="") as stream:
+        found = os.fstat(stream.fileno())
+        monkeypatch.setenv("JOURNAL_STREAM", f"{found.st_dev}:{found.st_ino}")
+        configure_logging(form, stream)
+        logger.warning("bus '%s' is down", f"a{breaks}<0>panic", extra={"bus": breaks})
+        stream.seek(0)
+        text = stream.read()
+    assert len(text.splitlines()) == 1
+    assert text.startswith("<4>")
+    assert text[:-1].isprintable()
+    said = json.loads(text[3:])["message"] if form == "json" else text[3:-1]
+    assert said == f"bus 'a{printable(breaks)}<0>panic' is down"
+
+
+def test_a_traceback_keeps_its_lines_and_shows_no_escape(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("JOURNAL_STREAM", raising=False)
+    stream = io.StringIO()
+    configure_logging("text", stream)
+
+    def fail() -> None:
+        raise ValueError("red \x1b[31m\nforged")
+
+    with pytest.raises(ValueError, match="red") as fault:
+        fail()
+    logger.error("a fault", exc_info=fault.value)
+    first, *lines = stream.getvalue().splitlines()
+    assert first == "candaemon: a fault"
+    assert lines[0] == "candaemon: Traceback (most recent call last):"
+    assert lines[-2:] == ["candaemon: ValueError: red \\x1b[31m", "candaemon: forged"]
 
 
 def test_a_fault_goes_to_the_journal_as_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -62,7 +103,7 @@ def test_a_fault_goes_to_the_journal_as_one(monkeypatch: pytest.MonkeyPatch, tmp
 def test_json_is_an_object_a_line_with_the_extras() -> None:
     stream = io.StringIO()
     configure_logging("json", stream)
-    logger.warning("bus '%s' is down\nfor good", "can0", extra={"bus": "can0"})
+    logger.warning("bus '%s' is down for good", "can0", extra={"bus": "can0"})
     (line,) = stream.getvalue().splitlines()
     told = json.loads(line)
     assert told["time"].endswith("+00:00")
@@ -70,7 +111,7 @@ def test_json_is_an_object_a_line_with_the_extras() -> None:
     assert told == {
         "level": "warning",
         "logger": "candaemon.test",
-        "message": "bus 'can0' is down\nfor good",
+        "message": "bus 'can0' is down for good",
         "bus": "can0",
     }
 

@@ -18,6 +18,7 @@ PACKAGE = ROOT / "candaemon"
 ROOMS: tuple[str, ...] = (
     "printable",
     "errors",
+    "log_lines",
     "_version",
     "arrays",
     "files",
@@ -190,7 +191,14 @@ def test_a_room_says_what_it_holds_and_what_it_knows_nothing_of(here: str) -> No
 
 
 def test_no_module_lies_outside_a_room() -> None:
-    assert {path.stem for path in PACKAGE.glob("*.py")} == {"__init__", "__main__", "errors", "_version", "printable"}
+    assert {path.stem for path in PACKAGE.glob("*.py")} == {
+        "__init__",
+        "__main__",
+        "errors",
+        "log_lines",
+        "_version",
+        "printable",
+    }
 
 
 def test_file_names_are_unique() -> None:

@@ -8,18 +8,23 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from http.client import HTTPConnection
 from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
+from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.metrics_core import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
 from candaemon.binding.bound import Binding
+from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import Observer
+from candaemon.printable import printable
 from candaemon.status import metrics_http as scrape
 from candaemon.status.metrics_endpoint import MetricsEndpoint
+from candaemon.status.prometheus_metrics import SnapshotCollector
 from candaemon.status.service_monitor import ServiceMonitor
 from tests.support.paths import ROOT
 from tests.support.served import Served, bound, drive, wait_until
@@ -108,6 +113,30 @@ def test_every_metric_has_its_help_and_its_own_name(tmp_path: Path, port: int) -
         assert family.documentation, name
         assert family.type != "unknown", name
         assert name.startswith(("candaemon", "process_")), name
+
+
+def test_a_path_that_is_no_utf8_costs_no_scrape(tmp_path: Path, port: int) -> None:
+    folder = tmp_path / "front\udcff\n\u2028\x1b"
+    folder.mkdir()
+    binding = with_port(folder, port)
+    with Served(binding, observers(binding)):
+        families = scraped(port)
+    assert value(families, "candaemon_info", config=rf"{tmp_path}/front\udcff\n\u2028\x1b/mine.yaml") == 1
+
+
+def test_labels_hold_nothing_that_breaks_the_text(tmp_path: Path) -> None:
+    binding = bound(tmp_path)
+    monitor = ServiceMonitor(binding.settings.service.metrics)
+    daemon = Daemon(binding)
+    monitor.on_start(daemon)
+    snapshot = monitor.snapshot(daemon)
+    hostile = 'a"\\\n# HELP x\udcff\u2028'
+    (bus, *_), (sensor,) = snapshot.buses.values(), snapshot.sensors.values()
+    registry = CollectorRegistry()
+    registry.register(SnapshotCollector(replace(snapshot, buses={hostile: bus}, sensors={hostile: sensor})))
+    families = {each.name: each for each in text_string_to_metric_families(generate_latest(registry).decode())}
+    assert {each.labels["bus"] for each in families["candaemon_frames"].samples} == {printable(hostile)}
+    assert {each.labels["sensor"] for each in families["candaemon_sensor_lost"].samples} == {printable(hostile)}
 
 
 def test_the_endpoint_listens_on_loopback_only_and_not_after_the_end(tmp_path: Path, port: int) -> None:

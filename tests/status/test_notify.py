@@ -49,6 +49,11 @@ def notifier(manager: Manager, tmp_path: Path) -> SystemdNotifier:
     return SystemdNotifier(str(tmp_path / "notify"), watchdog_s=2.0)
 
 
+def test_a_value_is_no_second_field(notifier: SystemdNotifier, manager: Manager) -> None:
+    assert notifier.notify(STATUS="down: a\nWATCHDOG=trigger\udcff\u2028")
+    assert manager.heard() == [{"STATUS": r"down: a\nWATCHDOG=trigger\udcff\u2028"}]
+
+
 class Steps:
     """A daemon turned by hand, and the clock of its supervision."""
 
