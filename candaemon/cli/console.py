@@ -52,7 +52,7 @@ def abandon_stdout() -> None:
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """A small table of texts.
+    """A small table of texts, each made safe to print: names in it may come from anywhere.
 
     Attributes:
         title: heading.
@@ -64,12 +64,21 @@ class Sheet:
     rows: tuple[tuple[str, ...], ...]
     header: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "title", printable(self.title))
+        object.__setattr__(self, "rows", tuple(tuple(map(printable, row)) for row in self.rows))
+        object.__setattr__(self, "header", tuple(map(printable, self.header)))
 
-def console() -> Console:
-    """Return rich's console on standard output."""
+
+def console(*, stderr: bool = False) -> Console:
+    """Return rich's console, which shows text as it is: brackets in a name are no markup, colons no emoji.
+
+    Args:
+        stderr: on standard error; default: on standard output.
+    """
     from rich.console import Console  # noqa: PLC0415 - a slow import that the service does not need
 
-    return Console()
+    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
 def print_sheets(sheets: Iterable[Sheet]) -> None:
@@ -116,7 +125,7 @@ def print_figures(title: str, figures: Mapping[str, Any]) -> None:
     if sys.stdout.isatty():
         print_sheets(_branches(title, figures))
     else:
-        print("\n".join(f"{key}: {value}" for key, value in flattened(figures)))
+        print("\n".join(printable(f"{key}: {value}") for key, value in flattened(figures)))
 
 
 def _branches(title: str, figures: Mapping[str, Any]) -> Iterator[Sheet]:
@@ -181,18 +190,18 @@ def log_progress(name: str) -> Iterator[Callable[[LogCounts], None] | None]:
     if not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console  # noqa: PLC0415 - a slow import that a pipe does not need
+    # a slow import that a pipe does not need
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
 
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         TextColumn("{task.fields[frames]:,} frames"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(name, total=None, frames=0)
+    with Progress(*columns, console=console(stderr=True), transient=True) as bar:
+        task = bar.add_task(printable(name), total=None, frames=0)
 
         def show(counts: LogCounts) -> None:
             bar.update(task, total=counts.bytes_total, completed=counts.bytes_read, frames=counts.frames)
@@ -213,10 +222,10 @@ def share_progress(name: str) -> Iterator[Callable[[float], None]]:
     if not sys.stderr.isatty():
         yield lambda _share: None
         return
-    from rich.console import Console  # noqa: PLC0415 - as above
+    # as above
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(name, total=1.0)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console(stderr=True), transient=True) as bar:
+        task = bar.add_task(printable(name), total=1.0)
         yield lambda share: bar.advance(task, share)

@@ -238,12 +238,11 @@ class LiveTable:
     """Shows a table of all obstacles, refreshed several times a second."""
 
     def __init__(self) -> None:
-        from rich.console import Console  # noqa: PLC0415 - a slow import that a pipe does not need
-        from rich.live import Live  # noqa: PLC0415 - likewise
+        from rich.live import Live  # noqa: PLC0415 - a slow import that a pipe does not need
 
         self._first_ns: int | None = None
         self._table: Table | None = None
-        self._live = Live(console=Console(), auto_refresh=False, refresh_per_second=_REFRESH_HZ)
+        self._live = Live(console=console(), auto_refresh=False, refresh_per_second=_REFRESH_HZ)
         self._next_s = 0.0
 
     def __enter__(self) -> Self:

@@ -10,10 +10,12 @@ import argparse
 import logging
 import sys
 from importlib import import_module
+from typing import NoReturn
 
 from candaemon._version import __version__
 from candaemon.cli import console
 from candaemon.errors import CandaemonError
+from candaemon.printable import printable
 
 logger = logging.getLogger(__name__)
 
@@ -67,9 +69,16 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaints are safe to print: a shell puts names of files among the arguments."""
+
+    def error(self, message: str) -> NoReturn:
+        super().error(printable(message))
+
+
 def _parsed(argv: list[str]) -> argparse.Namespace:
     """Return the arguments; `execute` is the function of the command."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="candaemon",
         description="Radar objects on a CAN bus in, obstacles with a lasting identity out.",
         epilog="Exit code: 0 done, 1 failed, 2 wrong usage or configuration.",

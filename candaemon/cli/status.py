@@ -58,13 +58,13 @@ class LiveView:
     """Shows the sheets on a terminal and redraws them with each status snapshot. A context manager.
 
     Args:
-        console: to draw on; default: rich's own on standard output.
+        screen: to draw on; default: standard output.
     """
 
-    def __init__(self, console: Console | None = None) -> None:
+    def __init__(self, screen: Console | None = None) -> None:
         from rich.live import Live  # noqa: PLC0415 - a slow import that a pipe does not need
 
-        self._live = Live(console=console, auto_refresh=False)
+        self._live = Live(console=screen or console.console(), auto_refresh=False)
 
     def __enter__(self) -> Self:
         self._live.start()
@@ -224,16 +224,14 @@ def watch(instance: str | None, path: Path | None, *, once: bool, as_json: bool)
         instance: NAME of candaemon@NAME, or stem of the configuration's file; None: the only one that runs.
         path: the instance's status socket, if it is elsewhere.
         once: show it once and end.
-        as_json: print the JSON line as received, once.
+        as_json: print the figures as a line of JSON, once.
 
     Raises:
         InputError: no such instance runs, several do and none is named, or it has ended or hangs.
     """
     with closing(_lines(_socket_of(instance) if path is None else path)) as lines:
         if as_json:
-            line = next(lines)
-            _read(line)
-            print(line, end="")
+            print(json.dumps(_read(next(lines)), separators=(",", ":")))
         elif once or not sys.stdout.isatty():
             console.print_sheets(sheets(_read(next(lines))))
         else:
