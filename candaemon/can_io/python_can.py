@@ -11,14 +11,14 @@ from candaemon.can_io.port import PORT_ERRORS, PortRequest
 from candaemon.config.buses import BusSettings
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.frame_block import FD_LENGTHS
+from candaemon.frames.times import LATEST_NS
 
 _ID_29 = 0x1FFF_FFFF
 _ID_11 = 0x7FF
 _CLASSIC = 8
 _NS_EXACT = 4_000_000.0
 """Seconds up to which a float resolves nanoseconds."""
-_SECONDS_HELD = 9.2e9
-"""Seconds whose nanoseconds fit 64 bits."""
+_LATEST_S = LATEST_NS // 1_000_000_000
 
 
 def nanoseconds(seconds: float) -> int:
@@ -31,11 +31,11 @@ def nanoseconds(seconds: float) -> int:
         seconds: time stamp in s.
 
     Raises:
-        ValueError: it is no number, or one that 64 bits of nanoseconds do not hold.
+        ValueError: it is no number, or one before 1970 or after 2116 (`LATEST_NS`).
     """
-    if not abs(seconds) < _SECONDS_HELD:
+    if not 0 <= seconds < _LATEST_S:
         raise ValueError(f"time stamp {seconds} s is out of range")
-    if abs(seconds) < _NS_EXACT:
+    if seconds < _NS_EXACT:
         return round(seconds * 1e9)
     return round(seconds * 1e6) * 1000
 

@@ -12,6 +12,10 @@ Time never runs backwards behind a sequencer, and equal times keep the order in 
   counted as `forward_steps`.
 - When the clock is set, other buses may still deliver frames with the clock as it was: for these the difference before
   the last step holds. Without that each would look like another step.
+
+The times passed on lie in 0 … `LATEST_NS`, whatever comes and however often the clock is set: a pause moves time on to
+`LAST_PAUSE_NS` at most, and one that would lead further is rebased like a step forward, as is a first time stamp out of
+that range. From there time goes on by no more than a step from one item to the next: it takes ten years to `LATEST_NS`.
 """
 
 from __future__ import annotations
@@ -22,19 +26,22 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from operator import itemgetter
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
 from candaemon.frames.frame import Frame, Tick
 from candaemon.frames.frame_block import FrameBlock, block_of, joined_blocks
-from candaemon.frames.times import NEVER_NS
+from candaemon.frames.times import LATEST_NS, NEVER_NS
 
 TimedItem: TypeAlias = Frame | Tick
 ItemBlock: TypeAlias = FrameBlock | Sequence[TimedItem]
 
 STEP_NS = 200_000_000
 """Default lateness in ns from which on the clock must have been set back: time servers slew it by less than 128 ms."""
+
+LAST_PAUSE_NS: Final = LATEST_NS - 10 * 366 * 86_400 * 1_000_000_000
+"""Latest instant in ns that a pause or the first time stamp leads to: ten years are left from there."""
 
 _BATCH = 128  # items
 _time_of = itemgetter(0)
@@ -97,7 +104,7 @@ class ReorderBuffer:
         self._step_ns = max(step_ns, window_ns)
         self._max_gap_ns = max_gap_ns
         self._newest_ns: int | None = None
-        self._passed_ns: int | None = None
+        self._passed_ns = 0
         self._held: deque[TimedItem] = deque()
         self._before_ns: int | None = None
         self.offset_ns = 0
@@ -184,13 +191,14 @@ class ReorderBuffer:
             return False
         first_ns, last_ns = batch[0][0], batch[-1][0]
         newest_ns = first_ns if self._newest_ns is None else self._newest_ns
-        return newest_ns <= first_ns and last_ns - newest_ns <= self._longest_pause_ns
+        pause_ns = last_ns - newest_ns
+        return newest_ns <= first_ns and pause_ns <= self._longest_pause_ns and last_ns <= LAST_PAUSE_NS
 
     def _ordered(self, block: FrameBlock) -> FrameBlock | None:
         """Return what pushing the frames of a block one by one would pass on.
 
         None where a time stamp is so far from the newest before it that the clock may have been set, where a frame is
-        late despite a window, and where a tick is held back: nothing has changed then.
+        late despite a window, where a tick is held back, and in the last years: nothing has changed then.
         """
         times = block.time_ns + self.offset_ns
         first_ns = int(times[0]) if self._newest_ns is None else self._newest_ns
@@ -198,7 +206,9 @@ class ReorderBuffer:
         ahead = times - newest[:-1]
         latest = self._window_ns or self._step_ns
         held = [item for item in self._held if isinstance(item, Frame)]
-        if ahead.min() < -latest or ahead.max() > self._longest_pause_ns or len(held) < len(self._held):
+        if ahead.min() < -latest or ahead.max() > self._longest_pause_ns or newest[-1] > LAST_PAUSE_NS:
+            return None
+        if len(held) < len(self._held) or (self.offset_ns < 0 and times.min() < 0):
             return None
         behind = int(np.count_nonzero(ahead < 0))
         self._newest_ns = newest_ns = int(newest[-1])
@@ -226,12 +236,16 @@ class ReorderBuffer:
         source_ns = item[0]
         time_ns = source_ns + self.offset_ns
         newest_ns = self._newest_ns
-        if newest_ns is not None and not -self._step_ns <= time_ns - newest_ns <= self._step_ns:
+        if newest_ns is None:
+            time_ns = min(max(time_ns, 0), LAST_PAUSE_NS)
+            self.offset_ns = time_ns - source_ns
+            self.forward_steps += self.offset_ns < 0
+            self.backward_steps += self.offset_ns > 0
+        elif not -self._step_ns <= time_ns - newest_ns <= self._step_ns:
             time_ns = self._over_a_gap(source_ns, newest_ns)
-        passed_ns = self._passed_ns
-        if passed_ns is not None and time_ns < passed_ns:
+        if time_ns < self._passed_ns:
             self.late += 1
-            time_ns = passed_ns
+            time_ns = self._passed_ns
         return item if time_ns == source_ns else item._replace(time_ns=time_ns)
 
     def _over_a_gap(self, source_ns: int, newest_ns: int) -> int:
@@ -242,7 +256,7 @@ class ReorderBuffer:
         gap_ns = time_ns - newest_ns
         if gap_ns < 0:
             self.backward_steps += 1
-        elif self._max_gap_ns is not None and gap_ns > self._max_gap_ns:
+        elif time_ns > LAST_PAUSE_NS or (self._max_gap_ns is not None and gap_ns > self._max_gap_ns):
             self.forward_steps += 1
         else:
             return time_ns

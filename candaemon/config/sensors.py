@@ -218,7 +218,7 @@ class SensorSettings(Settings):
     bus: str = Field(description="name of the bus")
     dbc: str = Field(description="DBC file, relative to this YAML")
     mount: Mount = Field(default_factory=Mount)
-    cycle_time: float = Field(gt=0, le=2, description="s between scans")
+    cycle_time: float = Field(ge=0.001, le=2, description="s between scans")
     timeout: float = Field(0.03, gt=0, le=2, description="s after a scan's first frame until it is closed as it is")
     latency: float = Field(0.0, ge=-0.5, le=0.5, description="s from measurement to the scan's time stamp")
     time_from: Literal["first", "last"] = Field("first", description="which frame of a scan gives its time stamp")

@@ -123,7 +123,13 @@ class Pipeline:
                     self._set_deadline(time_ns)
 
     def advance(self, time_ns: int) -> Iterator[Cycle]:
-        """Close the scans, and report the coasting obstacles, that are due by a time."""
+        """Close the scans, and report the coasting obstacles, that are due by a time.
+
+        It ends: closing a scan sets its deadline to `NEVER_NS`, which no time reaches, and coasting moves its due time
+        on by a sensor's cycle, from `longest_coasting` before `time_ns` at the earliest. So it yields one cycle a
+        sensor, and `longest_coasting` over the shortest cycle time and two at most, whatever the pause was.
+        """
+        time_ns = min(time_ns, NEVER_NS - 1)
         schedule = self.schedule
         if schedule.coast_due_ns == NEVER_NS:
             schedule.coast_due_ns = time_ns + self._startup_ns

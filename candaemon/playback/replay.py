@@ -8,12 +8,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
+from typing import Final
 
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.read import LogBlock, frames_of, read_log_blocks
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.can_io.reorder import ItemBlock, ReorderBuffer, ReorderCounts
+from candaemon.can_io.stray_times import StrayTimes
 from candaemon.config.ego import InsSettings
 from candaemon.evaluation.drive_score import DriveScore
 from candaemon.evaluation.tables import PredictionWriter, TrackWriter, track_columns
@@ -28,6 +30,9 @@ from candaemon.playback.recording_files import runs
 
 HORIZONS = (0.5, 1.0)
 """Default horizons of predictions, s."""
+
+LONGEST_PAUSE_S: Final = 3600.0
+"""s: from which on a pause of a log that is replayed at a pace is skipped; it may be years."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +70,7 @@ class Replayed:
         pipeline: the pipeline of the last run; its counts continue from the state that the recording began with.
         log: counts of the log reader.
         sequence: counts of clock steps and reordering.
+        stray_times: frames whose time stamp was far from those before and after, and was corrected.
         score: scores without ground truth.
         first_ns, last_ns: times of the first and last frame; 0 without frames.
         seconds: duration of the replay.
@@ -73,6 +79,7 @@ class Replayed:
     pipeline: Pipeline
     log: LogCounts
     sequence: ReorderCounts
+    stray_times: int
     score: DriveScore
     first_ns: int
     last_ns: int
@@ -92,15 +99,16 @@ def replay(binding: Binding, request: ReplayRequest, progress: Callable[[LogCoun
     """
     started = time.perf_counter()
     channels, counts, steps = _channels(binding, request.channels), LogCounts(), ReorderCounts()
-    clock = _LogClock()
+    clock, stray_times = _LogClock(), 0
     score = DriveScore([sensor.settings.cycle_time for sensor in binding.sensors], request.horizons)
     with ExitStack() as files:
         writers = _Writers(binding, request, files)
         for run in runs(request.log, fingerprint(binding), fresh=request.fresh):
             pipeline, sequence = begun(binding, run.state), ReorderBuffer(round(binding.settings.ordering_window * 1e9))
             outputs = _Outputs(binding, pipeline, request, writers, score)
+            strays = StrayTimes()
             blocks = chain.from_iterable(read_log_blocks(log, channels, counts) for log in run.logs)
-            for cycle in _cycles(pipeline, sequence, blocks, clock, request.speed):
+            for cycle in _cycles(pipeline, sequence, strays.removed(blocks), clock, request.speed):
                 outputs.write(cycle)
                 if progress is not None:
                     progress(counts)
@@ -108,8 +116,10 @@ def replay(binding: Binding, request: ReplayRequest, progress: Callable[[LogCoun
                 outputs.write(cycle)
             outputs.finish()
             steps.add(sequence)
+            stray_times += strays.corrected
     counts.require_frames(request.log)
-    return Replayed(pipeline, counts, steps, score, clock.first_ns, clock.last_ns, time.perf_counter() - started)
+    seconds = time.perf_counter() - started
+    return Replayed(pipeline, counts, steps, stray_times, score, clock.first_ns, clock.last_ns, seconds)
 
 
 def _cycles(
@@ -142,7 +152,7 @@ class _LogClock:
             yield block
 
     def paced(self, items: Iterable[Frame | Tick], speed: float) -> Iterator[Frame | Tick]:
-        """Pass single items on at their time.
+        """Pass single items on at their time; a pause of `LONGEST_PAUSE_S` and more, at that speed, is not waited for.
 
         Args:
             items: in order of time.
@@ -153,7 +163,9 @@ class _LogClock:
             self.last_ns = item[0]
             self.first_ns = self.first_ns or item[0]
             ahead = (item[0] - self.first_ns) * 1e-9 / speed - (time.monotonic() - started)
-            if ahead > 0.001:
+            if ahead >= LONGEST_PAUSE_S:
+                started -= ahead
+            elif ahead > 0.001:
                 time.sleep(ahead)
             yield item
 

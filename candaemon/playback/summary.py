@@ -20,7 +20,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     `sensors`           per sensor: frames by outcome, objects rejected by cause, scans, incomplete and discarded scans,
                         frames missing
     `own_motion`        frames of ego motion rejected, by cause
-    `clock`             steps back that were rebased; late frames whose time was raised; reordered frames
+    `clock`             steps back and forward that were rebased; late frames whose time was raised; reordered frames;
+                        stray time stamps, far from those before and after, that were corrected
     `cycles`            reported, coasting (every sensor silent), dropped for lack of ego motion
     `tracks`            detections received and used, obstacles initiated, confirmed, merged, slot jumps
     `nis`               mean, expected, coverage of the 95 % quantile, samples
@@ -60,6 +61,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             "backward_steps": replayed.sequence.backward_steps,
             "late": replayed.sequence.late,
             "reordered": replayed.sequence.reordered,
+            "forward_steps": replayed.sequence.forward_steps,
+            "stray": replayed.stray_times,
         },
         "cycles": {
             "told": counts.cycles,

@@ -19,14 +19,16 @@ from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.errors import InputError
 from candaemon.frames.frame import EXTENDED, Frame
+from candaemon.frames.times import LATEST_NS
 from tests.support.effort import examples
 
 CHANNELS = {"can0": 0, "can1": 1}
 START = 1_533_226_488_434_433_000
+S = 1_000_000_000
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
 ids = st.integers(0, 0x7FF) | st.integers(0, 0x1FFF_FFFF).map(lambda i: i | EXTENDED)
-times = st.integers(0, 9_000_000_000 * 10**9)
+times = st.integers(0, LATEST_NS - S)
 classic = st.builds(Frame, times, st.integers(0, 1), ids, st.binary(max_size=8))
 can_fd = st.sampled_from(FD_LENGTHS).flatmap(
     lambda n: st.builds(Frame, times, st.integers(0, 1), ids, st.binary(min_size=n, max_size=n), st.just(True))
@@ -182,6 +184,15 @@ def test_a_last_line_cut_short(log: Path) -> None:
     found, counts = read(log, (line("260#01") * 3).rstrip("\n"))
     assert len(found) == 3
     assert not counts.truncated
+
+
+@pytest.mark.parametrize("times", [1, 20])
+def test_times_end_in_2116(log: Path, times: int) -> None:
+    last = LATEST_NS // S - 1
+    text = "".join(f"({second:010d}.999999999) can0 260#01\n" for second in (last, last + 1, 9_223_372_035))
+    found, counts = read(log, text * times)
+    assert (len(found), counts.malformed) == (times, 2 * times)
+    assert found[0].time_ns == last * S + 999_999_999 <= LATEST_NS
 
 
 def test_a_line_without_end_is_not_gathered_for_ever(log: Path) -> None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import time
 from itertools import pairwise
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.can_io.reorder import ReorderBuffer, TimedItem
+from candaemon.can_io.reorder import LAST_PAUSE_NS, STEP_NS, ReorderBuffer, TimedItem
 from candaemon.frames.frame import Frame, Tick
+from candaemon.frames.frame_block import FrameBlock, block_of
+from candaemon.frames.times import LATEST_NS
 from tests.support.effort import examples
 
 MS = 1_000_000
@@ -168,6 +171,32 @@ def test_a_window_as_wide_as_the_jitter_restores_the_order(gaps: list[int], jitt
     sequencer = ReorderBuffer(10 * MS)
     assert relative(run(sequencer, [frame(stamps[i]) for i in arrival])) == stamps
     assert sequencer.late == 0
+
+
+@settings(deadline=None, max_examples=examples(200))
+@given(
+    times=st.lists(
+        st.integers(0, LATEST_NS) | st.integers(0, S) | st.sampled_from([LATEST_NS, LAST_PAUSE_NS, START]), max_size=40
+    ),
+    window=st.sampled_from([0, 50 * MS]),
+    max_gap=st.sampled_from([None, S]),
+)
+def test_no_steps_of_the_clock_lead_out_of_range(times: list[int], window: int, max_gap: int | None) -> None:
+    items = [Frame(time_ns, 0, i, b"") for i, time_ns in enumerate(times)]
+    out = run(ReorderBuffer(window, max_gap_ns=max_gap), [*items])
+    assert all(0 <= item.time_ns <= LAST_PAUSE_NS + len(items) * STEP_NS for item in out)
+    blocks = list(ReorderBuffer(window, max_gap_ns=max_gap).sequenced_blocks([block_of(items)] if items else []))
+    in_blocks = [item for block in blocks for item in (block.frames() if isinstance(block, FrameBlock) else block)]
+    assert in_blocks == out
+
+
+@pytest.mark.parametrize(("time_ns", "forward", "backward"), [(-5, 0, 1), (1 << 80, 1, 0), (LAST_PAUSE_NS, 0, 0)])
+def test_a_live_clock_out_of_range_is_a_step(time_ns: int, forward: int, backward: int) -> None:
+    sequencer = ReorderBuffer()
+    first, second = sequencer.push(Tick(time_ns))[0].time_ns, sequencer.push(Tick(time_ns + 5))[0].time_ns
+    assert 0 <= first <= LAST_PAUSE_NS
+    assert second - first == 5
+    assert (sequencer.forward_steps, sequencer.backward_steps) == (forward, backward)
 
 
 def test_costs_little_where_all_is_in_order() -> None:

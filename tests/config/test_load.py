@@ -65,7 +65,11 @@ def test_a_radar_takes_some_ten_lines(tmp_path: Path) -> None:
         ("cycle_time: 0.05", "cycle_tme: 0.05", ":7: sensors.front.cycle_tme: found an unknown key"),
         ("slots: 16", 'slots: "16"', ":8: sensors.front.objects.slots: found '16', expected a valid integer"),
         ("cycle_time: 0.05", "cycle_time: fast", ":7: sensors.front.cycle_time: found 'fast', expected a valid number"),
-        ("cycle_time: 0.05", "cycle_time: -1", ":7: sensors.front.cycle_time: found -1, expected greater than 0"),
+        (
+            "cycle_time: 0.05",
+            "cycle_time: -1",
+            ":7: sensors.front.cycle_time: found -1, expected greater than or equal to 0.001",
+        ),
         ("channel: can0", "channel: 0", ":1: buses.radar.channel: found 0, expected text; write it in quotes"),
         ("channel: can0", "channel: can0, fd: yes", ":1: buses.radar.fd: found 'yes', expected true or false"),
         ("bus: radar", "bus: radr", ":5: sensors.front.bus: found bus 'radr', expected one of radar; did you mean"),
@@ -93,6 +97,12 @@ def test_problem_is_told_with_its_line(tmp_path: Path, old: str, new: str, expec
     text = MINIMAL.replace(old, new, 1)
     assert text != MINIMAL
     assert any(expected in line for line in problems(tmp_path, text))
+
+
+def test_a_scan_takes_a_millisecond(tmp_path: Path) -> None:
+    shortest = loaded(tmp_path, MINIMAL.replace("cycle_time: 0.05", "cycle_time: 0.001"))
+    assert shortest.config.sensors["front"].cycle_time == 0.001
+    assert problems(tmp_path, MINIMAL.replace("cycle_time: 0.05", "cycle_time: 0.0009"))
 
 
 def test_unknown_key_suggests_the_near_one(tmp_path: Path) -> None:

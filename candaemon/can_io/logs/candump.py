@@ -21,6 +21,7 @@ from candaemon.can_io.logs.stream import UNCLAIMED, ChannelMap, LogBytes, LogCou
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.frame_batch import FrameBatch
 from candaemon.frames.frame_block import FD_LENGTHS, FrameBlock
+from candaemon.frames.times import LATEST_NS
 
 Digits: TypeAlias = npt.NDArray[np.uint16]
 
@@ -33,7 +34,7 @@ _LINE = re.compile(
 _ERROR_FLAG = 0x2000_0000
 _ID_29 = 0x1FFF_FFFF
 _ID_11 = 0x7FF
-_LAST_SECOND = (2**63 - 1) // 1_000_000_000 - 1
+_LAST_SECOND = LATEST_NS // 1_000_000_000 - 1
 _LONGEST_SHAPE = 400  # characters; a CAN FD line has some 170 and its channel's name
 _FEWEST_ROWS = 16  # from which numpy is faster
 _MOST_SHAPES = 16  # of one length
@@ -222,7 +223,7 @@ class ChunkDecoder:
 
 
 def _frame_shape(line: bytes) -> re.Match[bytes] | None:
-    """Return the fields of a line; None where it is no valid CAN frame or its time exceeds 64 bits of nanoseconds."""
+    """Return the fields of a line; None where it is no valid CAN frame or its time is out of range."""
     match = _LINE.fullmatch(line)
     if match is None:
         return None
