@@ -142,7 +142,7 @@ def soak(count: int) -> dict[str, Any]:
         os.environ["RUNTIME_DIRECTORY"] = folder
         recording = Recorder(binding.settings.service.recording, Path(folder, "recording"), binding)
         meter = ServiceMonitor(binding.settings.service.metrics, recording=recording.counts)
-        observers = [recording, meter, StatusSocket(meter), StatusLogger(None), road]
+        observers = [recording, meter, StatusSocket(meter), StatusLogger(None, meter), road]
         began_s = time.monotonic()
         with Daemon(binding, clock=lambda: road.now_ns, observers=observers) as daemon:
             daemon.run()

@@ -18,7 +18,12 @@ from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import Observer
 from candaemon.daemon.process_signals import handle_signals
 from candaemon.daemon.reload import Reloader, load_service_config
-from candaemon.daemon.service_log import LogFormatObserver, configure_logging, log_uncaught_exceptions
+from candaemon.daemon.service_log import (
+    LogFormatObserver,
+    RepetitionFilter,
+    configure_logging,
+    log_uncaught_exceptions,
+)
 from candaemon.recording.recorder import Recorder
 from candaemon.status.health_summary import StatusLogger
 from candaemon.status.metrics_endpoint import MetricsEndpoint
@@ -74,33 +79,38 @@ def serve(request: ServeRequest) -> None:
         InputError: the folder of the recording cannot be used.
     """
     notifier = SystemdNotifier.from_environment()
-    configure_logging(request.log or "text")
+    repetitions = RepetitionFilter()
+    configure_logging(request.log or "text", repetitions=repetitions)
     log_uncaught_exceptions()
     binding = load_service_config(request.config_path)
-    configure_logging(request.log or binding.settings.service.log)
+    configure_logging(request.log or binding.settings.service.log, repetitions=repetitions)
     if binding.warnings:
         logger.warning("%s; `candaemon check` shows all %d warnings", binding.warnings[0], len(binding.warnings))
     reloader = Reloader(lambda: load_service_config(request.config_path))
-    daemon = Daemon(binding, observers=list(_observers(binding, request, notifier)), reloader=reloader)
+    daemon = Daemon(binding, observers=list(_observers(binding, request, notifier, repetitions)), reloader=reloader)
     faulthandler.enable()  # systemd's watchdog ends a hanging loop with SIGABRT; the log then shows where it hung
     with handle_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark), daemon:
         daemon.run()
 
 
-def _observers(binding: Binding, request: ServeRequest, notifier: SystemdNotifier) -> Iterator[Observer]:
+def _observers(
+    binding: Binding, request: ServeRequest, notifier: SystemdNotifier, repetitions: RepetitionFilter
+) -> Iterator[Observer]:
     """Yield the observers that command line, configuration and systemd request; each after those that it reads."""
     recording = _recording(binding, request)
     meter = ServiceMonitor(
-        binding.settings.service.metrics, recording=recording.counts if recording is not None else None
+        binding.settings.service.metrics,
+        recording=recording.counts if recording is not None else None,
+        log=repetitions,
     )
     if recording is not None:
         yield recording
     yield meter
     yield StatusSocket(meter)
     yield MetricsEndpoint(meter)
-    yield LogFormatObserver(request.log)
-    yield StatusLogger(request.status)
-    yield SystemdObserver(notifier)
+    yield LogFormatObserver(request.log, repetitions)
+    yield StatusLogger(request.status, meter)
+    yield SystemdObserver(notifier, meter)
 
 
 def _recording(binding: Binding, request: ServeRequest) -> Recorder | None:

@@ -90,7 +90,7 @@ class Daemon:
         self.buses.close()
 
     def run(self) -> None:
-        """Serve until `stop` is called, then finish the open scans."""
+        """Serve until `stop` is called, then finish the open scans and close the buses, so that all is counted."""
         for observer in self._observers:
             observer.on_start(self)
         _freeze()
@@ -98,6 +98,7 @@ class Daemon:
             self.run_once()
         self.finish()
         self.buses.drain(_DRAIN_S)
+        self.buses.close()
         for observer in self._observers:
             observer.on_stop(self)
 

@@ -94,4 +94,7 @@ class Observer:
         """
 
     def on_stop(self, daemon: DaemonView) -> None:
-        """React to the stop: the last cycle was sent. What is open must be flushed and closed within 0.5 s."""
+        """React to the stop: the last cycle was sent and the buses are closed; all counts but observers' are final.
+
+        What is open must be flushed and closed within 0.5 s.
+        """

@@ -32,16 +32,19 @@ _KINDS = 256
 _OF_EVERY_RECORD = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "repeated"}
 
 
-def configure_logging(form: LogFormat, stream: TextIO | None = None) -> None:
+def configure_logging(
+    form: LogFormat, stream: TextIO | None = None, *, repetitions: RepetitionFilter | None = None
+) -> None:
     """Send log records from INFO on to a stream.
 
     Args:
         form: a text a line, or a JSON object a line with `time`, `level`, `logger`, `message` and the record's extras.
         stream: default: standard error.
+        repetitions: limits their rate; default: one of its own.
     """
     stream = sys.stderr if stream is None else stream
     handler = logging.StreamHandler(stream)
-    handler.addFilter(RepetitionFilter())
+    handler.addFilter(repetitions or RepetitionFilter())
     text = JsonFormatter() if form == "json" else LineFormatter("%(message)s")
     journal = is_journal_stream(stream)
     prefix = "" if journal or form == "json" else "candaemon: "
@@ -65,15 +68,17 @@ class LogFormatObserver(Observer):
 
     Args:
         form: whatever the configuration says; None: what it says.
+        repetitions: goes on limiting the lines' rate: that of a service loaded again and again too.
     """
 
-    def __init__(self, form: LogFormat | None) -> None:
+    def __init__(self, form: LogFormat | None, repetitions: RepetitionFilter) -> None:
         self._form = form
+        self._repetitions = repetitions
 
     def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Take the form of the configuration that took its place."""
         if not error:
-            configure_logging(self._form or daemon.binding.settings.service.log)
+            configure_logging(self._form or daemon.binding.settings.service.log, repetitions=self._repetitions)
 
 
 def is_journal_stream(stream: TextIO) -> bool:
@@ -145,11 +150,15 @@ class RepetitionFilter(logging.Filter):
         most: records of a kind in a span.
         span_s: its length, s.
         clock: monotonic seconds.
+
+    Attributes:
+        left_out: records of all kinds that did not go through.
     """
 
     def __init__(self, most: int = 5, span_s: float = 60.0, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self._most, self._span_s, self._clock = most, span_s, clock
+        self.left_out = 0
         self._kinds: OrderedDict[tuple[str, str, str], _Kind] = OrderedDict()
 
     def filter(self, record: logging.LogRecord) -> bool:
@@ -164,5 +173,8 @@ class RepetitionFilter(logging.Filter):
         if len(self._kinds) > _KINDS:
             self._kinds.popitem(last=False)
         kind.lines += 1
-        kind.left_out += kind.lines > self._most
-        return kind.lines <= self._most
+        if kind.lines <= self._most:
+            return True
+        kind.left_out += 1
+        self.left_out += 1
+        return False

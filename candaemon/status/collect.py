@@ -16,6 +16,7 @@ from candaemon.daemon.observer import DaemonView
 from candaemon.ego.pose import EgoStatus
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
+from candaemon.status.losses import EGO_UNUSABLE_CAUSES, LOSS_CAUSES, UNSENT_CAUSES, UNUSABLE_CAUSES, Losses
 from candaemon.status.measurements import Measurements
 from candaemon.status.snapshot import (
     BusStatus,
@@ -29,16 +30,6 @@ from candaemon.status.snapshot import (
 )
 from candaemon.tracking.obstacles import STATE_NAMES
 
-LOSS_CAUSES = ("kernel_lost", "queue_full", "malformed", "unread")
-"""Causes of a live bus's frames being lost before the pipeline."""
-UNSENT_CAUSES = ("send_dropped", "send_failed")
-"""Causes of frames not being sent."""
-UNUSABLE_CAUSES = (
-    "short", "checksum", "repeated", "jumped", "too_fast", "late", "duplicate", "surplus", "discarded",
-)  # fmt: skip
-"""Causes of a sensor's frames not being used."""
-EGO_UNUSABLE_CAUSES = ("checksum", "repeated", "jumped", "too_fast", "not_finite", "out_of_range", "impossible")
-"""Causes of ego-motion frames not being used, those too short aside."""
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 EGO_STATUS_NAMES = {status: status.name.lower().replace("_", " ") for status in EgoStatus}
@@ -49,7 +40,11 @@ CYCLES = "cycles"
 
 
 def take_snapshot(
-    daemon: DaemonView, measured: Measurements, now_s: float, recording: Mapping[str, int | float | str | bool] | None
+    daemon: DaemonView,
+    measured: Measurements,
+    now_s: float,
+    losses: Losses,
+    recording: Mapping[str, int | float | str | bool] | None,
 ) -> StatusSnapshot:
     """Return the status snapshot.
 
@@ -57,6 +52,7 @@ def take_snapshot(
         daemon: between two iterations of its loop.
         measured: measurements that no counter of the daemon holds.
         now_s: monotonic seconds.
+        losses: all there were.
         recording: what the recording counts, None where nothing is recorded.
     """
     pipeline = daemon.pipeline
@@ -79,6 +75,7 @@ def take_snapshot(
         ),
         buses={bus.name: _bus(daemon, bus, rates["bus", bus.name]) for bus in pipeline.binding.buses},
         sensors=_sensors(pipeline, measured, rates),
+        losses=losses,
         recording=recording,
     )
 

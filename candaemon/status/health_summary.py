@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 
 from candaemon.daemon.observer import DaemonView, Observer
-from candaemon.status.collect import LOSS_CAUSES, UNSENT_CAUSES
+from candaemon.status.service_monitor import ServiceMonitor
 from candaemon.tracking.obstacles import TENTATIVE
 
 logger = logging.getLogger(__name__)
@@ -28,12 +28,6 @@ def ego_motion(daemon: DaemonView) -> str:
     return {"VALID": "ok"}.get(daemon.last.pose.status.name, daemon.last.pose.status.name.lower().replace("_", " "))
 
 
-def frame_counts(daemon: DaemonView, causes: tuple[str, ...]) -> dict[str, int]:
-    """Return how many frames of all buses were lost, or not sent, by cause."""
-    each = [daemon.buses[k].counts for k in range(len(daemon.buses))]
-    return {cause: sum(getattr(counts, cause) for counts in each) for cause in causes}
-
-
 def buses_down(daemon: DaemonView) -> list[str]:
     """List the buses that are down."""
     return [daemon.buses[k].name for k in range(len(daemon.buses)) if not daemon.buses[k].state.up]
@@ -43,21 +37,26 @@ class HealthSummary:
     """Summarises the service's health in a line; remembers which sensors are active.
 
     Args:
+        meter: knows what was lost; it observes the same daemon.
         clock: monotonic seconds.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, meter: ServiceMonitor, clock: Callable[[], float] = time.monotonic) -> None:
+        self._meter = meter
         self._clock = clock
         self._scans: dict[str, tuple[int, float]] = {}
 
     def brief(self, daemon: DaemonView) -> str:
-        """Return such as `12 obstacles, 4 sensors, ego ok, 0 lost`; to be asked every second or so."""
+        """Return such as `12 obstacles, 4 sensors, ego ok, 0 lost`; to be asked every second or so.
+
+        Lost are all frames that came to nothing, whether they were never read, not usable, or not sent.
+        """
         sensors = daemon.pipeline.binding.sensors
         heard = self._heard(daemon)
         told = f"{heard}" if heard == len(sensors) else f"{heard} of {len(sensors)}"
         line = (
             f"{obstacle_count(daemon)} obstacles, {told} sensors, ego {ego_motion(daemon)}, "
-            f"{sum(frame_counts(daemon, LOSS_CAUSES).values())} lost"
+            f"{self._meter.losses(daemon).frames} lost"
         )
         missing = buses_down(daemon)
         return line + (f"; down: {', '.join(missing)}" if missing else "")
@@ -77,15 +76,19 @@ class HealthSummary:
 
 
 class StatusLogger(Observer):
-    """Logs what the service does, every so often.
+    """Logs what the service does, every so often, and at its end what became of everything.
 
     Args:
-        interval_s: between two lines, 0: none; None: what the configuration says.
+        interval_s: between two lines, 0: none but the last; None: what the configuration says.
+        meter: knows what was lost; it observes the same daemon.
         clock: monotonic seconds.
     """
 
-    def __init__(self, interval_s: float | None, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, interval_s: float | None, meter: ServiceMonitor, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._asked_s = interval_s
+        self._meter = meter
         self._clock = clock
         self._last_s = clock()
         self._interval_s, self._due_s = 0.0, math.inf
@@ -110,6 +113,10 @@ class StatusLogger(Observer):
             self._due_s = now_s + self._interval_s
             logger.info("%s", self._line(daemon, now_s))
 
+    def on_stop(self, daemon: DaemonView) -> None:
+        """Log the last counts: the buses are closed, nothing more comes."""
+        logger.info("stopped; %s", self._since_the_start(daemon))
+
     def _set_interval(self, daemon: DaemonView) -> None:
         asked_s, configured_s = self._asked_s, daemon.binding.settings.service.status_interval
         self._interval_s = configured_s if asked_s is None else asked_s
@@ -120,16 +127,24 @@ class StatusLogger(Observer):
         pipeline = daemon.pipeline
         frames, cycles = sum(bus.frames for bus in pipeline.counts.buses), pipeline.counts.cycles
         span_s = max(now_s - self._last_s, 1e-9)
-        lost, unsent = frame_counts(daemon, LOSS_CAUSES), frame_counts(daemon, UNSENT_CAUSES)
         line = (
             f"{(frames - self._frames) / span_s:.0f} frames/s, {(cycles - self._cycles) / span_s:.1f} cycles/s, "
-            f"{obstacle_count(daemon)} obstacles, own motion {ego_motion(daemon)}; since the start {cycles} cycles, "
-            f"{pipeline.drops} frames unusable, {_told(lost)} lost, {_told(unsent)} unsent"
+            f"{obstacle_count(daemon)} obstacles, own motion {ego_motion(daemon)}; {self._since_the_start(daemon)}"
         )
-        line += "".join(f", {count} {what}" for what, count in _rare(daemon).items() if count)
         missing = buses_down(daemon)
         self._last_s, self._frames, self._cycles = now_s, frames, cycles
         return line + (f"; down: {', '.join(missing)}" if missing else "")
+
+    def _since_the_start(self, daemon: DaemonView) -> str:
+        """Say what came of everything."""
+        losses = self._meter.losses(daemon)
+        line = (
+            f"since the start {daemon.pipeline.counts.cycles} cycles, {daemon.received} frames received, "
+            f"{losses.lost} lost, {losses.unusable} unusable, {losses.unsent} unsent"
+        )
+        causes = str(losses)
+        line += f" ({causes})" if causes else ""
+        return line + "".join(f", {count} {what}" for what, count in _rare(daemon).items() if count)
 
 
 def _rare(daemon: DaemonView) -> dict[str, int]:
@@ -137,15 +152,8 @@ def _rare(daemon: DaemonView) -> dict[str, int]:
     pipeline, sequence = daemon.pipeline, daemon.sequence
     scans = [assembler.counts for assembler in pipeline.assemblers]
     return {
-        "objects that cannot be": sum(each.not_finite + each.out_of_range + each.impossible for each in scans),
+        "frames missing": sum(each.missing for each in scans),
         "scans distrusted": sum(each.distrusted for each in scans),
-        "cycles without own motion": pipeline.counts.without_ego,
         "steps of the clock": sequence.backward_steps + sequence.forward_steps,
         "output values beyond their signal": pipeline.saturated,
     }
-
-
-def _told(causes: dict[str, int]) -> str:
-    """Return a sum, with its causes where there are any."""
-    found = [f"{cause.replace('_', ' ')} {count}" for cause, count in causes.items() if count]
-    return f"{sum(causes.values())}" + (f" ({', '.join(found)})" if found else "")

@@ -96,6 +96,19 @@ class SensorActivity:
 
 
 @dataclass(slots=True)
+class ClientCounts:
+    """Clients that were not served; counted where they are.
+
+    Attributes:
+        status_clients: of the status socket, hung up on because they did not read or others came.
+        scrapes: connections to the metrics endpoint that got no metrics.
+    """
+
+    status_clients: int = 0
+    scrapes: int = 0
+
+
+@dataclass(slots=True)
 class Measurements:
     """All that is measured.
 

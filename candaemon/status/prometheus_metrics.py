@@ -6,6 +6,7 @@ Loaded only where the endpoint is configured: the library costs time to load.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from itertools import accumulate
 from typing import TypeAlias
 
@@ -44,6 +45,7 @@ class SnapshotCollector(Collector):
         yield from _of_buses(snapshot.buses)
         yield from _of_sensors(snapshot.sensors)
         yield from _of_tracking(snapshot)
+        yield _counter("candaemon_losses", "What was lost since the start", ("kind",), _by((), asdict(snapshot.losses)))
         yield _histogram(
             "candaemon_cycle_seconds", "From a scan's last frame taken to its obstacles sent", snapshot.cycle_time
         )

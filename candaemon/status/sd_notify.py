@@ -15,6 +15,7 @@ from typing import Self
 from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.printable import printable
 from candaemon.status.health_summary import HealthSummary
+from candaemon.status.service_monitor import ServiceMonitor
 
 logger = logging.getLogger(__name__)
 
@@ -61,17 +62,20 @@ class SystemdObserver(Observer):
 
     Args:
         notifier: the way to it.
+        meter: knows what was lost; it observes the same daemon.
         clock: monotonic seconds.
     """
 
-    def __init__(self, notifier: SystemdNotifier, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, notifier: SystemdNotifier, meter: ServiceMonitor, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._notifier = notifier
         self._clock = clock
         self._feed_s = notifier.watchdog_s / 2
         self._fed_s = self._status_s = clock()
         self._status = ""
         self._owed: dict[str, str | int] = {}
-        self._vitals = HealthSummary(clock)
+        self._vitals = HealthSummary(meter, clock)
 
     def on_start(self, daemon: DaemonView) -> None:
         """Notify that the service is ready: a missing bus is opened later, while it runs."""

@@ -11,10 +11,12 @@ from typing import TypeAlias
 
 from candaemon.config.metrics import MetricsSettings
 from candaemon.daemon.observer import CompletedCycle, DaemonView, Observer
+from candaemon.daemon.service_log import RepetitionFilter
 from candaemon.frames.frame import Frame, Tick
 from candaemon.status.collect import rate_counters, take_snapshot
 from candaemon.status.histogram import Histogram
-from candaemon.status.measurements import Measurements, NisAccumulator, SensorActivity
+from candaemon.status.losses import Losses, LossLedger
+from candaemon.status.measurements import ClientCounts, Measurements, NisAccumulator, SensorActivity
 from candaemon.status.snapshot import StatusSnapshot
 
 _MOST_WAITING = 16
@@ -32,7 +34,11 @@ class ServiceMonitor(Observer):
     Args:
         settings: buckets, and how far the NIS of late looks back.
         recording: gives what the recording counts; None where nothing is recorded.
+        log: leaves out lines of the log; None where nothing does.
         clock: monotonic seconds.
+
+    Attributes:
+        clients: those that were not served; who serves them counts them there.
     """
 
     def __init__(
@@ -40,10 +46,14 @@ class ServiceMonitor(Observer):
         settings: MetricsSettings,
         recording: RecordingCounts | None = None,
         *,
+        log: RepetitionFilter | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._settings = settings
         self._recording = recording
+        self._log = log
+        self.clients = ClientCounts()
+        self._ledger = LossLedger()
         self._clock = clock
         self._measured = Measurements(Histogram(settings.buckets), Histogram(settings.buckets), clock())
         self._sensors: tuple[SensorActivity, ...] = ()
@@ -90,6 +100,7 @@ class ServiceMonitor(Observer):
         if settings.buckets != self._settings.buckets:
             measured.cycle_time, measured.latency = Histogram(settings.buckets), Histogram(settings.buckets)
         self._settings = settings
+        self._ledger.watch(daemon)
         self._watch_sensors(daemon)
 
     def on_stop(self, daemon: DaemonView) -> None:
@@ -99,7 +110,19 @@ class ServiceMonitor(Observer):
     def snapshot(self, daemon: DaemonView) -> StatusSnapshot:
         """Return the status snapshot; for the core thread."""
         recording = None if self._recording is None else self._recording()
-        return take_snapshot(daemon, self._measured, self._clock(), recording)
+        return take_snapshot(daemon, self._measured, self._clock(), self.losses(daemon), recording)
+
+    def losses(self, daemon: DaemonView) -> Losses:
+        """Return all that was lost since the start; for the core thread."""
+        recording = {} if self._recording is None else self._recording()
+        others = Losses(
+            recording_items=int(recording.get("lost", 0)),
+            recording_events=int(recording.get("events_lost", 0)),
+            log_lines=0 if self._log is None else self._log.left_out,
+            status_clients=self.clients.status_clients,
+            scrapes=self.clients.scrapes,
+        )
+        return self._ledger.total(daemon, others)
 
     def wait_for_snapshot(self, timeout_s: float) -> StatusSnapshot:
         """Ask the core loop for the snapshot, from another thread.

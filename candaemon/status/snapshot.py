@@ -12,6 +12,7 @@ from math import isfinite
 from typing import Any, TypeAlias
 
 from candaemon.status.histogram import HistogramSnapshot
+from candaemon.status.losses import Losses
 
 Counts: TypeAlias = Mapping[str, int]
 
@@ -191,6 +192,7 @@ class StatusSnapshot:
         clock: steps.
         buses: by name.
         sensors: by name.
+        losses: all that was lost since the start, over all buses and sensors.
         recording: what the recording counts; None where nothing is recorded.
     """
 
@@ -204,6 +206,7 @@ class StatusSnapshot:
     clock: ClockStatus
     buses: Mapping[str, BusStatus]
     sensors: Mapping[str, SensorStatus]
+    losses: Losses
     recording: Mapping[str, int | float | str | bool] | None
 
     def tree(self) -> dict[str, Any]:

@@ -15,14 +15,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from candaemon.status.losses import LOSS_CAUSES
+
 from .live_driver import Datagram, make_drive, undisturbed
 from .live_sides import Measured, Side, ahead_of_others
 from .live_wire import HERE, ROOT, cycle_time, free_wire, on_wire
 
 CPU, LATENCY, EVENNESS = 0.5, 0.35, 2.0
 """Goals on an idle machine: CPU time and p99 latency by the naive daemon's, and p99 by p50 of candaemon's cycles."""
-CAUSES = ("kernel_lost", "queue_full", "malformed", "unread")
-"""Counts of a bus that say why a frame was lost on its way in."""
 FULL = ROOT / "config/esr_ins.yaml"
 _WARMING_CYCLES = 20
 """Until a daemon that heard nothing for a while has its obstacles back."""
@@ -189,7 +189,7 @@ def endure(rate: float, seconds: float, folder: Path, *, paused_from: float | No
 def _received(report: Mapping[str, Any]) -> tuple[int, dict[str, int]]:
     """Return the frames that candaemon took, and those it lost by cause."""
     buses = report["buses"].values()
-    lost = {cause: sum(bus[cause] for bus in buses) for cause in CAUSES}
+    lost = {cause: sum(bus[cause] for bus in buses) for cause in LOSS_CAUSES}
     return sum(bus["received"] for bus in buses), {cause: count for cause, count in lost.items() if count}
 
 

@@ -12,14 +12,18 @@ from pathlib import Path
 
 import pytest
 
+from candaemon.config.metrics import MetricsSettings
 from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.service_log import LogFormat, RepetitionFilter, configure_logging, log_uncaught_exceptions
 from candaemon.errors import ConfigError
 from candaemon.printable import printable
 from candaemon.status.health_summary import StatusLogger
+from candaemon.status.service_monitor import ServiceMonitor
 from tests.support.bound import binding
 
 logger = logging.getLogger("candaemon.test")
+
+METER = ServiceMonitor(MetricsSettings())
 
 HOSTILE = ["\n", "\r\n", "\x0b", "\x0c", "\x1c", "\x1b[2J", "\x85", "\u2028", "\u2029", "\u202e", "\udcff", "\x00"]
 """What ends a line somewhere, acts on a terminal, or is no UTF-8."""
@@ -145,7 +149,7 @@ def test_kinds_of_lines_without_end_take_no_memory_without_end() -> None:
 def test_the_status_line_comes_at_its_rate(caplog: pytest.LogCaptureFixture) -> None:
     now_s = 0.0
     daemon = Daemon(binding("demo"))
-    status, silent = StatusLogger(1.0, lambda: now_s), StatusLogger(0.0, lambda: now_s)
+    status, silent = StatusLogger(1.0, METER, lambda: now_s), StatusLogger(0.0, METER, lambda: now_s)
     with caplog.at_level(logging.INFO):
         for line in (status, silent):
             line.on_start(daemon)
@@ -162,7 +166,7 @@ def test_the_status_line_comes_at_its_rate(caplog: pytest.LogCaptureFixture) -> 
 def test_the_status_line_follows_the_configuration(caplog: pytest.LogCaptureFixture) -> None:
     now_s = 0.0
     daemon = Daemon(binding("demo"))
-    status = StatusLogger(None, lambda: now_s)
+    status = StatusLogger(None, METER, lambda: now_s)
     status.on_start(daemon)
     with caplog.at_level(logging.INFO):
         for _ in range(121):
@@ -174,7 +178,7 @@ def test_the_status_line_follows_the_configuration(caplog: pytest.LogCaptureFixt
 def test_what_was_lost_is_told_with_its_cause(caplog: pytest.LogCaptureFixture) -> None:
     now_s = 0.0
     daemon = Daemon(binding("demo"))
-    status = StatusLogger(1.0, lambda: now_s)
+    status = StatusLogger(1.0, ServiceMonitor(MetricsSettings()), lambda: now_s)
     status.on_start(daemon)
     daemon.buses[0].counts.kernel_lost = 5
     daemon.buses[0].counts.malformed = 2
@@ -183,4 +187,10 @@ def test_what_was_lost_is_told_with_its_cause(caplog: pytest.LogCaptureFixture) 
     with caplog.at_level(logging.INFO):
         now_s = 1.0
         status.on_iteration(daemon)
-    assert "7 (kernel lost 5, malformed 2) lost, 7 (send dropped 7) unsent, 1 steps of the clock" in caplog.messages[0]
+        status.on_stop(daemon)
+    since = (
+        "since the start 0 cycles, 0 frames received, 7 lost, 0 unusable, 7 unsent "
+        "(kernel lost 5, malformed 2, send dropped 7), 1 steps of the clock"
+    )
+    assert since in caplog.messages[0]
+    assert caplog.messages[-1] == f"stopped; {since}"

@@ -20,8 +20,8 @@ from candaemon.ego.motion_plausibility import MotionFaults
 from candaemon.errors import ConfigError
 from candaemon.pipeline.cycle import Cycle
 from candaemon.radar.scan import ScanCounts
-from candaemon.status.collect import EGO_UNUSABLE_CAUSES, LOSS_CAUSES, UNSENT_CAUSES, UNUSABLE_CAUSES
 from candaemon.status.histogram import Histogram
+from candaemon.status.losses import EGO_UNUSABLE_CAUSES, LOSS_CAUSES, UNSENT_CAUSES, UNUSABLE_CAUSES
 from candaemon.status.measurements import CounterRates, NisAccumulator
 from candaemon.status.service_monitor import ServiceMonitor
 from candaemon.status.snapshot import StatusSnapshot
@@ -200,7 +200,7 @@ def test_the_tree_is_json_and_its_keys_stay(tmp_path: Path) -> None:
         tree = json.loads(json.dumps(meter.wait_for_snapshot(5.0).tree(), allow_nan=False))
     assert tree["recording"] == {"share": None}
     assert tree["cycle_time"]["p99"] is None
-    keys = "service own_motion tracks tracking cycles cycle_time latency clock buses sensors recording"
+    keys = "service own_motion tracks tracking cycles cycle_time latency clock buses sensors losses recording"
     assert set(keys.split()) == tree.keys()
     assert {"bounds", "counts", "sum", "max", "count", "p50", "p90", "p99"} == tree["latency"].keys()
     assert tree["service"]["instance"] == "mine"

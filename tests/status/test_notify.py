@@ -10,11 +10,13 @@ from pathlib import Path
 import pytest
 
 from candaemon.binding.bound import Binding
+from candaemon.config.metrics import MetricsSettings
 from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.daemon.reload import Reloader
 from candaemon.errors import ConfigError
 from candaemon.status.sd_notify import SystemdNotifier, SystemdObserver
+from candaemon.status.service_monitor import ServiceMonitor
 from tests.support.bound import binding
 
 
@@ -59,7 +61,7 @@ class Steps:
 
     def __init__(self, notifier: SystemdNotifier, reloader: Reloader | None = None) -> None:
         self.now_s = 0.0
-        self.supervision = SystemdObserver(notifier, lambda: self.now_s)
+        self.supervision = SystemdObserver(notifier, ServiceMonitor(MetricsSettings()), lambda: self.now_s)
         self.daemon = Daemon(binding("demo"), observers=[self.supervision, Stop()], reloader=reloader)
 
     def turn(self, seconds: float) -> None:
@@ -165,7 +167,7 @@ def test_a_reload_is_told_from_its_begin_to_its_end(manager: Manager, notifier: 
         def on_reload_end(self, daemon: DaemonView, error: str) -> None:  # noqa: ARG002  # the hook's signature
             daemon.stop()
 
-    supervision = SystemdObserver(notifier)
+    supervision = SystemdObserver(notifier, ServiceMonitor(MetricsSettings()))
     daemon = Daemon(binding("demo"), observers=[supervision, StopReloaded()], reloader=Reloader(load))
     with daemon:
         daemon.reload()
