@@ -13,8 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from candaemon.printable import printable
+
+MOST_PROBLEMS: Final = 50
+"""Most problems that one error tells, a line each."""
 
 
 class CandaemonError(Exception):
@@ -47,7 +51,9 @@ class CandaemonError(Exception):
         super().__init__(str(self))
 
     def __str__(self) -> str:
-        return "\n".join([self._own_line(), *map(str, self.others)])
+        lines = [self._own_line(), *map(str, self.others[:MOST_PROBLEMS])]
+        left_out = len(self.others) - MOST_PROBLEMS
+        return "\n".join([*lines, f"and {left_out:,} more"] if left_out > 0 else lines)
 
     def _own_line(self) -> str:
         if self.file is None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,10 @@ from pydantic_core import ErrorDetails
 
 from candaemon.config.settings import Config, CrossReferenceError, Location
 from candaemon.config.yaml_text import read_yaml
-from candaemon.errors import ConfigError
+from candaemon.errors import MOST_PROBLEMS, ConfigError
+from candaemon.files.bounded import FileReader, read_anything
+from candaemon.printable import LONGEST_SHOWN, printable
+from candaemon.similar_names import meant
 
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -28,12 +30,14 @@ class LoadedConfig:
         config: the settings.
         path: the YAML file.
         lines: 1-based line of each key and list item.
+        read: reads the files that the YAML names.
 
     """
 
     config: Config
     path: Path
     lines: Mapping[Location, int] = field(repr=False)
+    read: FileReader = field(default=read_anything, repr=False)
 
     def line_of(self, location: Location) -> int:
         """Return the line of the deepest part of a location that exists in the YAML; 1 if none does."""
@@ -49,33 +53,53 @@ class LoadedConfig:
         return ConfigError(f"{_dotted(location)}: {text}", file=self.path, line=self.line_of(location))
 
 
-def load_config(path: Path) -> LoadedConfig:
+def load_config(path: Path, read: FileReader = read_anything) -> LoadedConfig:
     """Load and check a configuration. DBC files are not opened here.
 
     Args:
         path: the YAML file.
+        read: reads it, and the DBC files that are loaded for it.
 
     Raises:
         ConfigError: names every problem with file, line, key, what was found and what was expected.
 
     """
     path = Path(path)
-    data, lines = read_yaml(path)
+    data, lines = read_yaml(path, read)
     try:
         # Strict: no conversion between text and numbers; `read_yaml` returns tuples for lists.
         config = Config.model_validate(data, strict=True)
     except ValidationError as error:
-        problems = [problem for details in error.errors() for problem in _problems(details, lines)]
-        sorted_problems = sorted(
-            {(lines.get(_existing(where, lines), 1), f"{_dotted(where)}: {text}") for where, text in problems}
-        )
-        raise join_problems(path, sorted_problems) from None
-    return LoadedConfig(config, path, lines)
+        raise join_problems(path, error, lines, _problems) from None
+    return LoadedConfig(config, path, lines, read)
 
 
-def join_problems(path: Path, problems: list[tuple[int, str]]) -> ConfigError:
-    """Return one error for several (line, text), each on a separate line with file and line."""
-    first, *others = (ConfigError(text, file=path, line=line) for line, text in problems)
+def join_problems(
+    path: Path,
+    error: ValidationError,
+    lines: Mapping[Location, int],
+    problems: Callable[[ErrorDetails, Mapping[Location, int]], Iterable[tuple[Location, str]]],
+) -> ConfigError:
+    """Return one error for all that pydantic found in a file, each problem on a line of its own.
+
+    Args:
+        path: the file.
+        error: pydantic's.
+        lines: 1-based line of each key and list item.
+        problems: gives the (location, text) of one of pydantic's errors.
+    """
+    found = sorted(error.errors(include_url=False), key=lambda each: lines.get(_existing(each["loc"], lines), 1))
+    told = sorted(
+        {
+            (lines.get(_existing(where, lines), 1), f"{_dotted(where)}: {text}")
+            for details in found[:MOST_PROBLEMS]
+            for where, text in problems(details, lines)
+        }
+    )
+    first, *others = (ConfigError(text, file=path, line=line) for line, text in told)
+    left_out = len(found) - MOST_PROBLEMS
+    if left_out > 0:
+        others.append(ConfigError(f"and {left_out:,} more", file=path))
     return ConfigError(first.message, file=path, line=first.line, others=others)
 
 
@@ -114,7 +138,7 @@ def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[
             yield (
                 where,
                 f"found an unknown key '{location[-1]}', expected one of {', '.join(known)}"
-                + _meant(str(location[-1]), known),
+                + meant(str(location[-1]), known),
             )
         case "value_error" if isinstance(context.get("error"), CrossReferenceError):
             yield from context["error"].problems
@@ -127,7 +151,8 @@ def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[
             tags = re.findall(r"'([^']+)'", context["expected_tags"])
             yield (
                 (*where, key),
-                f"found '{context['tag']}', expected one of {', '.join(tags)}" + _meant(context["tag"], tags),
+                f"found '{printable(str(context['tag']), LONGEST_SHOWN)}', expected one of {', '.join(tags)}"
+                + meant(context["tag"], tags),
             )
         case _:
             yield where, f"found {_shown(found)}, {_expected(details)}"
@@ -146,7 +171,7 @@ def _expected(details: ErrorDetails) -> str:
     if details["type"] == "string_type" and isinstance(found, int | float):
         return f"{text}; write it in quotes"
     if isinstance(found, str):
-        text += _meant(found, re.findall(r"'([^']+)'", details["msg"]))
+        text += meant(found, re.findall(r"'([^']+)'", details["msg"]))
     return text[0].lower() + text[1:]
 
 
@@ -162,14 +187,7 @@ def _shown(value: object) -> str:
         case tuple() | list():
             return f"a list of {len(value)}"
         case _:
-            return repr(value)
-
-
-def _meant(name: str, known: list[str]) -> str:
-    """Return a suggestion of the nearest known name, or an empty text."""
-    near = get_close_matches(name.casefold(), [each.casefold() for each in known], n=1)
-    original = {each.casefold(): each for each in known}
-    return f"; did you mean '{original[near[0]]}'?" if near else ""
+            return printable(repr(value), LONGEST_SHOWN)
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from difflib import get_close_matches
+from itertools import islice
 from typing import TypeAlias
 
 from pydantic import Field, model_validator
@@ -16,6 +16,8 @@ from candaemon.config.sensors import SensorSettings
 from candaemon.config.service import ServiceSettings
 from candaemon.config.supervision import SupervisionSettings
 from candaemon.config.tracker import GroupSettings, TrackerSettings
+from candaemon.errors import MOST_PROBLEMS
+from candaemon.similar_names import listed_names, meant
 
 Location: TypeAlias = tuple[str | int, ...]
 """Path of keys and list positions from the YAML's root."""
@@ -36,9 +38,7 @@ class CrossReferenceError(ValueError):
 
 def unknown_name(kind: str, name: str, known: list[str]) -> str:
     """Return the message about an unknown name, with the known names and the nearest one."""
-    near = get_close_matches(name, known, n=1)
-    meant = f"; did you mean '{near[0]}'?" if near else ""
-    return f"found {kind} '{name}', expected one of {', '.join(known)}{meant}"
+    return f"found {kind} '{name}', expected one of {listed_names(known)}{meant(name, known)}"
 
 
 class Config(Settings):
@@ -64,9 +64,11 @@ class Config(Settings):
 
     @model_validator(mode="after")
     def _references_hold(self) -> Config:
-        problems = tuple(self._reference_problems())
+        problems = list(islice(self._reference_problems(), MOST_PROBLEMS + 1))
+        if len(problems) > MOST_PROBLEMS:
+            problems[MOST_PROBLEMS:] = [(problems[-1][0], "wrong too, and perhaps more; put the others right first")]
         if problems:
-            raise CrossReferenceError(problems)
+            raise CrossReferenceError(tuple(problems))
         return self
 
     def _reference_problems(self) -> Iterator[tuple[Location, str]]:

@@ -1,25 +1,78 @@
 """Reads YAML text into plain values and records the line of every key and item.
 
 Scalars are read as YAML 1.2 does: `on`, `no` and `12:30` are text, `1e-3` is a number. A key is always text.
+
+A text of a few lines can stand for more values than a memory holds, by aliases and merges, and for more levels than a
+program can follow. So values and levels are counted as they come, those that an alias repeats as often as it does.
 """
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from yaml.reader import ReaderError
 
 from candaemon.config.settings import Location
 from candaemon.errors import ConfigError
+from candaemon.files.bounded import FileReader, read_anything
+from candaemon.printable import LONGEST_SHOWN, printable
+
+LARGEST_FILE: Final = 262_144
+"""Longest YAML file, bytes."""
+MOST_NODES: Final = 20_000
+"""Most keys, values, lists and mappings in a file, each as often as aliases and merges repeat it."""
+MOST_LEVELS: Final = 32
+"""Most levels of lists and mappings, those that aliases and merges lead to among them."""
+LONGEST_KEY: Final = 200
+"""Longest key, characters."""
+LONGEST_NUMBER: Final = 100
+"""Longest number, characters."""
 
 TAG = "tag:yaml.org,2002:"
 
 
+class _Limits:
+    """What a YAML text has used of its limits.
+
+    Attributes:
+        nodes: so far.
+        level: of lists and mappings, of the node at hand.
+    """
+
+    def __init__(self) -> None:
+        self.nodes = 0
+        self.level = 0
+
+    def exceeded(self) -> str:
+        """Count a node; return what is wrong with it, empty for nothing."""
+        self.nodes += 1
+        if self.nodes > MOST_NODES:
+            return f"more than {MOST_NODES:,} keys and values, those that aliases repeat among them; write less"
+        if self.level >= MOST_LEVELS:
+            return f"more than {MOST_LEVELS} levels of lists and mappings; nest less"
+        return ""
+
+
 class _CoreLoader(yaml.SafeLoader):
-    """PyYAML's safe loader with YAML 1.2's core schema for plain scalars."""
+    """PyYAML's safe loader with YAML 1.2's core schema for plain scalars, and with limits."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._limits = _Limits()
+
+    def compose_node(self, parent: Node | None, index: Any) -> Node | None:
+        """Compose a node as PyYAML does, within the limits."""
+        exceeded = self._limits.exceeded()
+        if exceeded:
+            raise yaml.MarkedYAMLError(problem=exceeded, problem_mark=self.get_mark())
+        self._limits.level += 1
+        node = super().compose_node(parent, index)
+        self._limits.level -= 1
+        return node
 
 
 _CoreLoader.yaml_implicit_resolvers = {}
@@ -41,9 +94,13 @@ class _Builder:
         self.path = path
         self.lines: dict[Location, int] = {}
         self._open: set[int] = set()
+        self._limits = _Limits()
 
     def build(self, node: Node, location: Location) -> Any:
         """Build one node's value: dict, tuple or scalar."""
+        exceeded = self._limits.exceeded()
+        if exceeded:
+            raise self._error(node, exceeded)
         if isinstance(node, ScalarNode):
             return self._scalar(node)
         if id(node) in self._open:
@@ -51,12 +108,11 @@ class _Builder:
         if node.tag not in {TAG + "map", TAG + "seq"}:
             raise self._foreign(node)
         self._open.add(id(node))
-        try:
-            if isinstance(node, MappingNode):
-                return self._mapping(node, location)
-            return self._sequence(node, location)
-        finally:
-            self._open.discard(id(node))
+        self._limits.level += 1
+        value = self._mapping(node, location) if isinstance(node, MappingNode) else self._sequence(node, location)
+        self._limits.level -= 1
+        self._open.discard(id(node))
+        return value
 
     def _sequence(self, node: Node, location: Location) -> tuple[Any, ...]:
         items = []
@@ -77,9 +133,12 @@ class _Builder:
                     source_values = self.build(source, location)
                     if not isinstance(source_values, dict):
                         raise self._error(source, "found a merge '<<' of something that is not a mapping")
-                    merged = source_values | merged
+                    for key, value in source_values.items():
+                        merged.setdefault(key, value)
                 continue
             key = key_node.value
+            if len(key) > LONGEST_KEY:
+                raise self._error(key_node, f"found a key of {len(key):,} characters, expected {LONGEST_KEY} at most")
             if key in values:
                 first = self.lines[*location, key]
                 raise self._error(key_node, f"key '{key}' is there twice, first in line {first}; remove one")
@@ -90,6 +149,10 @@ class _Builder:
     def _scalar(self, node: ScalarNode) -> Any:
         text: str = node.value
         kind = node.tag.removeprefix(TAG)
+        if kind in {"int", "float"} and len(text) > LONGEST_NUMBER:
+            raise self._error(
+                node, f"found a number of {len(text):,} characters, expected {LONGEST_NUMBER} at most; shorten it"
+            )
         try:
             match kind:
                 case "str":
@@ -107,7 +170,8 @@ class _Builder:
         raise self._foreign(node)
 
     def _foreign(self, node: Node) -> ConfigError:
-        return self._error(node, f"found the tag '{node.tag}', expected plain values only; remove the tag")
+        tag = printable(node.tag, LONGEST_SHOWN)
+        return self._error(node, f"found the tag '{tag}', expected plain values only; remove the tag")
 
     def _error(self, node: Node, text: str) -> ConfigError:
         return ConfigError(text, file=self.path, line=_line(node))
@@ -118,21 +182,31 @@ def _line(node: Node) -> int:
     return int(node.start_mark.line) + 1
 
 
-def read_yaml(path: Path) -> tuple[dict[str, Any], dict[Location, int]]:
+def read_yaml(path: Path, read: FileReader = read_anything) -> tuple[dict[str, Any], dict[Location, int]]:
     """Read a YAML file whose root is a mapping.
 
     Args:
         path: the file, UTF-8.
+        read: reads it.
 
     Returns:
         The values (lists as tuples), and the 1-based line of each key and list item by its location.
 
     Raises:
-        ConfigError: the file does not exist, is not UTF-8 or YAML, repeats a key, or is not a mapping.
+        ConfigError: the file does not exist, is not UTF-8 or YAML, exceeds a limit, repeats a key, or is not a mapping.
 
     """
+    root = _composed(_text(path, read), path)
+    if not isinstance(root, MappingNode):
+        raise ConfigError("expected a mapping with buses, ego and sensors", file=path, line=1)
+    builder = _Builder(path)
+    return builder.build(root, ()), builder.lines
+
+
+def _text(path: Path, read: FileReader) -> str:
+    """Return a file's text."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return read(path, LARGEST_FILE).decode("utf-8")
     except FileNotFoundError:
         raise ConfigError("no such configuration file; check the path", file=path) from None
     except IsADirectoryError:
@@ -142,17 +216,22 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], dict[Location, int]]:
         raise ConfigError("the text is not UTF-8; save it as UTF-8", file=path, line=before + 1) from None
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", file=path) from None
+
+
+def _composed(text: str, path: Path) -> Node | None:
+    """Return the root of a YAML text."""
     try:
-        root = yaml.compose(text, Loader=_CoreLoader)
+        loader = _CoreLoader(text)
+    except ReaderError as error:
+        line: int | None = text.count("\n", 0, error.position) + 1
+        raise ConfigError(f"not valid YAML: the character U+{error.character:04X}", file=path, line=line) from None
+    try:
+        return loader.get_single_node()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        problem = error.problem or error.context or "not YAML"
+        problem = printable(error.problem or error.context or "", LONGEST_SHOWN)
         hint = "; indent with spaces" if "\\t" in problem else ""
         line = None if mark is None else mark.line + 1
         raise ConfigError(f"not valid YAML: {problem}{hint}", file=path, line=line) from None
-    except yaml.YAMLError as error:
-        raise ConfigError(f"not valid YAML: {error}", file=path) from None
-    if not isinstance(root, MappingNode):
-        raise ConfigError("expected a mapping with buses, ego and sensors", file=path, line=1)
-    builder = _Builder(path)
-    return builder.build(root, ()), builder.lines
+    except (ValueError, OverflowError):  # PyYAML converts the numbers of `\U` and `%YAML` as they are
+        raise ConfigError("not valid YAML: a number that is too large", file=path, line=loader.line + 1) from None

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal
 
 from candaemon.errors import ConfigError
+from candaemon.similar_names import similar_names
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,11 +158,11 @@ class Database:
 
 def near_names(name: str, known: Iterable[str]) -> str:
     """List which known names are near a mistyped one, or which there are at all."""
-    folded = {each.casefold(): each for each in known}
-    near = [folded[match] for match in get_close_matches(name.casefold(), folded, n=3, cutoff=0.6)]
+    names = list(known)
+    near = similar_names(name, names, 3)
     if near:
         return "did you mean " + " or ".join(f"'{each}'" for each in near) + "?"
-    some = sorted(folded.values())
+    some = sorted(names)
     if not some:
         return "it has none at all"
     return "it has " + ", ".join(f"'{each}'" for each in some[:8]) + (", …" if len(some) > 8 else "")

@@ -5,7 +5,12 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeAlias
+
+FileReader: TypeAlias = Callable[[Path, int], bytes]
+"""Reads a file (path, most bytes) as `read_bounded` does, with its errors."""
 
 
 def read_bounded(path: Path, longest: int, *, follow: bool = True, special: bool = False) -> bytes:
@@ -37,3 +42,8 @@ def read_bounded(path: Path, longest: int, *, follow: bool = True, special: bool
     if not remaining:
         raise OSError(errno.EFBIG, f"it is longer than {longest:,} bytes, the most that is read", str(path))
     return b"".join(pieces)
+
+
+def read_anything(path: Path, longest: int) -> bytes:
+    """Read a file, or a pipe or a device such as `/dev/stdin`, as `read_bounded` does."""
+    return read_bounded(path, longest, special=True)

@@ -6,15 +6,19 @@ ground). `ego.start` places them on earth. Speeds and accelerations are over gro
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
 from candaemon.config.base import Settings
 from candaemon.config.load import join_problems
 from candaemon.config.settings import Location
 from candaemon.config.yaml_text import read_yaml
+from candaemon.printable import LONGEST_SHOWN, printable
 
 
 class LaneChange(Settings):
@@ -249,7 +253,7 @@ class Scenario(Settings):
     @model_validator(mode="after")
     def _names_differ(self) -> Scenario:
         names = [actor.name for actor in self.actors]
-        twice = sorted({name for name in names if names.count(name) > 1})
+        twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
             raise ValueError(f"two actors are named '{twice[0]}'; give each a name of its own")
         return self
@@ -270,21 +274,16 @@ def load_scenario(path: Path) -> Scenario:
     try:
         return Scenario.model_validate(data, strict=True)
     except ValidationError as error:
-        problems = []
-        for details in error.errors():
-            location: Location = tuple(details["loc"])
-            depth = len(location)
-            while depth and location[:depth] not in lines:
-                depth -= 1
-            what = (
-                details["ctx"]["error"]
-                if details["type"] == "value_error"
-                else _expected(details["type"], details["msg"])
-            )
-            found = f"; found {details['input']!r}" if isinstance(details["input"], str | int | float) else ""
-            key = ".".join(str(step) for step in location) or "the file"
-            problems.append((lines.get(location[:depth], 1), f"{key}: {what}{found}"))
-        raise join_problems(path, sorted(problems)) from None
+        raise join_problems(path, error, lines, _problem) from None
+
+
+def _problem(details: ErrorDetails, _lines: Mapping[Location, int]) -> Iterator[tuple[Location, str]]:
+    """Convert one of pydantic's errors to its location and text."""
+    given = details["input"]
+    value_error = details["type"] == "value_error"
+    what = details["ctx"]["error"] if value_error else _expected(details["type"], details["msg"])
+    found = f"; found {printable(repr(given), LONGEST_SHOWN)}" if isinstance(given, str | int | float) else ""
+    yield details["loc"], f"{what}{found}"
 
 
 def _expected(kind: str, message: str) -> str:

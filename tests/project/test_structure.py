@@ -17,6 +17,7 @@ PACKAGE = ROOT / "candaemon"
 
 ROOMS: tuple[str, ...] = (
     "printable",
+    "similar_names",
     "errors",
     "log_lines",
     "_version",
@@ -198,6 +199,7 @@ def test_no_module_lies_outside_a_room() -> None:
         "log_lines",
         "_version",
         "printable",
+        "similar_names",
     }
 
 
