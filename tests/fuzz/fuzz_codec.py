@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import Literal
 
 import numpy as np
@@ -19,7 +20,7 @@ _SCALES = (1.0, 0.1, -0.5, 1e-7, 2.0, 1e4, 0.0, -1e-300)
 _OFFSETS = (0.0, -40.0, 0.05, 1e9)
 
 
-def fuzz_codec(data: bytes) -> None:
+def fuzz_codec(data: bytes) -> Counter[str]:
     """Decode payloads with a layout, encode values, and read them back."""
     drawn = Drawn(data)
     spec = _message(drawn)
@@ -32,15 +33,15 @@ def fuzz_codec(data: bytes) -> None:
         # integers of more bits than a float's may be rounded before or after scaling
         assert np.allclose(column, alone, rtol=1e-14, atol=0, equal_nan=True), (spec, payload.hex(), column, alone)
     assert one(payloads[0][:-1]) is None, "a frame too short was decoded"
-    _encoded(spec, drawn)
+    return Counter(payloads=len(payloads), encoded=_encoded(spec, drawn))
 
 
-def _encoded(spec: MessageSpec, drawn: Drawn) -> None:
-    """Encode any numbers; what arrives is within what the signal can say."""
+def _encoded(spec: MessageSpec, drawn: Drawn) -> bool:
+    """Encode any numbers; what arrives is within what the signal can say. Return whether the layout can be sent."""
     try:
         one, batch = compile_encoder(spec), BatchEncoder(spec)
     except ConfigError:
-        return
+        return False
     values = [drawn.number() for _ in spec.signals]
     payload, saturated = one(values)
     table, together = batch.encode(np.array(values)[:, None])
@@ -48,7 +49,7 @@ def _encoded(spec: MessageSpec, drawn: Drawn) -> None:
     assert len(payload) == spec.length
     read = compile_decoder(spec)(payload)
     if read is None:
-        return  # its multiplexer has a value that selects nothing
+        return True  # its multiplexer has a value that selects nothing
     for signal, value in zip(spec.signals, read, strict=True):
         if signal.is_float or signal.multiplexer_signal is not None or _overlaps(spec, signal):
             continue
@@ -56,6 +57,7 @@ def _encoded(spec: MessageSpec, drawn: Drawn) -> None:
         slack = 1e-9 * max(map(abs, ends))
         assert ends[0] - slack <= value <= ends[1] + slack, (signal, value, ends)
         assert math.isfinite(value) or not all(map(math.isfinite, ends)), (signal, value)
+    return True
 
 
 def _overlaps(spec: MessageSpec, signal: SignalSpec) -> bool:

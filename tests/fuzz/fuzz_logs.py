@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -15,11 +16,14 @@ from candaemon.errors import InputError
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.frame_block import FD_LENGTHS
 
+from .bombs import endless_line
 from .drawn import Drawn
 from .scratch import scratch
 
 _CHANNELS = {"can0": 0, "can1": 1, "0": 0}
 _NAMES = ["can0", "can1"]
+_ENDLESS = 63
+_MEGABYTES = (8, 64, 512)
 _WORDS = (b"\n", b"\r\n", b" ", b"#", b"##1", b"#R", b"(1533226488.434433) can0 260#08FF\n", b"20000000", b"can1",
           b"tick", b"000#", b"0", b"-1", b"1e9", b"nan", b"99999999999999999999", b"Rx d 8 ", b"x", b"\0")  # fmt: skip
 _SAMPLES = {
@@ -39,14 +43,15 @@ _SAMPLES = {
 }
 
 
-def fuzz_logs(data: bytes) -> None:
+def fuzz_logs(data: bytes) -> Counter[str]:
     """Read a log: as it was drawn, or a sound one with changes; plain, compressed, or as a broken gzip stream."""
     drawn = Drawn(data)
     suffix = drawn.choice(LOG_SUFFIXES)
-    form = drawn.integer(0, 3)
-    content = drawn.edited(_sample(suffix), _WORDS) if drawn.flag() else drawn.rest()
-    path = scratch() / (f"log{suffix}.gz" if form else f"log{suffix}")
-    path.write_bytes(_compressed(content, form))
+    form = drawn.integer(0, 63)
+    edited = drawn.flag()
+    content = drawn.edited(_sample(suffix), _WORDS) if edited else drawn.rest()
+    path = scratch() / (f"log{suffix}.gz" if form % 4 else f"log{suffix}")
+    path.write_bytes(endless_line(suffix, drawn.choice(_MEGABYTES)) if form == _ENDLESS else _compressed(content, form))
     counts = LogCounts()
     frames = list(read_log(path, _CHANNELS, counts))
     _hold(frames, counts)
@@ -56,6 +61,7 @@ def fuzz_logs(data: bytes) -> None:
         assert not counts.frames
     if suffix == ".log":
         _hold_candump(path, frames, counts)
+    return Counter(edited=edited, frames=counts.frames, malformed=counts.malformed)
 
 
 @cache
@@ -73,7 +79,7 @@ def _sample(suffix: str) -> bytes:
 
 
 def _compressed(content: bytes, form: int) -> bytes:
-    match form:
+    match form % 4:
         case 1:
             return gzip.compress(content, 1)
         case 2:  # cut short

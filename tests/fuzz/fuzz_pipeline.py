@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 
 from candaemon.can_io.reorder import ReorderBuffer
@@ -20,12 +21,14 @@ _FRAME_NS = 500_000
 _MOST = 400
 
 
-def fuzz_pipeline(data: bytes) -> None:
+def fuzz_pipeline(data: bytes) -> Counter[str]:
     """Run a configuration and hold what must be true of every cycle; the same again gives the same."""
-    assert _digest(data) == _digest(data), "the same frames gave something else"
+    (digest, counts), (again, _) = _ran(data), _ran(data)
+    assert digest == again, "the same frames gave something else"
+    return counts
 
 
-def _digest(data: bytes) -> str:
+def _ran(data: bytes) -> tuple[str, Counter[str]]:
     drawn = Drawn(data)
     bound = binding(drawn.choice(CONFIGS))
     protectors = protectors_of(bound)
@@ -47,7 +50,9 @@ def _digest(data: bytes) -> str:
         watch.take(cycle)
     watch.finish()
     assert sum(bus.frames for bus in pipeline.counts.buses) == sum(isinstance(item, Frame) for item in items)
-    return watch.outputs.hexdigest()
+    counts = pipeline.counts
+    frames = sum(bus.frames for bus in counts.buses)
+    return watch.outputs.hexdigest(), Counter(frames=frames, cycles=counts.cycles, sent=counts.sent)
 
 
 def _items(drawn: Drawn, kinds: list[Kind]) -> Iterator[Frame | Tick]:

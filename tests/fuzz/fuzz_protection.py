@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -21,17 +22,17 @@ _E2E: TypeAdapter[Any] = TypeAdapter(E2eSettings)
 _IDS = (0x123, 0, 0x7FF, 0x98FF_1234)
 
 
-def fuzz_protection(data: bytes) -> None:
+def fuzz_protection(data: bytes) -> Counter[str]:
     """Seal and verify a payload, change a bit of it, and monitor a sequence of frames."""
     drawn = Drawn(data)
     message = MessageSpec("M", drawn.choice(_IDS), drawn.choice((8, 1, 2, 3, 4, 5, 12, 16, 64)), ())
     try:
         protector = _e2e(drawn, message) if drawn.flag() else _checksum(drawn, message)
     except (ConfigError, ValidationError):
-        return
+        return Counter(refused=1)
     payload = drawn.taken(message.length).ljust(message.length, b"\0")
     if isinstance(protector, E2eProtector) and protector.counter(payload) >= protector.header.counter_values:
-        return  # profiles 1 and 11 know no counter 15
+        return Counter(refused=1)  # profiles 1 and 11 know no counter 15
     sealed = protector.seal(message.can_id, payload)
     assert len(sealed) == message.length
     assert protector.verify(message.can_id, sealed)
@@ -44,7 +45,7 @@ def fuzz_protection(data: bytes) -> None:
     assert not protector.verify(message.can_id, bytes(damaged)), f"bit {bit} of {sealed.hex()} is not protected"
     for length in range(message.length):
         assert not protector.verify(message.can_id, sealed[:length])
-    _monitored(drawn, protector, message)
+    return _monitored(drawn, protector, message)
 
 
 def _checksum(drawn: Drawn, message: MessageSpec) -> FrameProtector:
@@ -67,7 +68,7 @@ def _e2e(drawn: Drawn, message: MessageSpec) -> FrameProtector:
     return E2eProtector(_E2E.validate_python(given), [message], [0])
 
 
-def _monitored(drawn: Drawn, protector: FrameProtector, message: MessageSpec) -> None:
+def _monitored(drawn: Drawn, protector: FrameProtector, message: MessageSpec) -> Counter[str]:
     """Hold that every frame is admitted or counted under one cause."""
     plan = FrameMonitorSettings(
         protector=protector if drawn.flag() else None,
@@ -91,3 +92,4 @@ def _monitored(drawn: Drawn, protector: FrameProtector, message: MessageSpec) ->
         seen += 1
     assert admitted + faults.failed == seen, faults
     assert min(faults.lost, faults.timeouts) >= 0
+    return Counter(admitted=admitted, failed=faults.failed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import cache
@@ -39,7 +40,7 @@ _INTEGERS = (0, 1, -1, 2, 63, 64, 255, 1 << 20, 1 << 32, 1 << 40, (1 << 62) - 1,
 _NUMBERS = (0.0, -0.0, 1.0, -1.0, 5e-324, 1e-30, 1e9, -1e9, 1e30, 9e74, -9e74, 1e300, math.inf, -math.inf, math.nan)
 
 
-def fuzz_state(data: bytes) -> None:
+def fuzz_state(data: bytes) -> Counter[str]:
     """Read a state: anything, or a sound one with other bytes or values; a pipeline goes on with what it takes."""
     drawn = Drawn(data)
     form, config = drawn.integer(0, 5), drawn.choice(_CONFIGS)
@@ -53,9 +54,10 @@ def fuzz_state(data: bytes) -> None:
             state = signed(head, drawn.edited(content, _WORDS))
         case _:
             state = signed(head, with_other_values(content, drawn))
-    pipeline = Pipeline(binding(config))
+    pipeline, taken = Pipeline(binding(config)), False
     with suppress(InputError):
         _snapshots(config).restore(pipeline, state)
+        taken = True
         go_on(pipeline, _traffic(config)[_LENGTH:])
     folder = scratch() / "recording"
     folder.mkdir(exist_ok=True)
@@ -63,6 +65,7 @@ def fuzz_state(data: bytes) -> None:
     (folder / "a-000001.state").write_bytes(state)
     with suppress(InputError):
         assert len(runs(folder, fingerprint(binding(config)))) == 1
+    return Counter(taken=taken, refused=not taken)
 
 
 def signed(head: bytes, content: bytes) -> bytes:

@@ -16,6 +16,7 @@ from candaemon.binding.bound import Binding
 from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.dbc.types import MessageSpec
 from candaemon.ego.pose import EgoPose
+from candaemon.errors import CandaemonError
 from candaemon.frames.frame import EXTENDED
 from candaemon.pipeline.cycle import Cycle
 from candaemon.tracking.obstacles import Obstacles
@@ -145,6 +146,26 @@ def hold_obstacles(obstacles: Obstacles) -> None:
         assert set(obstacles.state.tolist()) <= {0, 1, 2}
     if len(obstacles.used_row):
         assert 0 <= obstacles.used_row.min() <= obstacles.used_row.max() < count
+
+
+def hold_place(error: CandaemonError) -> None:
+    """Hold that an error says in which file it is, and all that in one line.
+
+    Raises:
+        AssertionError: it does not.
+    """
+    assert error.file is not None, f"it does not say where: {error}"
+    hold_printable(str(error))
+
+
+def hold_printable(text: str) -> None:
+    """Hold that lines of text hold nothing that a terminal obeys.
+
+    Raises:
+        AssertionError: they do.
+    """
+    for line in text.split("\n"):
+        assert line.isprintable(), ascii(line[:1000])
 
 
 def _hold_pose(pose: EgoPose) -> None:

@@ -8,16 +8,31 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from _pytest.mark import ParameterSet
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from .__main__ import TARGETS as NAMES
-from .campaign import CONFIGS, Share, digest_of, run, shares
-from .targets import TARGETS
+from .campaign import CONFIGS, Share, digest_of, run, shares, split
+from .targets import WEIGHTS, load
 
 CORPUS = Path(__file__).resolve().parent / "corpus"
 KEPT = sorted(path for path in CORPUS.glob("*/*") if path.is_file())
-EXAMPLES = {"codec": 60, "configuration": 15, "dbc": 40, "logs": 60, "pipeline": 5, "protection": 100, "state": 15}
+EXAMPLES = {
+    "codec": 60,
+    "configuration": 15,
+    "datagrams": 40,
+    "dbc": 40,
+    "http": 5,
+    "logs": 60,
+    "pipeline": 5,
+    "protection": 100,
+    "scenarios": 20,
+    "state": 15,
+    "status": 20,
+    "tables": 30,
+}
+LIVE = pytest.param("signals", marks=pytest.mark.slow)
+"""Its service takes seconds to start."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -28,21 +43,25 @@ def _quiet() -> Iterator[None]:
     logging.disable(logging.NOTSET)
 
 
-def test_the_command_line_knows_the_targets() -> None:
-    assert sorted(TARGETS) == list(NAMES)
-    assert {path.parent.name for path in KEPT} == set(NAMES)
-    assert sum(path.stat().st_size for path in KEPT) < 100_000
+def test_what_is_kept_is_small_and_of_a_target() -> None:
+    assert {path.parent.name for path in KEPT} == set(WEIGHTS)
+    assert sum(path.stat().st_size for path in KEPT) < 150_000
 
 
-@pytest.mark.parametrize("path", KEPT, ids=lambda path: f"{path.parent.name}-{path.name}")
+def kept(path: Path) -> ParameterSet:
+    marks = [pytest.mark.slow] if path.parent.name == "signals" else []
+    return pytest.param(path, marks=marks, id=f"{path.parent.name}-{path.name}")
+
+
+@pytest.mark.parametrize("path", [kept(path) for path in KEPT])
 def test_what_was_kept(path: Path) -> None:
-    TARGETS[path.parent.name](path.read_bytes())
+    load(path.parent.name)(path.read_bytes())
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [*EXAMPLES, LIVE])
 def test_any_bytes(name: str) -> None:
     @settings(
-        max_examples=EXAMPLES[name],
+        max_examples=EXAMPLES.get(name, 10),
         deadline=None,
         derandomize=True,
         database=None,
@@ -50,16 +69,16 @@ def test_any_bytes(name: str) -> None:
     )
     @given(st.binary(max_size=300))
     def fuzzed(data: bytes) -> None:
-        TARGETS[name](data)
+        load(name)(data)
 
     fuzzed()
 
 
-@pytest.mark.parametrize("name", ["codec", "dbc", "logs", "protection"])
+@pytest.mark.parametrize("name", ["codec", "datagrams", "dbc", "logs", "protection", "tables"])
 def test_long_inputs(name: str) -> None:
     chance = random.Random(6)  # noqa: S311 - test data
     for _ in range(20):
-        TARGETS[name](chance.randbytes(2000))
+        load(name)(chance.randbytes(2000))
 
 
 @pytest.mark.parametrize("config", CONFIGS)
@@ -85,3 +104,6 @@ def test_a_campaign_is_split_whole() -> None:
         assert sum(part.frames for part in parts) == 10_000_003
         assert {part.config for part in parts} == set(CONFIGS)
         assert len({part.seed for part in parts}) == len(parts)
+        campaigns = split(10_000_003, 1, log, 3)
+        assert campaigns[1] == shares(3_333_334, 1001, log)
+        assert sum(part.frames for campaign in campaigns for part in campaign) == 10_000_003
