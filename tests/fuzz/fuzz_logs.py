@@ -59,7 +59,7 @@ def fuzz_logs(data: bytes) -> Counter[str]:
         counts.require_frames(path)
     except InputError:
         assert not counts.frames
-    if suffix == ".log":
+    if suffix == ".log" and form != _ENDLESS:
         _hold_candump(path, frames, counts)
     return Counter(edited=edited, frames=counts.frames, malformed=counts.malformed)
 

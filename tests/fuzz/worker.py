@@ -15,7 +15,9 @@ import sys
 import time
 import warnings
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from typing import TextIO
 
 from .targets import load
 from .trial import LONGEST, Current, Trial, bound_memory, file_name
@@ -137,9 +139,17 @@ def _worker(arguments: argparse.Namespace) -> Worker:
     return Worker(arguments.target, arguments.folder, arguments.findings, arguments.runs, arguments.seconds)
 
 
+@cache
+def _messages() -> TextIO:
+    """Return what was standard output; what a target or atheris prints goes to standard error from then on."""
+    messages = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    return messages
+
+
 def _tell(**message: object) -> None:
-    sys.__stdout__.write(json.dumps(message) + "\n")  # type: ignore[union-attr]
-    sys.__stdout__.flush()  # type: ignore[union-attr]
+    _messages().write(json.dumps(message) + "\n")
+    _messages().flush()
 
 
 def main() -> None:
@@ -155,6 +165,7 @@ def main() -> None:
     parser.add_argument("--guided", action="store_true")
     arguments = parser.parse_args()
     logging.disable(logging.CRITICAL)
+    _messages()
     if arguments.guided:
         warnings.simplefilter("ignore")  # what atheris itself imports warns
         _guided(arguments)
