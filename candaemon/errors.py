@@ -19,6 +19,8 @@ from candaemon.printable import printable
 
 MOST_PROBLEMS: Final = 50
 """Most problems that one error tells, a line each."""
+LONGEST_MESSAGE: Final = 4000
+"""Longest message of one error, in characters; of a longer one the middle is left out."""
 
 
 class CandaemonError(Exception):
@@ -44,7 +46,7 @@ class CandaemonError(Exception):
         line: int | None = None,
         others: Sequence[CandaemonError] = (),
     ) -> None:
-        self.message = printable(message)
+        self.message = printable(_shortened(message))
         self.file = None if file is None else printable(str(file))
         self.line = line
         self.others = tuple(others)
@@ -60,6 +62,14 @@ class CandaemonError(Exception):
             return self.message
         where = self.file if self.line is None else f"{self.file}:{self.line}"
         return f"{where}: {self.message}"
+
+
+def _shortened(message: str) -> str:
+    """Return a message without its middle where it is too long: the end says what to do."""
+    if len(message) <= LONGEST_MESSAGE:
+        return message
+    half = LONGEST_MESSAGE // 2
+    return f"{message[:half]} … {message[-half:]}"
 
 
 class ConfigError(CandaemonError):

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from typing import Final
+from unicodedata import category
 
 LONGEST_SHOWN: Final = 500
 """Longest piece of text from outside in a message, in characters."""
+
+_BREAKING: Final = frozenset({"Cc", "Cs", "Zl", "Zp"})
+"""Unicode's categories of control characters, surrogates, line and paragraph separators."""
 
 
 def printable(text: str, longest: int | None = None) -> str:
@@ -28,3 +32,11 @@ def printable(text: str, longest: int | None = None) -> str:
 def _escaped(character: str) -> str:
     """Return the escape of one character, as Python writes it."""
     return character.encode("unicode_escape").decode("ascii")
+
+
+def is_one_line(text: str) -> bool:
+    """Return whether a text has no control characters, line separators, or surrogates of bytes that are not UTF-8.
+
+    Other characters that are not printable, such as a no-break space, are parts of words in some languages.
+    """
+    return text.isprintable() or not any(category(each) in _BREAKING for each in text)

@@ -18,6 +18,8 @@ from candaemon.files.atomic import atomic_write
 from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
 from candaemon.playback.summary import summarise
 
+_CHANNELS_NAMED: Final = 10
+"""Channels of a log that a message lists."""
 LONGEST_LAG: Final = 10.0
 """Longest lag of smoothing, s: later measurements hardly change the estimate, and the effort grows with the lag."""
 
@@ -82,7 +84,7 @@ def execute(arguments: argparse.Namespace) -> None:
     console.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
     silent = [name for name, counts in figures["sensors"].items() if not counts["used"]]
     if len(silent) == len(figures["sensors"]):
-        others = ", ".join(figures["log"]["other_channels"]) or "none"
+        others = ", ".join(list(figures["log"]["other_channels"])[:_CHANNELS_NAMED]) or "none"
         raise InputError(
             f"not one usable frame of any sensor ({', '.join(silent)}); log channels no bus takes: {others}; "
             "check each bus's channel, or use --map CHANNEL=BUS",
@@ -126,7 +128,7 @@ def horizons(text: str) -> tuple[float, ...]:
 
 def channel_of_bus(text: str) -> tuple[str, str]:
     """Read CHANNEL=BUS."""
-    channel, sign, bus = text.partition("=")
+    channel, sign, bus = text.rpartition("=")  # no bus has that sign in its name
     if not (channel and sign and bus):
         raise argparse.ArgumentTypeError(f"found '{text}', expected CHANNEL=BUS, such as can1=radar")
     return channel, bus

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from candaemon.config.names import DbcName
+
 Unit = Literal["m", "rad", "deg", "m/s", "km/h", "mph", "rad/s", "deg/s", "m/s^2", "g", "1/m", "s", "%", "1"]
 
 UNIT_FACTORS: dict[str, float] = {
@@ -41,7 +43,7 @@ class SignalRef(Settings):
     points the other way), `Velocity.VelNorth` (message and signal).
     """
 
-    signal: str = Field(description="signal name, or MESSAGE.SIGNAL")
+    signal: DbcName = Field(description="signal name, or MESSAGE.SIGNAL")
     unit: Unit | None = Field(None, description="unit of the signal; default: the DBC's, and SI where it names none")
     scale: float = Field(1.0, description="factor on the DBC's physical value; −1 turns an axis round")
     offset: float = Field(0.0, description="added after the scale, in the signal's unit")
@@ -61,7 +63,7 @@ def _signal_from_text(value: Any) -> Any:
     return {"signal": name, "scale": -1.0 if value.startswith("-") else 1.0}
 
 
-Signal = Annotated[SignalRef, BeforeValidator(_signal_from_text, json_schema_input_type=str | SignalRef)]
+Signal = Annotated[SignalRef, BeforeValidator(_signal_from_text, json_schema_input_type=DbcName | SignalRef)]
 
 
 def _listed(value: Any) -> Any:
@@ -80,7 +82,7 @@ class Condition(Settings):
     DBC's own unit.
     """
 
-    signal: str = Field(description="signal name in one of the object's messages")
+    signal: DbcName = Field(description="signal name in one of the object's messages")
     values: tuple[float, ...] | None = Field(None, alias="in", min_length=1, description="values that pass")
     min: float | None = Field(None, description="smallest value that passes")
     max: float | None = Field(None, description="largest value that passes")

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from candaemon.config.base import Settings, Signal, Signals
 from candaemon.config.gnss import GnssSettings
+from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.protection import InputProtectionSettings, MotionPlausibilitySettings
 
 
@@ -21,8 +22,8 @@ class LeverArm(Settings):
 class EgoCommon(Settings):
     """What every source of ego motion has."""
 
-    bus: str = Field(description="name of the bus")
-    dbc: str = Field(description="DBC file, relative to this YAML")
+    bus: Name = Field(description="name of the bus")
+    dbc: FilePath = Field(description="DBC file, relative to this YAML")
     age_limit: float = Field(0.5, gt=0, le=10, description="s without an update before ego motion counts as lost")
     dead_reckoning: float = Field(
         10.0, gt=0, le=600, description="s without an update before even dead reckoning is given up"
@@ -31,7 +32,7 @@ class EgoCommon(Settings):
         1.0, gt=0, le=20, description="m/s², how fast the velocity's standard deviation grows in dead reckoning"
     )
     latency: float = Field(0.0, ge=-0.5, le=0.5, description="s from measurement to the frame's time stamp")
-    protection: dict[str, InputProtectionSettings] = Field(
+    protection: dict[DbcName, InputProtectionSettings] = Field(
         default_factory=dict, description="of messages, by their names; default: none"
     )
     plausibility: MotionPlausibilitySettings = Field(default_factory=MotionPlausibilitySettings)
@@ -50,7 +51,7 @@ class InsSignals(Settings):
     curvature: Signal | None = Field(
         None, description="of the path, 1/m, positive to the left; times speed is yaw rate"
     )
-    valid: str | None = Field(None, description="MESSAGE.SIGNAL that is not 0 while the solution is valid")
+    valid: DbcName | None = Field(None, description="MESSAGE.SIGNAL that is not 0 while the solution is valid")
 
     @model_validator(mode="after")
     def _has_velocity(self) -> InsSignals:

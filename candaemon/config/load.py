@@ -160,7 +160,7 @@ def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[
 
 def _expected(details: ErrorDetails) -> str:
     """Return what was expected of a value, as text."""
-    text = details["msg"].replace("Input should be ", "expected ").replace("Input should have ", "expected ")
+    text = re.sub("^(Input|String) should (be|have) ", "expected ", details["msg"])
     text = (
         text.replace("a valid string", "text")
         .replace("a valid tuple", "a list")

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from candaemon.config.base import Settings, Signals
+from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.protection import ProtectionSettings
 from candaemon.config.sensors import Mount, ObjectFormat
 
@@ -20,16 +21,16 @@ StatusQuantity = Literal["cycle", "occupied", "unreported", "ego", "health", "dr
 class StatusFormat(Settings):
     """The message sent once a cycle, before the slots."""
 
-    message: str = Field(description="message name")
-    signals: dict[str, StatusQuantity] = Field(default_factory=dict, description="signal: quantity")
-    fixed: dict[str, float] = Field(default_factory=dict, description="signal: value")
+    message: DbcName = Field(description="message name")
+    signals: dict[DbcName, StatusQuantity] = Field(default_factory=dict, description="signal: quantity")
+    fixed: dict[DbcName, float] = Field(default_factory=dict, description="signal: value")
 
 
 class OutputSettings(Settings):
     """How obstacles go onto a bus."""
 
-    bus: str = Field(description="name of the bus")
-    dbc: str = Field(description="DBC file, relative to this YAML")
+    bus: Name = Field(description="name of the bus")
+    dbc: FilePath = Field(description="DBC file, relative to this YAML")
     objects: ObjectFormat
     signals: dict[Quantity, Signals] = Field(description="quantity: the signal, or signals, it goes into")
     status: StatusFormat | None = Field(None, description="message sent once a cycle")

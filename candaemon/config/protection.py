@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from candaemon.config.base import Settings
+from candaemon.config.names import DbcName
 
 DataId = Annotated[int, Field(ge=0, le=0xFFFF)]
 DataIds = DataId | Annotated[tuple[DataId, ...], Field(min_length=1)]
@@ -101,14 +102,14 @@ def _check_nibble(settings: _SingleDataId, mode: str) -> None:
 class ProtectionSettings(Settings):
     """Counter and checksum of a frame."""
 
-    counter: str | None = Field(None, description="counter signal")
+    counter: DbcName | None = Field(None, description="counter signal")
     counter_values: int | None = Field(
         None,
         ge=2,
         le=65_536,
         description="values the counter goes through; default: all its bits hold, or the profile's",
     )
-    checksum: str | None = Field(None, description="checksum signal: a byte of its own, for honda half a byte")
+    checksum: DbcName | None = Field(None, description="checksum signal: a byte of its own, for honda half a byte")
     kind: Literal["none", "toyota", "honda", "xor", "additive", "crc8_sae_j1850"] = Field(
         "none", description="how the checksum is made"
     )

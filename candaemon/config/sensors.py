@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from candaemon.config.base import Condition, Settings, Signal
+from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.protection import InputProtectionSettings, PlausibilitySettings, SensorProtectionSettings
 
 
@@ -18,6 +20,10 @@ class Mount(Settings):
     yaw_deg: float = Field(0.0, ge=-180, le=180, description="deg, positive to the left")
 
 
+_SLOT = re.compile(r"\{slot(:0?[1-9]?[dxX])?\}")
+"""What stands for a slot's number in a message's name."""
+
+
 def _message_from_text(value: Any) -> Any:
     """Convert the bare name of a message to an entry."""
     return {"message": value} if isinstance(value, str) else value
@@ -26,8 +32,8 @@ def _message_from_text(value: Any) -> Any:
 class ObjectMessage(Settings):
     """One message of an object. `{slot}` in the name stands for the slot's number."""
 
-    message: str = Field(description="message name; `{slot}`, `{slot:02d}` … stands for the slot's number")
-    id_signal: str | None = Field(None, description="signal of this message that says which object it is of")
+    message: DbcName = Field(description="message name; `{slot}`, `{slot:02d}` … stands for the slot's number")
+    id_signal: DbcName | None = Field(None, description="signal of this message that says which object it is of")
     optional: bool = Field(False, description="an object is used without this message too")
     protection: InputProtectionSettings | None = Field(
         None, description="of this message; default: that of the sensor or the output"
@@ -35,12 +41,10 @@ class ObjectMessage(Settings):
 
     @model_validator(mode="after")
     def _name_has_only_slot(self) -> ObjectMessage:
-        try:
-            self.named(0)
-        except (KeyError, IndexError, ValueError) as error:
+        if not set(_SLOT.sub("", self.message)).isdisjoint("{}"):
             raise ValueError(
-                f"'{self.message}' has braces that are not {{slot}} or such as {{slot:02d}} ({error})"
-            ) from None
+                f"'{self.message}' has braces that are not {{slot}}, or such as {{slot:02d}} or {{slot:x}} (9 digits)"
+            )
         return self
 
     def named(self, number: int) -> str:
@@ -49,7 +53,7 @@ class ObjectMessage(Settings):
 
 
 Messages = tuple[
-    Annotated[ObjectMessage, BeforeValidator(_message_from_text, json_schema_input_type=str | ObjectMessage)], ...
+    Annotated[ObjectMessage, BeforeValidator(_message_from_text, json_schema_input_type=DbcName | ObjectMessage)], ...
 ]
 
 
@@ -60,12 +64,12 @@ class ObjectFormat(Settings):
     slots: int = Field(ge=1, le=256, description="objects the format can hold")
     first: int = Field(0, ge=0, description="number of the first slot in the messages' names")
     step: int = Field(1, ge=1, description="difference of the numbers of neighbouring slots")
-    identity: str | None = Field(None, description="signal that is the object's identity; default: the slot is")
-    pair: tuple[str, ...] = Field((), description="signals, one a message, that must be equal within an object")
+    identity: DbcName | None = Field(None, description="signal that is the object's identity; default: the slot is")
+    pair: tuple[DbcName, ...] = Field((), description="signals, one a message, that must be equal within an object")
     valid: tuple[Condition, ...] = Field((), description="all must hold for an object to be used")
     new: tuple[Condition, ...] = Field((), description="all hold on an object's first appearance in its slot")
-    empty: dict[str, float] = Field(default_factory=dict, description="signal values that write an empty slot")
-    fixed: dict[str, float] = Field(default_factory=dict, description="signal values that write any occupied slot")
+    empty: dict[DbcName, float] = Field(default_factory=dict, description="signal values that write an empty slot")
+    fixed: dict[DbcName, float] = Field(default_factory=dict, description="signal values that write any occupied slot")
 
     @model_validator(mode="after")
     def _slots_are_distinguishable(self) -> ObjectFormat:
@@ -90,14 +94,14 @@ class CounterScan(Settings):
     """Frames with the same counter are one scan; a scan closes when all came, when the counter changes, or late."""
 
     close: Literal["counter"]
-    signal: str = Field(description="counter signal in every object message")
+    signal: DbcName = Field(description="counter signal in every object message")
 
 
 class TriggerScan(Settings):
     """A scan closes with a certain message."""
 
     close: Literal["trigger"]
-    message: str = Field(description="message that ends a scan; one of the objects' or another")
+    message: DbcName = Field(description="message that ends a scan; one of the objects' or another")
     protection: InputProtectionSettings = Field(
         default_factory=InputProtectionSettings, description="of the message, where it is none of the objects'"
     )
@@ -107,9 +111,9 @@ class HeaderScan(Settings):
     """A scan opens with a header message that says how many objects follow."""
 
     close: Literal["header"]
-    message: str = Field(description="header message")
-    count: str = Field(description="its signal with the number of objects that follow")
-    counter: str | None = Field(None, description="its measurement counter, by which a missed scan is noticed")
+    message: DbcName = Field(description="header message")
+    count: DbcName = Field(description="its signal with the number of objects that follow")
+    counter: DbcName | None = Field(None, description="its measurement counter, by which a missed scan is noticed")
     used_only: bool = Field(
         True, description="only the objects counted are sent; false: all slots are, count gives how many are occupied"
     )
@@ -215,8 +219,8 @@ class SensorSettings(Settings):
     """One sensor that reports objects."""
 
     kind: Literal["radar", "lidar", "camera"] = Field("radar", description="what it is; shown to the user")
-    bus: str = Field(description="name of the bus")
-    dbc: str = Field(description="DBC file, relative to this YAML")
+    bus: Name = Field(description="name of the bus")
+    dbc: FilePath = Field(description="DBC file, relative to this YAML")
     mount: Mount = Field(default_factory=Mount)
     cycle_time: float = Field(ge=0.001, le=2, description="s between scans")
     timeout: float = Field(0.03, gt=0, le=2, description="s after a scan's first frame until it is closed as it is")

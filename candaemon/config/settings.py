@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from candaemon.config.base import Settings
 from candaemon.config.buses import BusSettings
 from candaemon.config.ego import EgoSettings, InsSettings, StaticSettings
+from candaemon.config.names import Line, Name, Prose
 from candaemon.config.output import OutputSettings
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.service import ServiceSettings
@@ -44,13 +45,13 @@ def unknown_name(kind: str, name: str, known: list[str]) -> str:
 class Config(Settings):
     """Everything a user can vary about one vehicle."""
 
-    name: str = Field("", description="what to call this configuration")
-    description: str = Field("", description="what it is for")
-    buses: dict[str, BusSettings] = Field(min_length=1, description="CAN buses by name")
+    name: Line = Field("", description="what to call this configuration")
+    description: Prose = Field("", description="what it is for")
+    buses: dict[Name, BusSettings] = Field(min_length=1, description="CAN buses by name")
     ego: EgoSettings = Field(description="ego motion")
-    sensors: dict[str, SensorSettings] = Field(min_length=1, description="sensors by name")
+    sensors: dict[Name, SensorSettings] = Field(min_length=1, description="sensors by name")
     tracker: TrackerSettings = Field(default_factory=TrackerSettings, description="how detections become obstacles")
-    groups: dict[str, GroupSettings] = Field(
+    groups: dict[Name, GroupSettings] = Field(
         default_factory=dict, description="sensors tracked on their own, by group name; default: all together"
     )
     output: OutputSettings | None = Field(None, description="how obstacles go onto a bus; default: they do not")

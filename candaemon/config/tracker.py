@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from candaemon.config.base import Settings
 from candaemon.config.directions import AlongAcross, Pair
 from candaemon.config.estimators import EstimatorSettings, ImmEstimatorSettings
+from candaemon.config.names import Name
 
 
 class TravelSettings(Settings):
@@ -97,5 +98,5 @@ class TrackerSettings(Settings):
 class GroupSettings(Settings):
     """Sensors that are tracked on their own, apart from the others."""
 
-    sensors: tuple[str, ...] = Field(min_length=1, description="names of the sensors")
+    sensors: tuple[Name, ...] = Field(min_length=1, description="names of the sensors")
     tracker: TrackerSettings = Field(default_factory=TrackerSettings)

@@ -16,6 +16,7 @@ from candaemon.config.shipped import shared_folder
 from candaemon.daemon.reload import load_service_config
 from candaemon.errors import ConfigError, InputError
 from candaemon.files.atomic import atomic_write
+from candaemon.printable import is_one_line
 
 logger = logging.getLogger(__name__)
 
@@ -186,7 +187,7 @@ def _argument(word: str) -> str:
 
 
 def _quoted(word: str) -> str:
-    if not word.isprintable():
+    if not is_one_line(word):
         raise ConfigError(
             f"'{word}' holds a control character, a line separator or bytes that are not UTF-8, which a unit cannot "
             "hold; rename the file or its folder"

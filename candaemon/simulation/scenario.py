@@ -16,6 +16,7 @@ from pydantic_core import ErrorDetails
 
 from candaemon.config.base import Settings
 from candaemon.config.load import join_problems
+from candaemon.config.names import Name
 from candaemon.config.settings import Location
 from candaemon.config.yaml_text import read_yaml
 from candaemon.printable import LONGEST_SHOWN, printable
@@ -154,7 +155,7 @@ class Size(Settings):
 class Actor(Settings):
     """Another road user."""
 
-    name: str
+    name: Name
     start: Start
     segments: tuple[Segment, ...] = ()
     size: Size = Field(default_factory=Size)

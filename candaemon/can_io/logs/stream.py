@@ -109,7 +109,9 @@ class LogCounts:
         found = [f"{self.malformed} malformed"] if self.malformed else []
         found += [f"{self.remote} remote"] if self.remote else []
         found += [f"{self.error_frames} error frames"] if self.error_frames else []
-        found += [f"{count} of channel '{name}'" for name, count in self.other_channels.items()]
+        listed = sorted(self.other_channels.items(), key=lambda item: -item[1])
+        found += [f"{count} of channel '{name}'" for name, count in listed[:_EXAMPLES]]
+        found += [f"{len(listed) - _EXAMPLES} more channels"] if len(listed) > _EXAMPLES else []
         found += [f"the file ends early ({self.stream_error})"] if self.stream_error else []
         text = f"not one usable frame in {self.lines} lines"
         text += f": {', '.join(found)}" if found else ""
