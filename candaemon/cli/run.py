@@ -89,8 +89,8 @@ def serve(request: ServeRequest) -> None:
     reloader = Reloader(lambda: load_service_config(request.config_path))
     daemon = Daemon(binding, observers=list(_observers(binding, request, notifier, repetitions)), reloader=reloader)
     faulthandler.enable()  # systemd's watchdog ends a hanging loop with SIGABRT; the log then shows where it hung
-    with handle_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark), daemon:
-        daemon.run()
+    with handle_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark) as look, daemon:
+        daemon.run(look)
 
 
 def _observers(

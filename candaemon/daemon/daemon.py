@@ -89,13 +89,19 @@ class Daemon:
     ) -> None:
         self.buses.close()
 
-    def run(self) -> None:
-        """Serve until `stop` is called, then finish the open scans and close the buses, so that all is counted."""
+    def run(self, look: Callable[[], None] = lambda: None) -> None:
+        """Serve until `stop` is called, then finish the open scans and close the buses, so that all is counted.
+
+        Args:
+            look: called between two iterations; looks for requests such as signals.
+        """
         for observer in self._observers:
             observer.on_start(self)
         _freeze()
+        look()
         while not self._stopping.is_set():
             self.run_once()
+            look()
         self.finish()
         self.buses.drain(_DRAIN_S)
         self.buses.close()
@@ -131,15 +137,15 @@ class Daemon:
             began_s = self._send(cycle, began_s, by_frame=False)
 
     def stop(self) -> None:
-        """Let `run` return soon; for signal handlers and other threads."""
+        """Let `run` return soon; for other threads too, but not for signal handlers: a lock is held for a moment."""
         self._stopping.set()
 
     def mark(self) -> None:
-        """Request that the observers be notified of this moment; for signal handlers and other threads."""
+        """Request that the observers be notified of this moment; for other threads too, as `stop`."""
         self._marking.set()
 
     def reload(self) -> None:
-        """Request that the configuration be loaded again; for signal handlers and other threads."""
+        """Request that the configuration be loaded again; for other threads too, as `stop`."""
         if self._reloader is not None:
             self._reloader.ask()
 

@@ -32,8 +32,8 @@ def main(config: str) -> None:
     """Run until SIGTERM."""
     cycles = Cycles()
     daemon = Daemon(bind(load_config(Path(config))), observers=[cycles])
-    with handle_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark), daemon:
-        daemon.run()
+    with handle_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark) as look, daemon:
+        daemon.run(look)
     told = {"buses": {bus.name: asdict(bus.counts) for bus in daemon.buses}, "cycles": cycles.told_at}
     json.dump(told, sys.stdout)
 

@@ -107,6 +107,20 @@ def test_sighup_loads_the_file_again_or_refuses_it(service: Service, config: Pat
     assert re.search(r"mine\.yaml:\d+: more: found an unknown key|mine\.yaml:\d+: .*unknown key 'more'", talk)
 
 
+@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGHUP])
+def test_a_flood_of_signals_neither_ends_nor_holds_the_service(service: Service, number: signal.Signals) -> None:
+    service.wait_for("READY")
+    end = time.monotonic() + 2.0
+    while time.monotonic() < end:
+        for _ in range(1000):
+            service.process.send_signal(number)
+    assert service.wait_for("WATCHDOG")
+    _, talk, _ = service.stop()
+    assert service.process.returncode == 0
+    assert "stopped; since the start" in talk
+    assert "Traceback" not in talk
+
+
 def test_a_stopped_process_does_not_feed_the_watchdog(service: Service) -> None:
     service.wait_for("READY")
     service.wait_for("WATCHDOG")
