@@ -21,7 +21,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
 
@@ -42,7 +42,8 @@ ENDED: Final = 1
 
 _END = re.compile(rb"\) tick 001#\s*$")
 _LONGEST_LINE = 300  # characters
-_STEM = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\d\.\d{3}Z-(\d{6,})")
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_STEM = re.compile(r"(\d{4}-\d\d-\d\dT\d\d)-(\d\d)-(\d\d\.\d{3})Z-(\d{6,12})", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +77,25 @@ def utc(time_ns: int) -> str:
     return f"{moment:%Y-%m-%dT%H-%M-%S}.{time_ns // 1_000_000 % 1000:03d}Z"
 
 
+def number_in(stem: str) -> int | None:
+    """Return the number in the name, without suffix, of a recording's file; None for any other name."""
+    match = _STEM.fullmatch(stem)
+    return None if match is None else int(match[4])
+
+
+def time_in(stem: str) -> int | None:
+    """Return the time in the name of a recording's file, to the ms, in ns; None where there is none."""
+    match = _STEM.fullmatch(stem)
+    try:
+        moment = None if match is None else datetime.fromisoformat(f"{match[1]}:{match[2]}:{match[3]}+00:00")
+    except ValueError:  # such as month 13
+        return None
+    return None if moment is None else (moment - _EPOCH) // timedelta(milliseconds=1) * 1_000_000
+
+
 def number_of(path: Path) -> int | None:
     """Return the number of a recording's file; None for any other file."""
-    match = _STEM.fullmatch(path.stem)
-    return None if match is None else int(match[1])
+    return number_in(path.stem)
 
 
 def logs_in(folder: Path) -> list[Path]:

@@ -6,30 +6,35 @@ Where the file system has no links, it is copied once it is complete.
 
 from __future__ import annotations
 
-import errno
 import json
 import logging
 import os
 import re
-import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from candaemon.binding.bound import Binding
 from candaemon.config.recording import EventSettings
 from candaemon.errors import InputError
-from candaemon.files.atomic import atomic_write
-from candaemon.playback.recording_files import CONFIGURATIONS, EVENTS, STATE, logs_in, number_of, utc
+from candaemon.files.bounded import read_bounded
+from candaemon.files.own_folder import OwnFolder
+from candaemon.playback.recording_files import CONFIGURATIONS, EVENTS, LOG, number_in, utc
 from candaemon.recording.ring import MEGABYTE, RingFile
 
 logger = logging.getLogger(__name__)
 
+LARGEST_SOURCE: Final = 1 << 26
+"""Bytes of a configuration or DBC file that is kept beside a recording."""
+LONGEST_EVENT_S: Final = 300.0
+"""How much later than the first an event of the same kind may come and be a part of it, s."""
+
 _NOTE = "event.json"
-_EVENTS_HERE = "????-??-??T??-??-??.???Z-*/"  # other folders are somebody else's
+_CONFIGURATION = "configuration"
+_EVENT = re.compile(r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\d\.\d{3}Z-.*", re.ASCII)
 _DIGEST = re.compile("[0-9a-f]{12}")
-_NO_LINKS = frozenset({errno.EPERM, errno.EOPNOTSUPP, errno.EMLINK})
+_LONGEST_ABOUT = 50  # characters of four bytes at most, in a name of 255 bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +59,10 @@ class _Open:
     """An event whose last files are yet to come."""
 
     event: Event
-    folder: Path
+    name: str
     until_ns: int
     files: list[str]
-    to_copy: Path | None = None
+    to_copy: str = ""
 
 
 class EventArchive:
@@ -68,33 +73,52 @@ class EventArchive:
         settings: how much before and after, how many, how large.
     """
 
-    def __init__(self, folder: Path, settings: EventSettings) -> None:
+    def __init__(self, folder: OwnFolder, settings: EventSettings) -> None:
         self._folder = folder
         self._settings = settings
+        self._after_ns = round(settings.after * 1e9)
         self._open: list[_Open] = []
 
-    def begin(self, event: Event, ring: Iterable[RingFile], configuration: Path) -> None:
+    def prolong(self, event: Event) -> bool:
+        """Keep as much after this event as after the first one, if one of its kind is being kept; say whether one is.
+
+        However often one is asked for, others do not have to go to make room for it.
+        """
+        for kept in self._open:
+            of_same_kind = (kept.event.kind, kept.event.about) == (event.kind, event.about)
+            if of_same_kind and kept.event.time_ns <= event.time_ns < min(
+                kept.until_ns, kept.event.time_ns + round(LONGEST_EVENT_S * 1e9)
+            ):
+                kept.until_ns = event.time_ns + self._after_ns
+                return True
+        return False
+
+    def begin(self, event: Event, ring: Iterable[RingFile], configuration: str) -> None:
         """Keep what the ring holds of the time before an event.
 
         Args:
             event: what happened.
             ring: the files to keep, the oldest first; the last one is being written.
-            configuration: folder of the one in force.
+            configuration: digest of the one in force; empty where it could not be kept.
 
         Raises:
             OSError, InputError: the disk refuses.
         """
         name = "-".join(filter(None, (utc(event.time_ns), event.kind, _plain(event.about))))
-        folder = self._folder / EVENTS / name
-        folder.mkdir(parents=True, exist_ok=True)
-        kept = _Open(event, folder, event.time_ns + round(self._settings.after * 1e9), [])
+        kept = _Open(event, name, event.time_ns + self._after_ns, [])
         *complete, current = ring
-        for file in complete:
-            _linked(file.log, folder) or shutil.copyfile(file.log, folder / file.log.name)
-            _keep_state(file.log, folder)
-            kept.files.append(file.log.name)
-        self._keep_current(kept, current)
-        _link_tree(configuration, folder / "configuration")
+        with self._folder.folder(EVENTS, name) as folder:
+            for file in complete:
+                self._folder.keep(file.log, folder)
+                self._keep_state(file, folder)
+                kept.files.append(file.log)
+            self._keep_current(kept, current, folder)
+            if configuration:
+                with (
+                    self._folder.folder(CONFIGURATIONS, configuration, make=False) as source,
+                    folder.folder(_CONFIGURATION) as target,
+                ):
+                    _keep_tree(source, target)
         self._open.append(kept)
         self._drop_old()
 
@@ -109,12 +133,15 @@ class EventArchive:
         were_open, self._open = self._open, []
         for kept in were_open:
             try:
-                self._finish_copy(kept)
-                if file.begin_ns < kept.until_ns:
-                    self._keep_current(kept, file)
-                    self._open.append(kept)
+                with self._folder.folder(EVENTS, kept.name, make=False) as folder:
+                    self._finish_copy(kept, folder)
+                    if file.begin_ns < kept.until_ns:
+                        self._keep_current(kept, file, folder)
+                        self._open.append(kept)
             except (OSError, InputError) as error:
-                logger.warning("%s: the event is not kept any further: %s", kept.folder, error)
+                logger.warning(
+                    "%s: the event is not kept any further: %s", self._folder.path / EVENTS / kept.name, error
+                )
         if were_open:
             self._drop_old()
 
@@ -122,120 +149,134 @@ class EventArchive:
         """Complete the events that are open.
 
         Raises:
-            OSError: the disk refuses.
+            OSError, InputError: the disk refuses.
         """
         for kept in self._open:
-            self._finish_copy(kept)
+            if kept.to_copy:
+                with self._folder.folder(EVENTS, kept.name, make=False) as folder:
+                    self._finish_copy(kept, folder)
         self._open.clear()
 
-    def _keep_current(self, kept: _Open, file: RingFile) -> None:
+    def _keep_current(self, kept: _Open, file: RingFile, folder: OwnFolder) -> None:
         """Keep the file being written, and say so in the event's note."""
-        if not _linked(file.log, kept.folder):
+        if not self._folder.link(file.log, folder):
             kept.to_copy = file.log
-        _keep_state(file.log, kept.folder)
-        kept.files.append(file.log.name)
+        self._keep_state(file, folder)
+        kept.files.append(file.log)
         event = kept.event
         about = {"kind": event.kind, "about": event.about, "time": utc(event.time_ns), "time_ns": event.time_ns}
         note = {**about, "before": self._settings.before, "after": self._settings.after, "files": kept.files}
-        atomic_write(kept.folder / _NOTE, json.dumps({**note, **event.note}, indent=2) + "\n")
+        folder.replace(_NOTE, (json.dumps({**note, **event.note}, indent=2) + "\n").encode())
 
-    @staticmethod
-    def _finish_copy(kept: _Open) -> None:
+    def _finish_copy(self, kept: _Open, folder: OwnFolder) -> None:
         """Copy the file that could not be linked, which is complete."""
-        if kept.to_copy is not None:
-            shutil.copyfile(kept.to_copy, kept.folder / kept.to_copy.name)
-            kept.to_copy = None
+        if kept.to_copy:
+            self._folder.keep(kept.to_copy, folder)
+            kept.to_copy = ""
+
+    def _keep_state(self, file: RingFile, folder: OwnFolder) -> None:
+        """Keep the state that a log begins with."""
+        if self._folder.has(file.state):
+            self._folder.keep(file.state, folder)
 
     def _drop_old(self) -> None:
         """Let the oldest events go until the bounds hold, one that is open too; the newest one stays."""
-        folders = sorted((self._folder / EVENTS).glob(_EVENTS_HERE), key=_age)
-        while len(folders) > max(self._settings.kept, 1) or (
-            len(folders) > 1 and _size(folders) > self._settings.disk * MEGABYTE
-        ):
-            oldest = folders.pop(0)
-            logger.info("%s: the event goes, to make room for younger ones", oldest)
-            shutil.rmtree(oldest)
-            self._open = [kept for kept in self._open if kept.folder != oldest]
+        with self._folder.folder(EVENTS) as events:
+            names = sorted(_events_in(events), key=lambda name: (_newest(events, name), name))
+            while len(names) > max(self._settings.kept, 1) or (
+                len(names) > 1 and _size(events, names) > self._settings.disk * MEGABYTE
+            ):
+                oldest = names.pop(0)
+                logger.info("%s: the event goes, to make room for younger ones", events.path / oldest)
+                try:
+                    events.remove_tree(oldest)
+                except OSError as error:
+                    logger.warning("%s: cannot be removed: %s", events.path / oldest, error.strerror)
+                self._open = [kept for kept in self._open if kept.name != oldest]
 
 
-def archive_configuration(folder: Path, binding: Binding, name: str) -> Path:
+def archive_configuration(folder: OwnFolder, binding: Binding, name: str) -> None:
     """Keep a configuration and its DBC files beside a recording, laid out so that it can be replayed with them.
+
+    What cannot be read any more is left out, with a message: what is recorded does not depend on it.
 
     Args:
         folder: of the recording.
         binding: the configuration.
         name: its digest.
 
-    Returns:
-        The folder it lies in.
-
     Raises:
         OSError, InputError: the disk refuses.
     """
-    kept = folder / CONFIGURATIONS / name
     here = Path.cwd()
     files = [Path(os.path.normpath(here / path)) for path in (binding.loaded.path, *map(Path, binding.databases))]
     base = os.path.commonpath([file.parent for file in files])
     for file in files:
-        target = kept / file.relative_to(base)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if not target.exists():
-            atomic_write(target, file.read_bytes())
-    return kept
+        *above, last = file.relative_to(base).parts
+        with folder.folder(CONFIGURATIONS, name, *above) as kept:
+            if not kept.has(last):
+                try:
+                    content = read_bounded(file, LARGEST_SOURCE)
+                except OSError as error:
+                    logger.warning("%s: not kept beside the recording: %s", file, error.strerror)
+                    continue
+                kept.replace(last, content)
 
 
-def remove_unused_configurations(folder: Path, used: frozenset[str]) -> None:
+def remove_unused_configurations(folder: OwnFolder, used: frozenset[str]) -> None:
     """Let the configurations go that no file of the ring needs.
 
+    Args:
+        folder: of the recording.
+        used: digests of those that the files need; one that is empty may be any.
+
     Raises:
-        OSError: the disk refuses.
+        OSError, InputError: the disk refuses.
     """
-    for kept in (folder / CONFIGURATIONS).iterdir():
-        if _DIGEST.fullmatch(kept.name) and kept.name not in used:
-            shutil.rmtree(kept)
+    if "" in used:
+        return
+    with folder.folder(CONFIGURATIONS) as configurations:
+        for entry in list(configurations.entries()):
+            is_own = configurations.is_own_folder(entry.stat(follow_symlinks=False))
+            if is_own and _DIGEST.fullmatch(entry.name) and entry.name not in used:
+                configurations.remove_tree(entry.name)
 
 
-def _linked(file: Path, folder: Path) -> bool:
-    """Link a file into a folder; False where the file system has no links."""
-    target = folder / file.name
-    if not target.exists():
-        try:
-            os.link(file, target)
-        except OSError as error:
-            if error.errno not in _NO_LINKS:
-                raise
-            return False
-    return True
+def _keep_tree(source: OwnFolder, target: OwnFolder) -> None:
+    """Keep a folder with all that is in it, but for links and the like."""
+    for entry in source.entries():
+        if entry.is_dir(follow_symlinks=False):
+            with source.folder(entry.name, make=False) as below, target.folder(entry.name) as place:
+                _keep_tree(below, place)
+        elif entry.is_file(follow_symlinks=False):
+            source.keep(entry.name, target)
 
 
-def _keep_state(log: Path, folder: Path) -> None:
-    """Keep the state that a log begins with."""
-    state = log.with_suffix(STATE)
-    if state.exists() and not _linked(state, folder):
-        shutil.copyfile(state, folder / state.name)
+def _events_in(events: OwnFolder) -> Iterator[str]:
+    """Yield the names of the events that are kept; what else is there is somebody else's."""
+    for entry in events.entries():
+        if _EVENT.match(entry.name) and events.is_own_folder(entry.stat(follow_symlinks=False)):
+            yield entry.name
 
 
-def _link_tree(tree: Path, target: Path) -> None:
-    """Keep a folder with all that is in it."""
-    for file in tree.rglob("*"):
-        if file.is_file():
-            place = target / file.relative_to(tree)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            if not _linked(file, place.parent):
-                shutil.copyfile(file, place)
+def _newest(events: OwnFolder, name: str) -> int:
+    """Return what sorts events by when they happened, whatever the clock said: the number of the last file."""
+    with events.folder(name, make=False) as event:
+        stems = (entry.name.removesuffix(LOG) for entry in event.entries() if entry.name.endswith(LOG))
+        return max((number_in(stem) or 0 for stem in stems), default=0)
 
 
-def _age(folder: Path) -> tuple[int, str]:
-    """Return what sorts events by when they happened, whatever the clock said."""
-    return max((number_of(log) or 0 for log in logs_in(folder)), default=0), folder.name
-
-
-def _size(folders: Iterable[Path]) -> int:
-    """Return the bytes that folders take together, a file in two of them once."""
-    about = (file.stat() for folder in folders for file in folder.rglob("*") if file.is_file())
-    return sum({each.st_ino: each.st_size for each in about}.values())
+def _size(events: OwnFolder, names: Iterable[str]) -> int:
+    """Return the bytes that events take together, a file in two of them once."""
+    sizes: dict[int, int] = {}
+    for name in names:
+        for _, _, files, descriptor in os.fwalk(name, dir_fd=events.descriptor):
+            for file in files:
+                about = os.stat(file, dir_fd=descriptor, follow_symlinks=False)
+                sizes[about.st_ino] = about.st_size
+    return sum(sizes.values())
 
 
 def _plain(text: str) -> str:
     """Return a text as a part of a file's name."""
-    return "".join(letter if letter.isalnum() or letter == "_" else "_" for letter in text)
+    return "".join(letter if letter.isalnum() or letter == "_" else "_" for letter in text[:_LONGEST_ABOUT])

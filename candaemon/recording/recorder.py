@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from candaemon._version import __version__
 from candaemon.binding.bound import Binding
@@ -19,7 +20,6 @@ from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.logs.stream import TICK_CHANNEL
 from candaemon.config.recording import RecordingSettings
 from candaemon.daemon.observer import CompletedCycle, DaemonView, Observer
-from candaemon.files.atomic import make_folder
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import Snapshots
@@ -36,6 +36,9 @@ _LOOK_S = 0.1  # between two looks at the buses
 _ROTATION_DELAY = 0.1  # of a file's length: how long the next one waits for a moment without frames
 _CLOSING_S = 0.4
 
+MARK_INTERVAL_S: Final = 0.1
+"""Between two marks by the user; what comes sooner is the same one, s."""
+
 
 class Recorder(Observer):
     """Records a daemon.
@@ -47,7 +50,8 @@ class Recorder(Observer):
         clock: monotonic seconds.
 
     Raises:
-        InputError: the folder cannot be made or written to, or another service records into it.
+        InputError: the folder is none, others may write to it, or another service records into it. A disk that
+            refuses is no error: it is tried again, and what comes meanwhile is counted as lost.
     """
 
     def __init__(
@@ -57,36 +61,25 @@ class Recorder(Observer):
         binding: Binding,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        make_folder(folder)
         self._folder = folder
         self._settings = settings
         self._clock = clock
         self._file_ns = round(settings.file_seconds * 1e9)
         self._file_bytes = round(settings.disk * MEGABYTE * SHARE_OF_A_FILE)
         self._disk = WriterThread(folder, settings)
+        self._counts = self._disk.counts
         self._text: list[bytes] = []
         self._text_bytes = self._text_items = 0
         self._file_written = 0
         self._begun_ns = self._last_ns = 0
         self._reason = "start"
-        self._paused = False
-        self._left_out = self._pauses = self._refusals = 0
-        self._flush_s = self._look_s = self._retry_s = 0.0
+        self._refusals = 0
+        self._flush_s = self._look_s = self._retry_s = self._mark_s = 0.0
         self._adopt(Pipeline(binding))
 
     def counts(self) -> Mapping[str, int | float | str | bool]:
         """Return what the recording did, for metrics and status."""
-        disk = self._disk
-        return {
-            "recording": not self._paused,
-            "files": disk.files,
-            "bytes": disk.bytes,
-            "items": disk.written,
-            "lost": disk.lost + self._left_out,
-            "pauses": self._pauses,
-            "events": disk.events_archived,
-            "events_lost": disk.events_lost,
-        }
+        return self._counts.tree()
 
     def on_start(self, daemon: DaemonView) -> None:
         """Begin with the pipeline of a daemon."""
@@ -101,7 +94,7 @@ class Recorder(Observer):
             self._begin(items[0][0])
         self._last_ns = items[-1][0]
         if self._paused:
-            self._left_out += len(items)
+            self._counts.lose(len(items))
             return
         text = candump_text([item if len(item) > 1 else self._tick(item[0]) for item in items], self._channels)
         self._text.append(text)
@@ -127,8 +120,11 @@ class Recorder(Observer):
                 self._keep(event)
 
     def on_mark(self, daemon: DaemonView) -> None:  # noqa: ARG002  # an observer's signature
-        """Keep what lies around this moment: the user asks for it."""
-        self._keep(Event("mark", "", self._last_ns))
+        """Keep what lies around this moment: the user asks for it, as often as a tenth of a second has passed."""
+        now_s = self._clock()
+        if now_s >= self._mark_s:
+            self._mark_s = now_s + MARK_INTERVAL_S
+            self._keep(Event("mark", "", self._last_ns))
 
     def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Begin a file with the configuration that took its place."""
@@ -167,6 +163,10 @@ class Recorder(Observer):
             "python": platform.python_version(),
         }
 
+    @property
+    def _paused(self) -> bool:
+        return not self._counts.recording
+
     def _tick(self, time_ns: int, can_id: int = 0) -> Frame:
         """Return the frame that a tick is written as."""
         return Frame(time_ns, len(self._channels) - 1, can_id, b"")
@@ -197,7 +197,7 @@ class Recorder(Observer):
             goes_on=reason == "rotation",
         )
         self._begun_ns, self._file_written = time_ns, 0
-        self._reason, self._paused = "", False
+        self._reason, self._counts.recording = "", True
 
     def _flush(self) -> None:
         """Hand what was gathered to the disk."""
@@ -209,15 +209,15 @@ class Recorder(Observer):
         if self._disk.write(text, items):
             self._file_written += len(text)
         else:
-            self._left_out += items
+            self._counts.lose(items)
             self._pause()
 
     def _pause(self) -> None:
         """Leave input out until the disk may have recovered; a file of its own then begins."""
-        self._paused = True
-        self._pauses += 1
+        self._counts.recording = False
+        self._counts.pauses += 1
         self._retry_s = self._clock() + self._settings.retry
-        self._left_out += self._text_items
+        self._counts.lose(self._text_items)
         self._text.clear()
         self._text_bytes = self._text_items = 0
 

@@ -84,6 +84,13 @@ def size(folder: Path) -> int:
     return sum(file.stat().st_size for file in folder.glob("*.*"))
 
 
+def ring_of(folder: Path) -> list[str]:
+    """Return the names of the logs that the service would take for its ring."""
+    ring = Ring(folder, RecordingSettings())
+    ring.close()
+    return [file.log for file in ring.files]
+
+
 def test_a_flood_stays_within_its_share_of_the_disk(of: Binding, tmp_path: Path) -> None:
     fed = Fed(of, tmp_path, disk=2.0, file_seconds=30.0)
     most = 0
@@ -109,18 +116,19 @@ def test_the_ring_holds_its_minutes_over_restarts(of: Binding, tmp_path: Path) -
     assert numbers == list(range(numbers[0], numbers[-1] + 1))
     assert numbers[-1] > 15
     left = Ring(tmp_path, RecordingSettings(minutes=0.1, file_seconds=1.0))
-    assert sum(file.size for file in left.files) == size(tmp_path)
+    assert left.bytes == sum(file.size for file in left.files) == size(tmp_path)
+    left.close()
 
 
 def test_what_a_kill_left_half_done_goes(of: Binding, tmp_path: Path) -> None:
     fed = Fed(of, tmp_path, file_seconds=1.0)
     fed.feed(1.0)
     fed.stop()
-    (tmp_path / ".x-000009.state.part").write_bytes(b"half")
+    (tmp_path / ".2026-01-01T00-00-00.000Z-000009.state.part").write_bytes(b"half")
     (tmp_path / "2026-01-01T00-00-00.000Z-000009.state").write_bytes(b"of no log")
     (log,) = logs_in(tmp_path)
     log.with_suffix(".state").write_bytes(b"damaged")
-    assert [file.log for file in Ring(tmp_path, RecordingSettings()).files] == [log]
+    assert ring_of(tmp_path) == [log.name]
     assert {path.name for path in tmp_path.iterdir()} == {"configurations", log.name, f"{log.stem}.state"}
 
 
@@ -216,11 +224,11 @@ def test_a_folder_that_cannot_be_written_to_is_refused(of: Binding, tmp_path: Pa
 def test_kept_events_are_bounded_and_whole(
     of: Binding, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, links: bool
 ) -> None:
-    def no_links(*_paths: object) -> None:
+    def no_links(*_paths: object, **_folders: object) -> None:
         raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
 
     if not links:
-        monkeypatch.setattr("candaemon.recording.event_archive.os.link", no_links)
+        monkeypatch.setattr("candaemon.files.own_folder.os.link", no_links)
     events = EventSettings(before=1.0, after=1.0, kept=3)
     disk = WriterThread(tmp_path, RecordingSettings(minutes=0.05, file_seconds=1.0, events=events))
     for second in range(1, 31):
@@ -237,7 +245,7 @@ def test_kept_events_are_bounded_and_whole(
         assert [log.read_bytes() for log in logs_in(event)] == [LINE * n for n in expected]
         assert all(log.with_suffix(".state").read_bytes() == b"state" for log in logs_in(event))
         assert list((event / "configuration").rglob("demo.yaml"))
-    assert disk.events_archived == 6
+    assert disk.counts.events == 6
 
 
 def test_events_take_no_more_than_their_share(of: Binding, tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def mark(disk: WriterThread, second: int) -> None:
 def until_idle(disk: WriterThread, written: int) -> None:
     """Wait until the thread has done all that it was given."""
     for _ in range(1000):
-        if disk.written + disk.lost >= written:
+        if disk.counts.items + disk.counts.lost >= written:
             return
         disk._thread.join(0.005)
     pytest.fail("the disk's thread does not come to an end")
@@ -68,7 +68,7 @@ def test_an_event_that_gives_way_while_it_is_open_costs_nothing_else(of: Binding
         if second in {3, 4, 5}:
             mark(disk, second)
     disk.close(5.0)
-    assert (disk.written, disk.lost, disk.refusals, disk.events_archived) == (8, 0, 0, 3)
+    assert (disk.counts.items, disk.counts.lost, disk.refusals, disk.counts.events) == (8, 0, 0, 3)
     (event,) = (tmp_path / "events").iterdir()
     assert event.name.endswith("mark-5")
     assert [number_of(log) for log in logs_in(event)] == [4, 5, 6, 7, 8]
@@ -88,7 +88,7 @@ def test_events_removed_by_hand_cost_nothing_else(
             begin(disk, of, second)
         mark(disk, 5)
         disk.close(5.0)
-    assert (disk.written, disk.lost, disk.refusals, disk.events_archived) == (5, 0, 0, 2)
+    assert (disk.counts.items, disk.counts.lost, disk.refusals, disk.counts.events) == (5, 0, 0, 2)
     assert ["not kept any further" in text for text in caplog.messages] == [True]
     assert [event.name[-6:] for event in (tmp_path / "events").iterdir()] == ["mark-5"]
 
@@ -104,7 +104,7 @@ def test_a_folder_removed_by_hand_is_made_again(of: Binding, tmp_path: Path) -> 
     disk.close(5.0)
     (log,) = logs_in(folder)
     assert log.read_bytes() == LINE
-    assert disk.lost == 0
+    assert disk.counts.lost == 0
 
 
 def test_no_file_goes_on_behind_one_whose_end_was_refused(
@@ -126,14 +126,16 @@ def test_no_file_goes_on_behind_one_whose_end_was_refused(
     begin(disk, of, 3)
     disk.close(5.0)
     assert [number_of(log) for log in logs_in(tmp_path)] == [1, 3]
-    assert (disk.written, disk.lost, disk.refusals) == (2, 3, 1)
+    assert (disk.counts.items, disk.counts.lost, disk.refusals) == (2, 3, 1)
 
 
 def test_files_of_others_are_not_of_the_ring(tmp_path: Path) -> None:
     names = {"drive-20240101.log", "drive-20240101.state", "notes.state", "candump-2024-11-21_120000.log"}
     for name in names:
         (tmp_path / name).write_bytes(b"mine")
-    assert not Ring(tmp_path, RecordingSettings()).files
+    ring = Ring(tmp_path, RecordingSettings())
+    ring.close()
+    assert not ring.files
     assert {path.name for path in tmp_path.iterdir()} == names
 
 
@@ -161,10 +163,10 @@ def test_events_wait_for_a_disk_that_hangs_in_bounds(
     begin(disk, of, 1)
     for second in range(200):
         mark(disk, second)
-    assert 100 <= disk.events_lost < 110
+    assert 100 <= disk.counts.events_lost < 110
     released.set()
     disk.close(60.0)
-    assert disk.events_archived + disk.events_lost == 200
+    assert disk.counts.events + disk.counts.events_lost == 200
 
 
 def test_a_file_that_goes_leaves_no_log_without_its_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,15 +174,15 @@ def test_a_file_that_goes_leaves_no_log_without_its_state(tmp_path: Path, monkey
     ring.begin(stem(SECOND_NS, 1), SECOND_NS, b"state", "")
     removed = []
 
-    def half(path: Path, *, missing_ok: bool = False) -> None:
-        assert missing_ok
-        removed.append(path.suffix)
+    def half(name: str, *, dir_fd: int) -> None:
+        assert dir_fd == ring.folder.descriptor
+        removed.append(name)
         raise OSError("the disk is gone")
 
-    monkeypatch.setattr(Path, "unlink", half)
+    monkeypatch.setattr("candaemon.files.own_folder.os.unlink", half)
     with pytest.raises(OSError, match="gone"):
         ring._drop()
-    assert (removed, len(ring.files)) == ([".log"], 1)
+    assert (removed, len(ring.files)) == ([f"{stem(SECOND_NS, 1)}.log"], 1)
     ring.close()
 
 
