@@ -192,7 +192,7 @@ def test_a_name_of_any_length_is_part_of_an_events_name(of: Binding, tmp_path: P
 def test_a_configuration_that_is_gone_or_too_long_ends_no_recording(
     of: Binding, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    sizes = sorted(Path(path).stat().st_size for path in (of.loaded.path, *of.databases))
+    sizes = sorted(Path(path).stat().st_size for path in (str(of.loaded.path), *of.databases))
     monkeypatch.setattr(event_archive, "LARGEST_SOURCE", sizes[-1])
     ring = Ring(tmp_path, RecordingSettings())
     archive_configuration(ring.folder, of, "at")
