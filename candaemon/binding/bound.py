@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from candaemon.config.buses import BusSettings
 from candaemon.config.ego import InsSettings, OdometrySettings
@@ -185,6 +186,11 @@ class Binding:
     def settings(self) -> Config:
         """The configuration itself."""
         return self.loaded.config
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files it was read from: the YAML, then the DBC files."""
+        return (self.loaded.path, *map(Path, self.databases))
 
     def lost_after(self, sensor: BoundSensor) -> float:
         """Return the s without a scan after which a sensor is lost."""

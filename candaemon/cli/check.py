@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bind_signal import DIMENSIONS, SI_NAMES
 from candaemon.binding.bound import Binding, BoundEgo, BoundOutput, BoundSensor
-from candaemon.cli.arguments import CONFIG
+from candaemon.cli.arguments import CONFIG, input_path
 from candaemon.cli.console import Sheet, print_sheets
 from candaemon.config.base import Condition
 from candaemon.config.ego import InsSettings
@@ -36,7 +35,7 @@ from candaemon.objects.signals import SignalBinding
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
 
 
 def execute(arguments: argparse.Namespace) -> None:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +33,8 @@ def log_to_stderr(level: int = logging.WARNING) -> None:
 
 def say(text: str) -> None:
     """Write a message to standard error."""
-    print(f"candaemon: {printable(text)}", file=sys.stderr)
+    with suppress(OSError):  # a message that nobody takes is no failure
+        print(f"candaemon: {printable(text)}", file=sys.stderr)
 
 
 def warn(warnings: Sequence[str]) -> None:
@@ -43,11 +43,6 @@ def warn(warnings: Sequence[str]) -> None:
         say(f"warning: {warning}")
     if len(warnings) > _WARNINGS:
         say(f"warning: and {len(warnings) - _WARNINGS} more, which `candaemon check` shows")
-
-
-def abandon_stdout() -> None:
-    """Redirect standard output to the null device after its reader has gone, so that flushing at exit cannot fail."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,14 +16,14 @@ from contextlib import ExitStack
 from itertools import groupby
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import can
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding, BoundOutput
 from candaemon.can_io.python_can import to_frame, to_message
-from candaemon.cli.arguments import SCENARIO, positive
+from candaemon.cli.arguments import SCENARIO, input_path, number, seed, speed
 from candaemon.cli.console import console, say
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config, find_scenario
@@ -33,6 +33,7 @@ from candaemon.errors import BusError, ConfigError
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.printing import print_sections, sections
 from candaemon.evaluation.tables import TrackWriter
+from candaemon.files.outputs import Outputs
 from candaemon.frames.frame import Frame
 from candaemon.output.decoder import FIRST_STATE, DecodedCycle, OutputDecoder
 from candaemon.simulation.drive_files import write_truth
@@ -42,6 +43,11 @@ from candaemon.tracking.obstacles import STATE_NAMES
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+SHORTEST_DRIVE: Final = 0.001
+"""Shortest drive, s."""
+LONGEST_DRIVE: Final = 86_400.0
+"""Longest drive, s; the scenario's own duration bounds it, too."""
 
 _SPEED = 4.0
 """Times real time on a terminal."""
@@ -55,11 +61,17 @@ _SECOND_NS = 1_000_000_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("--scenario", type=Path, default=Path("highway"), help=f"{SCENARIO}; default: highway")
-    parser.add_argument("--duration", type=positive, default=20.0, metavar="S", help="s of the drive; default: 20")
-    parser.add_argument("--seed", type=int, default=1, help="of all random numbers; default: 1")
+    parser.add_argument("--scenario", type=input_path, default=Path("highway"), help=f"{SCENARIO}; default: highway")
     parser.add_argument(
-        "--speed", type=positive, help="times real time; default: 4 on a terminal, elsewhere as fast as it goes"
+        "--duration",
+        type=number(SHORTEST_DRIVE, LONGEST_DRIVE, "s"),
+        default=20.0,
+        metavar="S",
+        help="s of the drive; default: 20",
+    )
+    parser.add_argument("--seed", type=seed, default=1, help="of all random numbers; default: 1")
+    parser.add_argument(
+        "--speed", type=speed, help="times real time; default: 4 on a terminal, elsewhere as fast as it goes"
     )
 
 
@@ -89,11 +101,13 @@ def run_demo(binding: Binding, scenario: Scenario, *, seed: int, speed: float | 
     say(f"{scenario.duration:g} s of a simulated drive, as CAN frames through {len(binding.buses)} virtual buses")
     with tempfile.TemporaryDirectory() as folder:
         tracks, truth = Path(folder, "tracks.csv"), Path(folder, "truth.csv")
-        with TrackWriter(tracks) as table, LiveTable() if watched else LinePrinter() as show:
-            for obstacles in DemoDrive(binding, simulation, speed):
-                table.write_cycle(obstacles.time_ns, obstacles.columns())
-                show.cycle(obstacles)
-        write_truth(simulation, truth)
+        with Outputs() as outputs:
+            with TrackWriter(outputs.open(tracks)) as table, LiveTable() if watched else LinePrinter() as show:
+                for obstacles in DemoDrive(binding, simulation, speed):
+                    table.write_cycle(obstacles.time_ns, obstacles.columns())
+                    show.cycle(obstacles)
+            with TrackWriter(outputs.open(truth)) as table:
+                write_truth(simulation, table)
         # The wire rounds standard deviations to 0.1: too coarse for NEES.
         shown = [part for part in sections(evaluate(tracks, truth)) if not part.title.startswith("NEES")]
         print_sections(console(), shown)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from candaemon.cli.arguments import CONFIG
+from candaemon.cli.arguments import CONFIG, input_path
 from candaemon.config.shipped import find_config
 from candaemon.daemon.systemd_unit import install
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
     parser.add_argument("--print", action="store_true", help="write the unit to standard output, and nothing else")
 
 

@@ -1,26 +1,29 @@
 """The command line. Results go to standard output, messages to standard error.
 
-Exit codes: 0 done, 1 failed, 2 wrong usage or configuration. Each command is a module of this room with `add_arguments`
-and `execute`. Only the requested command is imported, so that none waits for another's libraries.
+Exit codes: 0 done, 1 failed, 2 wrong usage or configuration, 128 + N ended by signal N. Each command is a module of
+this room with `add_arguments` and `execute`. Only the requested command is imported, so that none waits for another's
+libraries.
 """
 
 from __future__ import annotations
 
 import argparse
 import logging
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
+from types import FrameType
 from typing import NoReturn
 
 from candaemon._version import __version__
-from candaemon.cli import console
+from candaemon.cli import console, standard_streams
 from candaemon.errors import CandaemonError
 from candaemon.printable import printable
 
 logger = logging.getLogger(__name__)
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, by the convention of shells: 128 + the number of SIGINT."""
 
 COMMANDS = {
     "demo": "Simulate a drive, track it through virtual buses, and compare with the truth.",
@@ -46,25 +49,35 @@ def main(argv: list[str] | None = None) -> int:
     Returns:
         The exit code.
     """
+    standard_streams.prepare()
     console.log_to_stderr()
     try:
-        arguments = _parsed(sys.argv[1:] if argv is None else argv)
-        arguments.execute(arguments)
-        sys.stdout.flush()
+        code = _execute(sys.argv[1:] if argv is None else argv)
+    except SystemExit as stop:  # help, version, wrong usage
+        stop.code = standard_streams.finish(int(stop.code or 0))
+        raise
+    return standard_streams.finish(code)
+
+
+def _execute(argv: list[str]) -> int:
+    """Execute a command and say why it failed, if it did; return the exit code."""
+    try:
+        with _ended_by_signals():
+            arguments = _parsed(argv)
+            arguments.execute(arguments)
     except CandaemonError as error:
         logger.error("error: %s", error)  # noqa: TRY400 - a traceback does not help the user
         return error.exit_code
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    except KeyboardInterrupt as interruption:
+        number = interruption.number if isinstance(interruption, Ended) else signal.SIGINT
+        notes = getattr(interruption, "__notes__", [])
+        logger.warning("%s", "; ".join([f"ended by {signal.Signals(number).name}", *notes]))
+        return 128 + number  # by the convention of shells
     except BrokenPipeError:
-        console.abandon_stdout()  # the reader of the pipe has closed it
-    except OSError as error:  # a full disk, a quota: what was written until then stays
-        try:
-            sys.stdout.flush()
-        except OSError:
-            console.abandon_stdout()
-        what, why = error.filename or "output", error.strerror or error
-        logger.error("error: %s cannot be written: %s", what, why)  # noqa: TRY400 - as above
+        return 0  # the reader of standard output has what it wanted
+    except OSError as error:
+        what, why = error.filename or "the system refuses", error.strerror or error
+        logger.error("error: %s: %s", what, why)  # noqa: TRY400 - as above
         return 1
     return 0
 
@@ -74,6 +87,37 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         super().error(printable(message))
+
+
+class Ended(KeyboardInterrupt):
+    """A signal other than Ctrl-C's that ends the process.
+
+    Args:
+        number: of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Let the signals that end a process do so as Ctrl-C does, unless they are ignored or handled already."""
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        raise Ended(number)
+
+    ending = [each for each in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(each) is signal.SIG_DFL]
+    if threading.current_thread() is not threading.main_thread():
+        ending = []
+    for number in ending:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number in ending:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _parsed(argv: list[str]) -> argparse.Namespace:

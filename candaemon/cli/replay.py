@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.cli import console
-from candaemon.cli.arguments import CONFIG, LOG_FORMATS, positive
+from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, number, output_path, speed
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError, InputError
-from candaemon.files.atomic import atomic_write
+from candaemon.files.outputs import Outputs
 from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
 from candaemon.playback.summary import summarise
 
@@ -22,23 +23,33 @@ _CHANNELS_NAMED: Final = 10
 """Channels of a log that a message lists."""
 LONGEST_LAG: Final = 10.0
 """Longest lag of smoothing, s: later measurements hardly change the estimate, and the effort grows with the lag."""
+SHORTEST_LAG: Final = 0.001
+"""Shortest lag of smoothing, s."""
+SHORTEST_HORIZON: Final = 0.001
+"""Shortest horizon of a prediction, s."""
+LONGEST_HORIZON: Final = 60.0
+"""Longest horizon of a prediction, s: a prediction is held in memory until it is due."""
+MOST_HORIZONS: Final = 20
+"""Most horizons of one replay."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
-    parser.add_argument("log", type=Path, metavar="LOG", help=f"{LOG_FORMATS}; or the folder of a recording")
-    parser.add_argument("-o", "--output", type=Path, metavar="OUT", help="log of the obstacles' frames")
-    parser.add_argument("--tracks", type=Path, metavar="CSV", help="table of the obstacles, a row a cycle")
-    parser.add_argument("--predictions", type=Path, metavar="CSV", help="table of where each detection is expected")
+    parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument("log", type=input_path, metavar="LOG", help=f"{LOG_FORMATS}; or the folder of a recording")
+    parser.add_argument("-o", "--output", type=output_path, metavar="OUT", help="log of the obstacles' frames")
+    parser.add_argument("--tracks", type=output_path, metavar="CSV", help="table of the obstacles, a row a cycle")
+    parser.add_argument(
+        "--predictions", type=output_path, metavar="CSV", help="table of where each detection is expected"
+    )
     parser.add_argument(
         "--horizons", type=horizons, default=HORIZONS, metavar="S,S", help="of the predictions; default: 0.5,1.0"
     )
-    parser.add_argument("--summary", type=Path, metavar="JSON", help="figures of the drive, for programs")
-    parser.add_argument("--speed", type=positive, metavar="X", help="times real time; default: as fast as it goes")
+    parser.add_argument("--summary", type=output_path, metavar="JSON", help="figures of the drive, for programs")
+    parser.add_argument("--speed", type=speed, metavar="X", help="times real time; default: as fast as it goes")
     parser.add_argument(
         "--smooth",
-        type=lag,
+        type=number(SHORTEST_LAG, LONGEST_LAG, "s"),
         metavar="S",
         help="smooth the table of --tracks with so many s of what comes, such as 1; what is sent stays as it is",
     )
@@ -74,28 +85,36 @@ def execute(arguments: argparse.Namespace) -> None:
         arguments.smooth,
         arguments.fresh,
     )
-    _check_request(request, arguments.summary, binding)
-    with console.log_progress(arguments.log.name) as progress:
-        replayed = replay(binding, request, progress)
-    figures = summarise(replayed)
+    _check_request(request, binding)
+    with Outputs(binding.files) as outputs:
+        summary = None if arguments.summary is None else outputs.open(arguments.summary)
+        with console.log_progress(arguments.log.name) as progress:
+            replayed = replay(binding, request, progress, outputs)
+        figures = summarise(replayed)
+        if summary is not None:
+            summary.stream.write(f"{json.dumps(figures, indent=2, allow_nan=False)}\n".encode())
+        silent = [name for name, counts in figures["sensors"].items() if not counts["used"]]
+        if len(silent) == len(figures["sensors"]):
+            console.print_figures(arguments.log.name, figures)
+            raise _nothing_used(arguments.log, figures)
     console.print_figures(arguments.log.name, figures)
-    if arguments.summary is not None:
-        atomic_write(arguments.summary, json.dumps(figures, indent=2, allow_nan=False) + "\n")
     console.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
-    silent = [name for name, counts in figures["sensors"].items() if not counts["used"]]
-    if len(silent) == len(figures["sensors"]):
-        others = ", ".join(list(figures["log"]["other_channels"])[:_CHANNELS_NAMED]) or "none"
-        raise InputError(
-            f"not one usable frame of any sensor ({', '.join(silent)}); log channels no bus takes: {others}; "
-            "check each bus's channel, or use --map CHANNEL=BUS",
-            file=arguments.log,
-        )
     if silent:
         console.warn([f"sensor '{name}': not one usable frame in this log" for name in silent])
 
 
-def _check_request(request: ReplayRequest, summary: Path | None, binding: Binding) -> None:
-    """Refuse what can be checked before the log is read: unknown buses, and files that would be written twice."""
+def _nothing_used(log: Path, figures: Mapping[str, Any]) -> InputError:
+    """Return the error of a log without one usable frame."""
+    others = ", ".join(list(figures["log"]["other_channels"])[:_CHANNELS_NAMED]) or "none"
+    return InputError(
+        f"not one usable frame of any sensor ({', '.join(figures['sensors'])}); log channels no bus takes: {others}; "
+        "check each bus's channel, or use --map CHANNEL=BUS; nothing is written",
+        file=log,
+    )
+
+
+def _check_request(request: ReplayRequest, binding: Binding) -> None:
+    """Refuse what can be checked before the log is read."""
     buses = {bus.name for bus in binding.buses}
     for channel, bus in request.channels.items():
         if bus not in buses:
@@ -107,23 +126,17 @@ def _check_request(request: ReplayRequest, summary: Path | None, binding: Bindin
         )
     if request.smooth is not None and request.tracks is None:
         raise ConfigError("--smooth is for the table of obstacles; name it with --tracks")
-    written = [path for path in (request.output, request.tracks, request.predictions, summary) if path is not None]
-    paths = [path.resolve() for path in (request.log, *written)]
-    if len(set(paths)) < len(paths):
-        raise ConfigError("the same file is named twice; give the log and everything written a name of its own")
-
-
-def lag(text: str) -> float:
-    """Read s over 0 and at most `LONGEST_LAG`."""
-    value = positive(text)
-    if value > LONGEST_LAG:
-        raise argparse.ArgumentTypeError(f"found {text}, expected {LONGEST_LAG:g} s at most")
-    return value
 
 
 def horizons(text: str) -> tuple[float, ...]:
     """Read times in s with commas between; return them in order, without repetition."""
-    return tuple(sorted({positive(part) for part in text.split(",")}))
+    found = tuple(sorted({_horizon(part) for part in text.split(",")}))
+    if len(found) > MOST_HORIZONS:
+        raise argparse.ArgumentTypeError(f"found {len(found)} times, expected {MOST_HORIZONS} at most")
+    return found
+
+
+_horizon = number(SHORTEST_HORIZON, LONGEST_HORIZON, "s")
 
 
 def channel_of_bus(text: str) -> tuple[str, str]:

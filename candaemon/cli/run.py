@@ -9,10 +9,10 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 from candaemon.binding.bound import Binding
-from candaemon.cli.arguments import CONFIG, not_negative
+from candaemon.cli.arguments import CONFIG, input_path, number, output_folder
 from candaemon.config.shipped import find_config
 from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import Observer
@@ -33,15 +33,24 @@ from candaemon.status.status_socket import StatusSocket
 
 logger = logging.getLogger(__name__)
 
+LONGEST_STATUS_INTERVAL: Final = 86_400.0
+"""Longest time between two status lines, s."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
     parser.add_argument(
-        "--record", type=Path, metavar="DIR", help="folder for the ring of what came last, see docs/operating.md"
+        "--record",
+        type=output_folder,
+        metavar="DIR",
+        help="folder for the ring of what came last, see docs/operating.md",
     )
     parser.add_argument(
-        "--status", type=not_negative, metavar="S", help="s between status lines; 0: none; default: the configuration's"
+        "--status",
+        type=number(0.0, LONGEST_STATUS_INTERVAL, "s"),
+        metavar="S",
+        help="s between status lines; 0: none; default: the configuration's",
     )
     parser.add_argument("--log", choices=("text", "json"), help="form of the log's lines; default: the configuration's")
 

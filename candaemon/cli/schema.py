@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
+from candaemon.cli.standard_streams import takes_unicode
 from candaemon.config.load import json_schema
 
 
@@ -14,4 +15,4 @@ def add_arguments(_parser: argparse.ArgumentParser) -> None:
 
 def execute(_arguments: argparse.Namespace) -> None:
     """Print the schema."""
-    print(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+    print(json.dumps(json_schema(), indent=2, ensure_ascii=not takes_unicode()))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from candaemon.binding.bind import bind
 from candaemon.cli import console
-from candaemon.cli.arguments import CONFIG, LOG_FORMATS, SCENARIO
+from candaemon.cli.arguments import CONFIG, LOG_FORMATS, SCENARIO, input_path, output_path, seed
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config, find_scenario
+from candaemon.files.outputs import Outputs
 from candaemon.simulation.drive_files import record
 from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
@@ -17,16 +17,19 @@ from candaemon.simulation.simulate import simulate
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("scenario", type=Path, metavar="SCENARIO", help=SCENARIO)
-    parser.add_argument("config", type=Path, metavar="CONFIG", help=CONFIG)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="LOG", help=LOG_FORMATS)
-    parser.add_argument("--truth", type=Path, metavar="CSV", help="table of the truth")
-    parser.add_argument("--seed", type=int, metavar="N", help="of all random numbers; default: the scenario's")
+    parser.add_argument("scenario", type=input_path, metavar="SCENARIO", help=SCENARIO)
+    parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument("-o", "--output", type=output_path, required=True, metavar="LOG", help=LOG_FORMATS)
+    parser.add_argument("--truth", type=output_path, metavar="CSV", help="table of the truth")
+    parser.add_argument("--seed", type=seed, metavar="N", help="of all random numbers; default: the scenario's")
 
 
 def execute(arguments: argparse.Namespace) -> None:
     """Write the frames, and the truth if requested."""
-    scenario = load_scenario(find_scenario(arguments.scenario))
+    path = find_scenario(arguments.scenario)
+    scenario = load_scenario(path)
     binding = bind(load_config(find_config(arguments.config)))
-    frames = record(simulate(scenario, binding, arguments.seed), binding, arguments.output, arguments.truth)
+    with Outputs([path]) as outputs:
+        simulation = simulate(scenario, binding, arguments.seed)
+        frames = record(simulation, binding, arguments.output, arguments.truth, outputs)
     console.print_figures(arguments.output.name, {"frames": frames, "seconds": scenario.duration})

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from candaemon.cli import console
+from candaemon.cli.arguments import input_path
 from candaemon.cli.console import Sheet
 from candaemon.errors import InputError
 from candaemon.status.socket_paths import running_instances
@@ -32,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "instance", nargs="?", metavar="NAME", help="of candaemon@NAME; default: the only one that runs"
     )
-    parser.add_argument("--socket", type=Path, metavar="PATH", help="the instance's socket, if it is elsewhere")
+    parser.add_argument("--socket", type=input_path, metavar="PATH", help="the instance's socket, if it is elsewhere")
     parser.add_argument("--once", action="store_true", help="show it once and end; default where no terminal is")
     parser.add_argument("--json", action="store_true", help="the figures once, for programs")
 

@@ -31,7 +31,7 @@ import math
 import re
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from decimal import Decimal
 from pathlib import Path
@@ -44,6 +44,7 @@ from numpy.typing import NDArray
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.ego.georeference import Georeference
 from candaemon.errors import InputError
+from candaemon.files.outputs import OutputFile
 from candaemon.tracking.obstacles import MOTION, STATE_NAMES, Obstacles
 
 ACTOR, HIDDEN, STATIONARY = 3, 4, 5
@@ -291,23 +292,18 @@ _PREDICTION_COLUMNS = ("time", "horizon", "id", "object", "x", "y")
 
 
 class _TableWriter:
-    """A CSV file with a header, compressed if its name ends in `.gz`; closed by `close` or a `with` block."""
+    """A CSV file with a header, compressed if its name ends in `.gz`; finished by `close` or a `with` block."""
 
-    def __init__(self, path: Path | str, columns: Sequence[str]) -> None:
-        path = Path(path)
-        self._files = ExitStack()
-        try:
-            raw = self._files.enter_context(path.open("wb"))
-        except OSError as error:
-            raise InputError(f"cannot be written: {error.strerror or error}", file=path) from error
+    def __init__(self, file: OutputFile, columns: Sequence[str]) -> None:
         # neither name nor time in the gzip header: equal rows give equal bytes
-        packed = gzip.GzipFile("", "wb", fileobj=raw, mtime=0) if path.suffix == ".gz" else raw
-        self._text = self._files.enter_context(io.TextIOWrapper(packed, encoding="utf-8", newline="\n"))
+        packed = file.path.suffix == ".gz"
+        target = gzip.GzipFile("", "wb", fileobj=file.stream, mtime=0) if packed else file.stream
+        self._text = io.TextIOWrapper(target, encoding="utf-8", newline="\n")
         self._text.write(",".join(columns) + "\n")
 
     def close(self) -> None:
-        """Write what is still buffered and close the file; a second call does nothing."""
-        self._files.close()
+        """Write what is still buffered; a second call does nothing."""
+        self._text.close()
 
     def __enter__(self) -> Self:
         return self
@@ -322,15 +318,12 @@ class TrackWriter(_TableWriter):
     """Writes a table of tracks or of truth, one call per cycle.
 
     Args:
-        path: the file to write; it is replaced.
+        file: the table.
         earth: whether it has columns for latitude and longitude.
-
-    Raises:
-        InputError: the file cannot be opened for writing.
     """
 
-    def __init__(self, path: Path | str, *, earth: bool = False) -> None:
-        super().__init__(path, (*COLUMNS, *EARTH_COLUMNS) if earth else COLUMNS)
+    def __init__(self, file: OutputFile, *, earth: bool = False) -> None:
+        super().__init__(file, (*COLUMNS, *EARTH_COLUMNS) if earth else COLUMNS)
         self._known = _KNOWN if earth else _KNOWN - set(EARTH_COLUMNS)
         self._earth = earth
 
@@ -375,14 +368,11 @@ class PredictionWriter(_TableWriter):
     the detected point in the vehicle axes of `time + horizon`, m; `id` the obstacle, `object` the sensor's object.
 
     Args:
-        path: the file to write; it is replaced.
-
-    Raises:
-        InputError: the file cannot be opened for writing.
+        file: the table.
     """
 
-    def __init__(self, path: Path | str) -> None:
-        super().__init__(path, _PREDICTION_COLUMNS)
+    def __init__(self, file: OutputFile) -> None:
+        super().__init__(file, _PREDICTION_COLUMNS)
 
     def write_cycle(
         self,

@@ -103,6 +103,12 @@ def logs_in(folder: Path) -> list[Path]:
     return sorted(folder.glob(f"*{LOG}"), key=lambda path: (number_of(path) or 0, path.name))
 
 
+def files_of(log: Path) -> list[Path]:
+    """Return all files that a log, or a folder of logs, consists of: the logs, and the states beside them."""
+    logs = logs_in(log) if log.is_dir() else [log]
+    return [path for each in logs for path in (each, each.with_suffix(STATE))]
+
+
 def header_beside(log: Path) -> StateHeader | None:
     """Return the header of the state file that belongs to a log; None where there is none.
 

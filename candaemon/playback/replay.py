@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from candaemon.binding.bound import Binding
-from candaemon.can_io.logs.read import LogBlock, frames_of, read_log_blocks
+from candaemon.can_io.logs.read import LogBlock, check_log, frames_of, read_log_blocks
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.can_io.reorder import ItemBlock, ReorderBuffer, ReorderCounts
@@ -19,6 +19,7 @@ from candaemon.can_io.stray_times import StrayTimes
 from candaemon.config.ego import InsSettings
 from candaemon.evaluation.drive_score import DriveScore
 from candaemon.evaluation.tables import PredictionWriter, TrackWriter, track_columns
+from candaemon.files.outputs import Outputs
 from candaemon.frames.frame import Frame, Tick
 from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.cycle import Cycle
@@ -26,7 +27,7 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import begun, fingerprint
 from candaemon.playback.cycle_smoothing import CycleSmoother
 from candaemon.playback.predictions import PredictionQueue
-from candaemon.playback.recording_files import runs
+from candaemon.playback.recording_files import files_of, runs
 
 HORIZONS = (0.5, 1.0)
 """Default horizons of predictions, s."""
@@ -86,38 +87,50 @@ class Replayed:
     seconds: float
 
 
-def replay(binding: Binding, request: ReplayRequest, progress: Callable[[LogCounts], None] | None = None) -> Replayed:
+def replay(
+    binding: Binding,
+    request: ReplayRequest,
+    progress: Callable[[LogCounts], None] | None = None,
+    outputs: Outputs | None = None,
+) -> Replayed:
     """Replay a log.
 
     Args:
         binding: the configuration, bound to its DBC files.
         request: the log and the files to write.
         progress: called once a cycle.
+        outputs: where the files are written among others; None: they are all.
 
     Raises:
+        ConfigError: a file would be written over one that is read, or twice.
         InputError: there is no such log, it holds no frame of the configured buses, or a file cannot be written.
     """
     started = time.perf_counter()
     channels, counts, steps = _channels(binding, request.channels), LogCounts(), ReorderCounts()
     clock, stray_times = _LogClock(), 0
     score = DriveScore([sensor.settings.cycle_time for sensor in binding.sensors], request.horizons)
+    recorded = runs(request.log, fingerprint(binding), fresh=request.fresh)
+    for log in chain.from_iterable(run.logs for run in recorded):
+        check_log(log)
     with ExitStack() as files:
-        writers = _Writers(binding, request, files)
-        for run in runs(request.log, fingerprint(binding), fresh=request.fresh):
+        outputs = outputs or files.enter_context(Outputs())
+        outputs.read([*binding.files, *files_of(request.log)])
+        writers = _Writers(binding, request, outputs, files)
+        for run in recorded:
             pipeline, sequence = begun(binding, run.state), ReorderBuffer(round(binding.settings.ordering_window * 1e9))
-            outputs = _Outputs(binding, pipeline, request, writers, score)
+            written = _CycleOutputs(binding, pipeline, request, writers, score)
             strays = StrayTimes()
             blocks = chain.from_iterable(read_log_blocks(log, channels, counts) for log in run.logs)
             for cycle in _cycles(pipeline, sequence, strays.removed(blocks), clock, request.speed):
-                outputs.write(cycle)
+                written.write(cycle)
                 if progress is not None:
                     progress(counts)
             for cycle in pipeline.finish() if run.ends else ():
-                outputs.write(cycle)
-            outputs.finish()
+                written.write(cycle)
+            written.finish()
             steps.add(sequence)
             stray_times += strays.corrected
-    counts.require_frames(request.log)
+        counts.require_frames(request.log)
     seconds = time.perf_counter() - started
     return Replayed(pipeline, counts, steps, stray_times, score, clock.first_ns, clock.last_ns, seconds)
 
@@ -180,16 +193,20 @@ def _channels(binding: Binding, further: dict[str, str]) -> dict[str, int]:
 class _Writers:
     """The open files that a replay writes."""
 
-    def __init__(self, binding: Binding, request: ReplayRequest, files: ExitStack) -> None:
+    def __init__(self, binding: Binding, request: ReplayRequest, outputs: Outputs, files: ExitStack) -> None:
         channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
-        self.log = files.enter_context(open_log_writer(request.output, channels)) if request.output else None
         ego = binding.settings.ego
         georeferenced = isinstance(ego, InsSettings) and ego.gnss is not None
-        self.tracks = files.enter_context(TrackWriter(request.tracks, earth=georeferenced)) if request.tracks else None
-        self.predictions = files.enter_context(PredictionWriter(request.predictions)) if request.predictions else None
+        self.log = self.tracks = self.predictions = None
+        if request.output is not None:
+            self.log = files.enter_context(open_log_writer(outputs.open(request.output), channels))
+        if request.tracks is not None:
+            self.tracks = files.enter_context(TrackWriter(outputs.open(request.tracks), earth=georeferenced))
+        if request.predictions is not None:
+            self.predictions = files.enter_context(PredictionWriter(outputs.open(request.predictions)))
 
 
-class _Outputs:
+class _CycleOutputs:
     """Passes each cycle of a run to the writers and the score."""
 
     def __init__(

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
 
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.evaluation.tables import TrackWriter
+from candaemon.files.outputs import Outputs
 from candaemon.simulation.simulate import Simulation
 
 _CHUNK = 4096
 
 
-def record(simulation: Simulation, binding: Binding, log: Path, truth: Path | None = None) -> int:
+def record(
+    simulation: Simulation, binding: Binding, log: Path, truth: Path | None = None, outputs: Outputs | None = None
+) -> int:
     """Write a simulated drive.
 
     Args:
@@ -21,29 +25,34 @@ def record(simulation: Simulation, binding: Binding, log: Path, truth: Path | No
         binding: the configuration it was made with.
         log: path of the log; its suffix determines the format.
         truth: path of the table of truth; None: it is not written.
+        outputs: where the files are written among others; None: they are all.
 
     Returns:
         The number of frames.
 
     Raises:
+        ConfigError: a file would be written over one that is read.
         InputError: a file cannot be written.
     """
     count = 0
     frames = simulation.frames()
-    with open_log_writer(log, log_channels(binding)) as writer:
+    with ExitStack() as files:
+        outputs = outputs or files.enter_context(Outputs())
+        outputs.read(binding.files)
+        writer = files.enter_context(open_log_writer(outputs.open(log), log_channels(binding)))
+        table = files.enter_context(TrackWriter(outputs.open(truth))) if truth is not None else None
         while chunk := list(islice(frames, _CHUNK)):
             writer.write(chunk)
             count += len(chunk)
-    if truth is not None:
-        write_truth(simulation, truth)
+        if table is not None:
+            write_truth(simulation, table)
     return count
 
 
-def write_truth(simulation: Simulation, path: Path) -> None:
-    """Write a simulation's table of truth."""
-    with TrackWriter(path) as table:
-        for cycle in simulation.truth():
-            table.write_cycle(cycle.time_ns, cycle.columns)
+def write_truth(simulation: Simulation, table: TrackWriter) -> None:
+    """Write the truth of a simulation to a table."""
+    for cycle in simulation.truth():
+        table.write_cycle(cycle.time_ns, cycle.columns)
 
 
 def log_channels(binding: Binding) -> list[str]:

@@ -9,6 +9,7 @@ from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.config.load import load_config
+from candaemon.files.outputs import OutputFile
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
@@ -23,7 +24,8 @@ def simulated_log(path: Path, seconds: float) -> Path:
     """Write the scenario's frames, shortened, and return the log."""
     binding = full_binding()
     scenario = load_scenario(ROOT / "config/scenarios/dense.yaml").model_copy(update={"duration": seconds})
-    with open_log_writer(path, [bus.settings.channel for bus in binding.buses]) as writer:
+    channels = [bus.settings.channel for bus in binding.buses]
+    with OutputFile(path) as file, open_log_writer(file, channels) as writer:
         writer.write(list(simulate(scenario, binding).frames()))
     return path
 

@@ -14,6 +14,7 @@ from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.errors import InputError
+from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import EXTENDED, Frame
 
 NAMES = ["can0", "can1"]
@@ -55,7 +56,7 @@ def test_candump_text_to_the_letter() -> None:
 def round_trip(
     path: Path, frames: list[Frame], channels: dict[str, int] | None = None
 ) -> tuple[list[Frame], LogCounts]:
-    with open_log_writer(path, NAMES) as writer:
+    with OutputFile(path) as file, open_log_writer(file, NAMES) as writer:
         writer.write(frames[:2])
         writer.write(frames[2:])
     counts = LogCounts()
@@ -190,24 +191,25 @@ def test_a_damaged_blf(tmp_path: Path) -> None:
 
 
 def test_writers_refuse(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"compressed already; expected a name that ends in \.blf"):
-        open_log_writer(tmp_path / "a.blf.gz", NAMES)
-    with pytest.raises(InputError, match="expected one of"):
-        open_log_writer(tmp_path / "a.txt", NAMES)
-    with pytest.raises(InputError, match="cannot be written: No such file or directory"):
-        open_log_writer(tmp_path / "nowhere" / "a.log", NAMES)
+    for name, words in (
+        ("a.blf.gz", r"compressed already; expected a name that ends in \.blf"),
+        ("a.txt", "expected one of"),
+    ):
+        with pytest.raises(InputError, match=words), OutputFile(tmp_path / name) as file:
+            open_log_writer(file, NAMES)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-def test_a_full_disk(tmp_path: Path) -> None:
-    path = tmp_path / "a.log"
+@pytest.mark.parametrize("suffix", [".log", ".log.gz", ".asc", ".blf", ".csv", ".trc"])
+def test_a_full_disk(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
     path.symlink_to("/dev/full")
-    writer = open_log_writer(path, NAMES)
-    with pytest.raises(InputError, match="No space left"):
-        writer.write(CLASSIC * 1000)
-    writer.close()
-    writer = open_log_writer(path, NAMES)
-    writer.write(CLASSIC)
-    with pytest.raises(InputError, match="No space left"):
+    for count in (1, 2000):
+        with (
+            pytest.raises(InputError, match=rf"{path}: cannot be written: No space left"),
+            OutputFile(path) as file,
+            open_log_writer(file, NAMES) as writer,
+        ):
+            writer.write(CLASSIC * count)
         writer.close()
-    writer.close()

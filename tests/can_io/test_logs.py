@@ -18,6 +18,7 @@ from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.errors import InputError
+from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.times import LATEST_NS
 from tests.support.effort import examples
@@ -208,7 +209,7 @@ def test_a_gzip_stream_cut_short(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}.gz"
     rng = np.random.default_rng(1)
     frames = [Frame(START + i * 1_000_000, 0, 0x123, rng.bytes(8)) for i in range(5000)]
-    with open_log_writer(path, ["can0"]) as writer:
+    with OutputFile(path) as file, open_log_writer(file, ["can0"]) as writer:
         writer.write(frames)
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])

@@ -178,13 +178,6 @@ def test_files_that_are_not_there_or_cannot_be_written(
     assert capsys.readouterr().err.count("error: ") == 5
 
 
-def test_a_file_is_not_written_over_what_is_read(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = (short / "drive.log").read_bytes()
-    assert main(["replay", "esr_ins", str(short / "drive.log"), "-o", str(short / "." / "drive.log")]) == 2
-    assert "named twice" in capsys.readouterr().err
-    assert (short / "drive.log").read_bytes() == before
-
-
 def test_map_gives_a_channel_to_a_bus(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = tmp_path / "renamed.log"
     log.write_text((short / "drive.log").read_text(encoding="utf-8").replace(" can1 ", " front "), encoding="utf-8")
@@ -202,19 +195,24 @@ def test_speed_holds_a_replay_back(short: Path) -> None:
     assert 0.9 < time.monotonic() - started < 8.0
 
 
-def test_an_interrupted_replay_keeps_what_it_has(short: Path, tmp_path: Path) -> None:
-    tracks = tmp_path / "t.csv"
-    arguments = ["replay", "esr_ins", str(short / "drive.log"), "--tracks", str(tracks), "--speed", "0.25"]
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupted_replay_keeps_what_it_has(short: Path, tmp_path: Path, ending: signal.Signals) -> None:
+    tracks, part = tmp_path / "t.csv", tmp_path / "t.csv.part"
+    tracks.write_text("former\n", encoding="utf-8")
+    arguments = ["replay", "esr_ins", str(short / "drive.log"), "--tracks", str(tracks), "--speed", "0.5"]
     with subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE) as process:
         # Not before it has rows: an interrupt while libraries are still being imported is none of a replay.
-        wait_until(lambda: tracks.exists() and tracks.read_bytes().count(b"\n") > 5, 60, "rows")
-        process.send_signal(signal.SIGINT)
-        assert process.wait(10) == 130
+        wait_until(lambda: part.exists() and part.read_bytes().count(b"\n") > 5, 60, "rows")
+        process.send_signal(ending)
+        assert process.wait(10) == 128 + ending
         assert process.stderr is not None
-        assert b"Traceback" not in process.stderr.read()
-    rows = tracks.read_text(encoding="utf-8")
+        said = process.stderr.read().decode()
+    assert said.count("\n") == 1
+    assert f"ended by {ending.name}; what was written until then is in {part}" in said
+    rows = part.read_text(encoding="utf-8")
     assert rows.count("\n") > 5
     assert rows.endswith("\n")
+    assert tracks.read_text(encoding="utf-8") == "former\n"
 
 
 def test_a_reader_that_goes_away_is_no_failure() -> None:

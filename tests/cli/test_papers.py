@@ -212,7 +212,8 @@ def test_what_is_done_outlasts_an_interruption(
     monkeypatch.setattr(registry, "EXPERIMENTS", (first, replace(second, run=stop), third))
     assert main(["papers", "--json", str(tmp_path / "r.json"), "--plots", str(tmp_path / "new" / "plots")]) == 130
     assert {line.split()[0] for line in capsys.readouterr().out.splitlines()} == {"000-table-1"}
-    read = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
+    assert not (tmp_path / "r.json").exists()
+    read = json.loads((tmp_path / "r.json.part").read_text(encoding="utf-8"))
     assert [experiment["name"] for experiment in read["experiments"]] == ["000-table-1"]
     assert len(list((tmp_path / "new" / "plots").iterdir())) == 2
 

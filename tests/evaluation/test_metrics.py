@@ -20,6 +20,7 @@ from candaemon.evaluation.metrics import compare, evaluate
 from candaemon.evaluation.printing import print_evaluation
 from candaemon.evaluation.results import Evaluation, Options
 from candaemon.evaluation.tables import NUMBERS, STATES, TrackTable, TrackWriter
+from candaemon.files.outputs import OutputFile
 
 CYCLE = 0.05
 Row = tuple[float, int, str, dict[str, float]]
@@ -225,7 +226,7 @@ def test_gospa_by_hand() -> None:
 
 
 def saved(path: Path, rows_: Sequence[Row]) -> Path:
-    with TrackWriter(path) as writer:
+    with OutputFile(path) as file, TrackWriter(file) as writer:
         for time, identity, state, numbers in rows_:
             writer.write_cycle(
                 round(time * 1e9), {"id": [identity], "state": [state], **{n: [v] for n, v in numbers.items()}}

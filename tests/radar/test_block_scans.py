@@ -24,6 +24,7 @@ from candaemon.can_io.logs.stream import TICK_BUS, TICK_CHANNEL, ChannelMap, Log
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.can_io.reorder import ItemBlock, ReorderBuffer, TimedItem
 from candaemon.config.load import load_config
+from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame, Tick
 from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.cycle import Cycle
@@ -201,7 +202,7 @@ def test_blocks_are_put_in_order_as_their_frames_are(
 @pytest.mark.parametrize("suffix", [".log", ".blf", ".asc"])
 def test_every_format_comes_in_blocks(tmp_path: Path, suffix: str) -> None:
     path, channels = tmp_path / f"drive{suffix}", {name: bus for bus, name in enumerate(BUSES)}
-    with open_log_writer(path, BUSES) as writer:
+    with OutputFile(path) as file, open_log_writer(file, BUSES) as writer:
         writer.write(drive("toyota_rav4"))
     counts, others = LogCounts(), LogCounts()
     read: list[Any] = []

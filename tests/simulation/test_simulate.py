@@ -14,6 +14,7 @@ from candaemon.ego.factory import make_ego
 from candaemon.ego.motion import EgoMotion
 from candaemon.errors import ConfigError
 from candaemon.evaluation.tables import TrackWriter, read_truth
+from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.scan import Scan
@@ -189,7 +190,7 @@ def test_the_reference_point_is_the_middle_of_the_side_that_faces_the_ego() -> N
 
 def test_truth_is_a_table_that_evaluate_reads(tmp_path: Path) -> None:
     simulation = simulate(drive("guard_rail", duration=1.0), bound("esr_ins"))
-    with TrackWriter(tmp_path / "truth.csv") as writer:
+    with OutputFile(tmp_path / "truth.csv") as file, TrackWriter(file) as writer:
         for cycle in simulation.truth():
             writer.write_cycle(cycle.time_ns, cycle.columns)
     table = read_truth(tmp_path / "truth.csv")

@@ -8,6 +8,7 @@ from pathlib import Path
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.results import Evaluation
 from candaemon.evaluation.tables import TrackWriter, track_columns
+from candaemon.files.outputs import OutputFile
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import simulate
@@ -27,10 +28,10 @@ def drive(config: str, drama: Scenario, seed: int) -> tuple[Evaluation, Pipeline
     names = [sensor.name for sensor in binding.sensors]
     with tempfile.TemporaryDirectory() as folder:
         tracks, truth = Path(folder) / "tracks.csv", Path(folder) / "truth.csv"
-        with TrackWriter(tracks) as table:
+        with OutputFile(tracks) as file, TrackWriter(file) as table:
             for cycle in pipeline.run(simulation.frames()):
                 table.write_cycle(cycle.obstacles.time_ns, track_columns(cycle.obstacles, names))
-        with TrackWriter(truth) as table:
+        with OutputFile(truth) as file, TrackWriter(file) as table:
             for row in simulation.truth():
                 table.write_cycle(row.time_ns, row.columns)
         return evaluate(tracks, truth), pipeline

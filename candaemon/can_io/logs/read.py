@@ -21,6 +21,7 @@ events, and lines that do not look like a frame) are counted in `LogCounts.lines
 from __future__ import annotations
 
 import io
+import os
 import re
 import struct
 import zlib
@@ -104,6 +105,19 @@ def log_suffix(path: Path) -> str:
             f"found the suffix '{suffix}', expected one of {known}, each also with .gz after it", file=path
         )
     return suffix
+
+
+def check_log(path: Path) -> None:
+    """Refuse a log that cannot be read, before anything is done; a pipe is not opened.
+
+    Raises:
+        InputError: it does not exist, may not be read, or has an unknown suffix.
+    """
+    log_suffix(path)
+    if not path.exists():
+        raise InputError("there is no such log; check the path", file=path)
+    if not os.access(path, os.R_OK):
+        raise InputError("the log cannot be opened: there is no right to read it", file=path)
 
 
 def _frames(messages: Iterable[can.Message], suffix: str, channels: ChannelMap, counts: LogCounts) -> Iterator[Frame]:

@@ -12,7 +12,6 @@ import io
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self, cast
 
@@ -23,31 +22,24 @@ from candaemon.can_io.logs.read import log_suffix
 from candaemon.can_io.logs.stream import channel_number
 from candaemon.can_io.python_can import to_message
 from candaemon.errors import InputError
+from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame
-
-_BUFFER = 1 << 16  # bytes; a cycle writes some 3,000
 
 
 class LogWriter(ABC):
     """Writes frames to a log until it is closed.
 
     Args:
-        path: the log; compressed if its name ends in `.gz`.
-
-    Raises:
-        InputError: the file cannot be created, or, later, cannot be written.
+        file: the log; compressed if its name ends in `.gz`.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        try:
-            self._file: BinaryIO = path.open("wb", buffering=_BUFFER)
-        except OSError as error:
-            raise self._failed(error) from error
-        self._target: BinaryIO = self._file
-        if path.suffix.lower() == ".gz":
+    def __init__(self, file: OutputFile) -> None:
+        self._path = file.path
+        self._target = file.stream
+        self._closed = False
+        if self._path.suffix.lower() == ".gz":
             # no name and no time in the gzip header, so that equal frames give equal bytes
-            self._target = cast("BinaryIO", gzip.GzipFile(filename="", mode="wb", fileobj=self._file, mtime=0))
+            self._target = cast("BinaryIO", gzip.GzipFile(filename="", mode="wb", fileobj=file.stream, mtime=0))
 
     def write(self, frames: Sequence[Frame]) -> None:
         """Write frames.
@@ -58,10 +50,7 @@ class LogWriter(ABC):
         Raises:
             InputError: the file cannot be written, or the format cannot hold such a frame.
         """
-        try:
-            self._write(frames)
-        except OSError as error:
-            raise self._failed(error) from error
+        self._write(frames)
 
     def close(self) -> None:
         """Finish the log. Calling it again does nothing.
@@ -69,15 +58,10 @@ class LogWriter(ABC):
         Raises:
             InputError: the file cannot be written.
         """
-        if self._file.closed:
-            return
-        try:
+        if not self._closed:
+            self._closed = True
             self._finish()
             self._target.close()
-        except OSError as error:
-            raise self._failed(error) from error
-        finally:
-            self._file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -95,23 +79,17 @@ class LogWriter(ABC):
     def _finish(self) -> None:
         """Write the end of the log."""
 
-    def _failed(self, error: OSError) -> InputError:
-        """Return the error that says why the log cannot be written."""
-        return InputError(
-            f"the log cannot be written: {error.strerror}; choose another path or make room", file=self._path
-        )
-
 
 class CandumpWriter(LogWriter):
     """Writes a candump log, `.log`.
 
     Args:
-        path: the log.
+        file: the log.
         channels: names of the buses, by index.
     """
 
-    def __init__(self, path: Path, channels: Sequence[str]) -> None:
-        super().__init__(path)
+    def __init__(self, file: OutputFile, channels: Sequence[str]) -> None:
+        super().__init__(file)
         self._channels = tuple(channels)
 
     def _write(self, frames: Sequence[Frame]) -> None:
@@ -125,16 +103,19 @@ class PythonCanWriter(LogWriter):
     """Writes a log through one of python-can's writers.
 
     Args:
-        path: the log.
+        file: the log.
         channels: names of the buses, by index; the file holds the numbers that they end in where these are distinct,
             otherwise the indices.
         start: creates python-can's writer from the target and the first frame's time in s.
     """
 
     def __init__(
-        self, path: Path, channels: Sequence[str], start: Callable[[BinaryIO, float], can.io.generic.MessageWriter]
+        self,
+        file: OutputFile,
+        channels: Sequence[str],
+        start: Callable[[BinaryIO, float], can.io.generic.MessageWriter],
     ) -> None:
-        super().__init__(path)
+        super().__init__(file)
         named = [channel_number(name) for name in channels]
         distinct = len({number for number in named if number is not None}) == len(named)
         self._numbers = [number for number in named if number is not None] if distinct else [*range(len(named))]
@@ -154,23 +135,23 @@ class PythonCanWriter(LogWriter):
         writer.stop()
 
 
-def open_log_writer(path: Path, channels: Sequence[str]) -> LogWriter:
-    """Create a log; its suffix determines the format.
+def open_log_writer(file: OutputFile, channels: Sequence[str]) -> LogWriter:
+    """Begin a log; the suffix of the file's name determines the format.
 
     Args:
-        path: the log, with one of the readable suffixes; a further `.gz` compresses it (not `.blf`, which is always
-            compressed). An existing file is replaced.
+        file: the log, with one of the readable suffixes; a further `.gz` compresses it (not `.blf`, which is always
+            compressed).
         channels: names of the buses, by index.
 
     Raises:
-        InputError: unknown suffix, or the file cannot be created.
+        InputError: unknown suffix.
     """
-    suffix = log_suffix(path)
+    suffix = log_suffix(file.path)
     if suffix == ".log":
-        return CandumpWriter(path, channels)
-    if suffix == ".blf" and path.suffix.lower() == ".gz":
-        raise InputError("a .blf is compressed already; expected a name that ends in .blf", file=path)
-    return PythonCanWriter(path, channels, _STARTERS[suffix])
+        return CandumpWriter(file, channels)
+    if suffix == ".blf" and file.path.suffix.lower() == ".gz":
+        raise InputError("a .blf is compressed already; expected a name that ends in .blf", file=file.path)
+    return PythonCanWriter(file, channels, _STARTERS[suffix])
 
 
 def _text(target: BinaryIO) -> io.TextIOWrapper:

@@ -1,0 +1,101 @@
+"""Standard output and error, be they closed, full, without a reader, or in an encoding that lacks characters."""
+
+from __future__ import annotations
+
+import codecs
+import io
+import logging
+import os
+import sys
+from typing import TYPE_CHECKING, Final, TextIO
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+logger = logging.getLogger(__name__)
+
+STDOUT: Final = "standard output"
+""""File name" of its errors."""
+
+
+def prepare() -> None:
+    """Make the standard streams usable.
+
+    A closed one is the null device from now on, so that no file is opened in its place and no message gets into it.
+    Characters that the encoding lacks are written as escapes.
+    """
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free, which is this one
+    sys.stdout = sys.stdout or _null()
+    sys.stderr = sys.stderr or _null()
+    if sys.stdout is sys.__stdout__ and isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout = _named(sys.stdout)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def takes_unicode() -> bool:
+    """Return whether standard output can hold all characters."""
+    return codecs.lookup(sys.stdout.encoding or "utf-8").name.startswith("utf")
+
+
+def finish(code: int) -> int:
+    """Write out what the streams still hold, so that nothing fails later.
+
+    Args:
+        code: exit code of what was done.
+
+    Returns:
+        That exit code; 1 in place of 0 where results were lost. A reader that has gone away has what it wanted.
+    """
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _abandon(sys.stdout)
+    except OSError as error:
+        logger.error("error: %s: %s", STDOUT, error.strerror)  # noqa: TRY400 - for the user
+        _abandon(sys.stdout)
+        code = code or 1
+    try:
+        sys.stderr.flush()
+    except OSError:
+        _abandon(sys.stderr)
+    return code
+
+
+class _RawStdout(io.FileIO):
+    """Standard output, whose errors say that they are its own."""
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Write bytes; return how many were taken."""
+        try:
+            return super().write(data)
+        except OSError as error:
+            error.filename = STDOUT
+            raise
+
+
+def _named(stdout: io.TextIOWrapper) -> io.TextIOWrapper:
+    """Return standard output as it is, with errors of its own."""
+    return io.TextIOWrapper(
+        io.BufferedWriter(_RawStdout(stdout.fileno(), "wb", closefd=False)),
+        encoding=stdout.encoding,
+        line_buffering=stdout.line_buffering,
+        write_through=stdout.write_through,
+    )
+
+
+def _null() -> io.TextIOWrapper:
+    """Return a stream that swallows all."""
+    return open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123 - open until the process ends
+
+
+def _abandon(stream: TextIO) -> None:
+    """Redirect a stream to the null device: what it still holds cannot fail when the process ends."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, stream.fileno())
+    os.close(null)
