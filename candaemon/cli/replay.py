@@ -16,6 +16,7 @@ from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError, InputError
 from candaemon.files.outputs import Outputs
+from candaemon.playback.recording_files import files_of
 from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
 from candaemon.playback.summary import summarise
 
@@ -86,7 +87,7 @@ def execute(arguments: argparse.Namespace) -> None:
         arguments.fresh,
     )
     _check_request(request, binding)
-    with Outputs(binding.files) as outputs:
+    with Outputs([*binding.files, *files_of(arguments.log)]) as outputs:
         summary = None if arguments.summary is None else outputs.open(arguments.summary)
         with console.log_progress(arguments.log.name) as progress:
             replayed = replay(binding, request, progress, outputs)

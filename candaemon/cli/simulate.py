@@ -29,7 +29,7 @@ def execute(arguments: argparse.Namespace) -> None:
     path = find_scenario(arguments.scenario)
     scenario = load_scenario(path)
     binding = bind(load_config(find_config(arguments.config)))
-    with Outputs([path]) as outputs:
+    with Outputs([path, *binding.files]) as outputs:
         simulation = simulate(scenario, binding, arguments.seed)
         frames = record(simulation, binding, arguments.output, arguments.truth, outputs)
     console.print_figures(arguments.output.name, {"frames": frames, "seconds": scenario.duration})

@@ -15,7 +15,7 @@ from candaemon.config.buses import BusSettings
 from candaemon.config.shipped import shared_folder
 from candaemon.daemon.reload import load_service_config
 from candaemon.errors import ConfigError, InputError
-from candaemon.files.atomic import atomic_write
+from candaemon.files.outputs import write_file
 from candaemon.printable import is_one_line
 
 logger = logging.getLogger(__name__)
@@ -56,7 +56,7 @@ def install(config_path: Path, *, show: bool, units: Path = SYSTEMD_UNITS) -> No
     if problems:
         raise InputError("the service could not read what it needs:", others=[InputError(each) for each in problems])
     path = units / f"candaemon@{name}.service"
-    atomic_write(path, unit)
+    write_file(path, unit)
     print(f"{path} is written; `systemctl daemon-reload && systemctl enable --now candaemon@{name}` starts it")
 
 

@@ -140,22 +140,9 @@ class Outputs:
         self._inputs: dict[_Identity, Path] = {}
         self._written: dict[_Identity, Path] = {}
         self._files: list[OutputFile] = []
-        self.read(inputs)
-
-    def read(self, paths: Iterable[Path]) -> None:
-        """Add files that the command reads.
-
-        Raises:
-            ConfigError: one of them is written too.
-        """
-        for path in paths:
-            identities: list[_Identity] = []
+        for path in inputs:
             with suppress(OSError):  # whoever reads it will say so
-                identities = _identities(path)
-            for identity in identities:
-                if identity in self._written:
-                    raise _refused(self._written[identity], "read", path)
-                self._inputs[identity] = path
+                self._inputs |= dict.fromkeys(_identities(path), path)
 
     def open(self, path: Path) -> OutputFile:
         """Begin a file.

@@ -99,7 +99,7 @@ def replay(
         binding: the configuration, bound to its DBC files.
         request: the log and the files to write.
         progress: called once a cycle.
-        outputs: where the files are written among others; None: they are all.
+        outputs: where the files are written among others, made with all that is read; None: they are all.
 
     Raises:
         ConfigError: a file would be written over one that is read, or twice.
@@ -113,8 +113,7 @@ def replay(
     for log in chain.from_iterable(run.logs for run in recorded):
         check_log(log)
     with ExitStack() as files:
-        outputs = outputs or files.enter_context(Outputs())
-        outputs.read([*binding.files, *files_of(request.log)])
+        outputs = outputs or files.enter_context(Outputs([*binding.files, *files_of(request.log)]))
         writers = _Writers(binding, request, outputs, files)
         for run in recorded:
             pipeline, sequence = begun(binding, run.state), ReorderBuffer(round(binding.settings.ordering_window * 1e9))

@@ -25,7 +25,7 @@ def record(
         binding: the configuration it was made with.
         log: path of the log; its suffix determines the format.
         truth: path of the table of truth; None: it is not written.
-        outputs: where the files are written among others; None: they are all.
+        outputs: where the files are written among others, made with all that is read; None: they are all.
 
     Returns:
         The number of frames.
@@ -37,8 +37,7 @@ def record(
     count = 0
     frames = simulation.frames()
     with ExitStack() as files:
-        outputs = outputs or files.enter_context(Outputs())
-        outputs.read(binding.files)
+        outputs = outputs or files.enter_context(Outputs(binding.files))
         writer = files.enter_context(open_log_writer(outputs.open(log), log_channels(binding)))
         table = files.enter_context(TrackWriter(outputs.open(truth))) if truth is not None else None
         while chunk := list(islice(frames, _CHUNK)):

@@ -13,6 +13,7 @@ import numpy as np
 from candaemon.errors import InputError
 from candaemon.evaluation.metrics import compare
 from candaemon.evaluation.tables import COLUMNS, NUMBERS, TrackTable, TrackWriter, read_tracks, read_truth
+from candaemon.files.outputs import OutputFile
 
 from .drawn import Drawn
 from .invariants import hold_place
@@ -66,7 +67,7 @@ def _written_again(table: TrackTable, path: Path, tracks: bool) -> None:
     """Hold that what is written is read again, and gives the same bytes."""
     reader, written = read_tracks if tracks else read_truth, []
     for _ in range(2):
-        with TrackWriter(path) as writer:
+        with OutputFile(path) as file, TrackWriter(file) as writer:
             for time_ns in np.unique(table.time_ns).tolist():
                 rows = table.take(table.time_ns == time_ns)
                 columns = {name: getattr(rows, name) for name in COLUMNS[1:]}
