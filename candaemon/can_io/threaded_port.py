@@ -5,13 +5,13 @@ from __future__ import annotations
 import socket
 from collections.abc import Sequence
 from threading import Event, Lock, Thread
-from typing import Protocol
+from typing import Final, Protocol
 
 from candaemon.can_io.port import PORT_ERRORS, Controller, PortCounts
 from candaemon.errors import BusError
 from candaemon.frames.frame import Frame
 
-CAPACITY = 20_000
+CAPACITY: Final = 20_000
 """Frames that wait for the daemon at most: two seconds of a full 1 Mbit/s bus."""
 
 _POLL_S = 0.05

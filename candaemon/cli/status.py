@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import socket
 import sys
-from collections.abc import Generator, Iterator, Mapping
-from contextlib import closing
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
+from candaemon._version import __version__
 from candaemon.cli import console
 from candaemon.cli.arguments import input_path
 from candaemon.cli.console import Sheet
 from candaemon.errors import InputError
 from candaemon.status.socket_paths import running_instances
+from candaemon.status.status_client import snapshots
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -184,6 +184,11 @@ def _rare(figures: Tree) -> Iterator[Sheet]:
     if steps:
         row = (f"{clock['backward_steps']}", f"{clock['forward_steps']}", f"{clock['offset']:.3f}")
         yield Sheet("steps of the clock", (row,), ("back", "ahead", "made up for, s"))
+    found = {name: count for name, count in figures.get("losses", {}).items() if count}
+    if found:
+        yield Sheet(
+            "lost since the start", tuple((name.replace("_", " "), f"{count}") for name, count in found.items())
+        )
     if service["reloads"] or service["refused"]:
         row = (f"{service['reloads']}", f"{service['refused']}", service["reload_error"] or "-")
         yield Sheet("reloads", (row,), ("applied", "refused", "last error"))
@@ -215,9 +220,6 @@ def _span(seconds: float) -> str:
     return " ".join(parts[:2]) or "0 s"
 
 
-_TIMEOUT_S = 5.0
-
-
 def watch(instance: str | None, path: Path | None, *, once: bool, as_json: bool) -> None:
     """Show what an instance does: live on a terminal until it ends, else once.
 
@@ -228,17 +230,20 @@ def watch(instance: str | None, path: Path | None, *, once: bool, as_json: bool)
         as_json: print the figures as a line of JSON, once.
 
     Raises:
-        InputError: no such instance runs, several do and none is named, or it has ended or hangs.
+        InputError: no such instance runs, several do and none is named; it has ended, hangs, or sends something else.
     """
-    with closing(_lines(_socket_of(instance) if path is None else path)) as lines:
+    where = _socket_of(instance) if path is None else path
+    with closing(snapshots(where)) as figures:
         if as_json:
-            print(json.dumps(_read(next(lines)), separators=(",", ":")))
-        elif once or not sys.stdout.isatty():
-            console.print_sheets(sheets(_read(next(lines))))
-        else:
+            print(json.dumps(next(figures), separators=(",", ":")))
+            return
+        with _figures_of(where):
+            if once or not sys.stdout.isatty():
+                console.print_sheets(sheets(next(figures)))
+                return
             with LiveView() as view:
-                for line in lines:
-                    view.show(_read(line))
+                for each in figures:
+                    view.show(each)
 
 
 def _socket_of(instance: str | None) -> Path:
@@ -259,41 +264,17 @@ def _socket_of(instance: str | None) -> Path:
             raise InputError(f"several instances run: {listed}; name one: candaemon status NAME")
 
 
-def _lines(path: Path) -> Generator[str]:
-    """Yield the lines that an instance sends.
+@contextmanager
+def _figures_of(path: Path) -> Iterator[None]:
+    """Say of figures that this version cannot show that they are such.
 
     Raises:
-        InputError: it cannot be reached, has ended, or sends nothing.
-    """
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-        connection.settimeout(_TIMEOUT_S)
-        try:
-            connection.connect(os.fspath(path))
-            with connection.makefile("r", encoding="utf-8") as stream:
-                yield from stream
-        except TimeoutError as error:
-            raise InputError(
-                f"the instance says nothing for {_TIMEOUT_S:g} s: its core loop hangs; see its log", file=path
-            ) from error
-        except OSError as error:
-            raise InputError(
-                f"cannot connect: {error.strerror or error}; expected the status socket of a running instance",
-                file=path,
-            ) from error
-    raise InputError("the instance has ended; see its log, `journalctl -u candaemon@NAME` for a service", file=path)
-
-
-def _read(line: str) -> dict[str, Any]:
-    """Return the status snapshot of a line.
-
-    Raises:
-        InputError: the line holds none.
+        InputError: they were.
     """
     try:
-        tree = json.loads(line)
-    except ValueError as error:
-        raise InputError(f"found '{line[:40].strip()}', expected the figures of a running instance") from error
-    if not isinstance(tree, dict) or "service" not in tree:
-        reason = tree.get("error") if isinstance(tree, dict) else None
-        raise InputError(f"no figures came: {reason or 'this is no status socket of candaemon'}")
-    return tree
+        yield
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"the figures are not those of candaemon {__version__}: {error!r}; `candaemon status --json` prints them",
+            file=path,
+        ) from error

@@ -1,20 +1,24 @@
 """The status socket: the status snapshot, a line of JSON a second, for whoever connects.
 
-It is served in the core thread, between two iterations, without waiting: a client that does not read is dropped when
-the kernel's buffer for it is full. It takes no requests, so it is open to every user of the machine.
+It is served in the core thread, between two iterations, without waiting. Where more clients come than are served, one
+that does not read makes room for the newest, else the one that was served longest: idle clients keep nobody out. It
+takes no requests, so it is open to every user of the machine.
 """
 
 from __future__ import annotations
 
+import fcntl
 import json
 import logging
 import os
 import socket
 import stat
+import struct
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Final
 
 from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.status.service_monitor import ServiceMonitor
@@ -23,12 +27,15 @@ from candaemon.status.socket_paths import is_listening, socket_path
 
 logger = logging.getLogger(__name__)
 
-MOST_CLIENTS = 8
+MOST_CLIENTS: Final = 8
+"""Clients of the status socket that are served at a time."""
 
 _LOOK_S = 0.1
 _LINE_S = 1.0
 _FOR_ALL = stat.S_IRUSR | stat.S_IWUSR | stat.S_IRGRP | stat.S_IWGRP | stat.S_IROTH | stat.S_IWOTH
-_BUSY = json.dumps({"error": f"{MOST_CLIENTS} clients are served already"}).encode() + b"\n"
+_MADE_ROOM = json.dumps({"error": f"more than {MOST_CLIENTS} clients came, this one made room"}).encode() + b"\n"
+_SIOCOUTQ: Final = 0x5411
+"""Linux: bytes that a socket has sent and the other side has not read."""
 
 
 class StatusSocket(Observer):
@@ -49,6 +56,7 @@ class StatusSocket(Observer):
         self._meter = meter
         self._clock = clock
         self._listener: socket.socket | None = None
+        self._identity: tuple[int, int] | None = None
         self._clients: list[socket.socket] = []
         self._look_s = self._line_s = 0.0
 
@@ -63,6 +71,7 @@ class StatusSocket(Observer):
             return
         try:
             self._listener = _listener(path)
+            self._identity = _identity(path)
         except OSError as error:
             logger.warning("no status socket: %s cannot be made: %s", path, error)
             return
@@ -81,9 +90,7 @@ class StatusSocket(Observer):
         if due:
             line = _line(self._meter.snapshot(daemon))
             for client in due:
-                if not _sent(client, line):
-                    self._clients.remove(client)
-                    client.close()
+                self._serve(client, line)
 
     def on_stop(self, daemon: DaemonView) -> None:  # noqa: ARG002 - the hook's signature
         """Hang up and remove the socket."""
@@ -92,32 +99,60 @@ class StatusSocket(Observer):
         if self._listener is not None and self.path is not None:
             self._listener.close()
             self._listener = None
-            self.path.unlink(missing_ok=True)
-            with suppress(OSError):  # the folder is systemd's
-                self.path.parent.rmdir()
+            if _identity(self.path) == self._identity:  # and not what another instance has made there since
+                self.path.unlink(missing_ok=True)
+                with suppress(OSError):  # the folder is systemd's
+                    self.path.parent.rmdir()
+
+    def _serve(self, client: socket.socket, line: bytes) -> None:
+        """Send a line whole; hang up on a client that is gone or does not read, for half a line is none."""
+        try:
+            deaf = client.send(line) < len(line)
+        except BlockingIOError:
+            deaf = True
+        except OSError:  # it has hung up
+            self._drop(client)
+            return
+        if deaf:
+            self._meter.clients.status_clients += 1
+            self._drop(client)
+
+    def _drop(self, client: socket.socket) -> None:
+        self._clients.remove(client)
+        client.close()
 
     def _let_in(self, listener: socket.socket) -> list[socket.socket]:
-        """Accept clients; return those that are served. One beyond the limit gets an error."""
+        """Accept clients; return them. One of those before makes room where there are too many."""
         come = []
         for client in _accepted(listener):
-            if len(self._clients) < MOST_CLIENTS:
-                self._clients.append(client)
-                come.append(client)
-            else:
-                _sent(client, _BUSY)
-                client.close()
+            if len(self._clients) >= MOST_CLIENTS:
+                self._make_room()
+            self._clients.append(client)
+            come.append(client)
         return come
+
+    def _make_room(self) -> None:
+        """Hang up on the first client that has not read what it was sent, else on the one that was served longest."""
+        client = next(filter(_is_idle, self._clients), self._clients[0])
+        with suppress(OSError):
+            client.send(_MADE_ROOM)
+        self._meter.clients.status_clients += 1
+        self._drop(client)
 
 
 def _listener(path: Path) -> socket.socket:
-    """Make a socket that every user can connect to; one left behind by a killed instance makes room.
+    """Make a socket that every user can connect to; one that an instance of this user left behind makes room.
+
+    Nothing else is removed: no file, no link, no socket of another user.
 
     Raises:
         OSError: it cannot be made there.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    if path.is_socket():
-        path.unlink()
+    with suppress(FileNotFoundError):
+        there = path.lstat()
+        if stat.S_ISSOCK(there.st_mode) and there.st_uid == os.geteuid():
+            path.unlink()
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         listener.setblocking(False)
@@ -141,12 +176,18 @@ def _accepted(listener: socket.socket) -> Iterator[socket.socket]:
         yield client
 
 
-def _sent(client: socket.socket, line: bytes) -> bool:
-    """Send a line whole; False where the client is gone or does not read, for half a line is none."""
+def _is_idle(client: socket.socket) -> bool:
+    """Return whether a client has not read what it was sent."""
+    return bool(struct.unpack("i", fcntl.ioctl(client, _SIOCOUTQ, bytes(4)))[0])
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return device and inode of what is at a path; None where nothing is."""
     try:
-        return client.send(line) == len(line)
+        there = path.lstat()
     except OSError:
-        return False
+        return None
+    return there.st_dev, there.st_ino
 
 
 def _line(snapshot: StatusSnapshot) -> bytes:

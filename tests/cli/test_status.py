@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -23,6 +24,7 @@ from rich.console import Console
 from candaemon.cli.status import LiveView, sheets, watch
 from candaemon.config.metrics import MetricsSettings
 from candaemon.errors import InputError
+from candaemon.status import status_client
 from candaemon.status.service_monitor import ServiceMonitor
 from candaemon.status.socket_paths import is_listening
 from tests.support.served import Served, bound, demo_config, drive, wait_until
@@ -154,6 +156,9 @@ def saying(path: Path, *lines: bytes) -> Iterator[Path]:
         (b'{"error": "8 clients are served already"}\n', "no figures came: 8 clients are served already"),
         (b"[1]\n", "no status socket of candaemon"),
         (b"HTTP/1.1 400\n", "found 'HTTP/1.1 400', expected the figures"),
+        (b"[" * 100_000 + b"\n", "found '[[[["),
+        (b"\x1b[2J\xff\n", r"found '\x1b[2J"),
+        (b'{"error": "\\u001b[2J"}\n', r"no figures came: \x1b[2J"),
     ],
 )
 def test_what_is_no_status_is_said(line: bytes, said: str, tmp_path: Path) -> None:
@@ -167,12 +172,78 @@ def test_a_socket_that_is_not_there_is_said(tmp_path: Path) -> None:
 
 
 def test_an_instance_that_hangs_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("candaemon.cli.status._TIMEOUT_S", 0.1)
+    monkeypatch.setattr("candaemon.status.status_client.LINE_S", 0.1)
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "s"))
         listener.listen()
         with pytest.raises(InputError, match="its core loop hangs"):
             watch(None, tmp_path / "s", once=True, as_json=False)
+
+
+@contextmanager
+def sending(path: Path, chunk: bytes, pause_s: float = 0.0) -> Iterator[Path]:
+    """Have a socket that sends the same to whoever connects, over and over."""
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        listener.listen()
+
+        def send() -> None:
+            connection, _ = listener.accept()
+            with connection, suppress(OSError):
+                while True:
+                    connection.sendall(chunk)
+                    time.sleep(pause_s)
+
+        thread = Thread(target=send)
+        thread.start()
+        yield path
+        thread.join(10.0)
+        assert not thread.is_alive()
+
+
+def test_a_socket_that_sends_without_end_takes_little_memory_and_time(tmp_path: Path) -> None:
+    code = (
+        "import resource, sys\nfrom candaemon.cli.main import main\n"
+        "try: status = main()\nexcept SystemExit as end: status = end.code\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\nsys.exit(status)"
+    )
+    with sending(tmp_path / "s", bytes(1 << 16).replace(b"\0", b"x")) as path:
+        arguments = [sys.executable, "-c", code, "status", "--socket", str(path)]
+        done = subprocess.run(arguments, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+    assert "found a line of more than 4 MiB, expected the status socket" in done.stderr
+    assert int(done.stdout) < 100_000  # KiB
+
+
+def test_a_socket_that_drips_is_given_up_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("candaemon.status.status_client.LINE_S", 0.5)
+    began_s = time.monotonic()
+    with sending(tmp_path / "s", b" ", 0.02) as path, pytest.raises(InputError, match=r"says nothing for 0\.5 s"):
+        watch(None, path, once=True, as_json=False)
+    assert time.monotonic() - began_s < 20.0
+
+
+@pytest.mark.parametrize("over", [0, 1])
+def test_a_line_as_long_as_its_limit_is_read(over: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = b'{"service":"%s"}' % (b"x" * (status_client.LONGEST_LINE - 14 + over * (1 << 16)))
+    with saying(tmp_path / "s", line + b"\n") as path:
+        if over:
+            with pytest.raises(InputError, match="more than 4 MiB"):
+                watch(None, path, once=True, as_json=True)
+        else:
+            watch(None, path, once=True, as_json=True)
+            assert len(capsys.readouterr().out) == len(line) + 1
+
+
+def test_figures_of_something_else_are_said(figures: dict[str, Any], tmp_path: Path) -> None:
+    del figures["cycles"]["told"]
+    for number, each in enumerate((figures, {"service": 1}, {"service": {"uptime": "long"}})):
+        line = json.dumps(each).encode() + b"\n"
+        with (
+            saying(tmp_path / f"s{number}", line) as path,
+            pytest.raises(InputError, match=rf"s{number}: the figures are not those of candaemon .*--json"),
+        ):
+            watch(None, path, once=True, as_json=False)
 
 
 def test_several_instances_are_listed(home: Path) -> None:

@@ -18,6 +18,7 @@ from typing import Any, TextIO
 import pytest
 
 from candaemon.binding.bound import Binding
+from candaemon.status import status_socket
 from candaemon.status.service_monitor import ServiceMonitor
 from candaemon.status.socket_paths import is_listening, running_instances, socket_path
 from candaemon.status.status_socket import MOST_CLIENTS, StatusSocket
@@ -100,14 +101,43 @@ def test_a_client_that_never_reads_is_dropped_and_holds_nobody_up(binding: Bindi
     told_by.on_stop(daemon)
 
 
-def test_clients_are_bounded_and_one_too_many_is_told_so(binding: Binding, runtime: Path) -> None:
+def test_idle_clients_make_room_and_are_counted(
+    binding: Binding, runtime: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(status_socket, "_LINE_S", 0.1)
+    path = runtime / "status.sock"
+    meter, status = socket_of(binding)
+    with Served(binding, [meter, status]), ExitStack() as clients:
+        reading = clients.enter_context(connected_once(path))
+        for _ in range(2 * MOST_CLIENTS):  # connected, and silent
+            clients.enter_context(idle(path))
+            for _ in range(3):  # so that it is seen to read
+                assert "service" in told(reading)
+        with connected_once(path) as another:
+            tree = told(another)
+        assert "service" in told(reading)
+        assert tree["losses"]["status_clients"] == MOST_CLIENTS + 2
+
+
+def test_of_clients_that_all_read_the_first_makes_room_and_is_told_so(binding: Binding, runtime: Path) -> None:
     path = runtime / "status.sock"
     with Served(binding, socket_of(binding)), ExitStack() as clients:
-        for _ in range(MOST_CLIENTS):
-            assert "service" in told(clients.enter_context(connected_once(path)))
-        with connected_once(path) as stream:
-            assert "served already" in told(stream)["error"]
-            assert stream.readline() == ""
+        readers = [clients.enter_context(connected_once(path)) for _ in range(MOST_CLIENTS)]
+        for each in readers:
+            assert "service" in told(each)
+        newest = clients.enter_context(connected_once(path))
+        assert "service" in told(newest)
+        lines = [json.loads(line) for line in readers[0]]
+        assert "more than 8 clients came" in lines[-1]["error"]
+        assert "service" in told(readers[1])
+
+
+@contextmanager
+def idle(path: Path) -> Iterator[socket.socket]:
+    """Connect and read nothing."""
+    with socket.socket(socket.AF_UNIX) as connection:
+        wait_until(lambda: connection.connect_ex(str(path)) == 0)
+        yield connection
 
 
 @contextmanager
@@ -130,6 +160,31 @@ def test_what_a_killed_instance_left_makes_room(binding: Binding, runtime: Path)
     assert not is_listening(left)
     with Served(binding, socket_of(binding)), connected(left) as stream:
         assert told(stream)["service"]["pid"] == os.getpid()
+
+
+def test_a_link_to_what_a_killed_instance_left_elsewhere_stays(
+    binding: Binding, runtime: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    runtime.mkdir(parents=True)
+    with socket.socket(socket.AF_UNIX) as other:
+        other.bind(str(runtime / "elsewhere"))
+    (runtime / "status.sock").symlink_to(runtime / "elsewhere")
+    meter, status = socket_of(binding)
+    with Served(binding, [meter, status]):
+        meter.wait_for_snapshot(5.0)
+        assert status.path is None
+    assert "no status socket" in caplog.text
+    assert (runtime / "status.sock").is_symlink()
+    assert (runtime / "elsewhere").is_socket()
+
+
+def test_the_end_leaves_what_another_instance_has_made_there_since(binding: Binding, runtime: Path) -> None:
+    path = runtime / "status.sock"
+    with Served(binding, socket_of(binding)), socket.socket(socket.AF_UNIX) as other:
+        wait_until(lambda: is_listening(path))
+        path.unlink()
+        other.bind(str(path))
+    assert path.is_socket()
 
 
 @pytest.mark.parametrize("kind", ["live", "file", "long", "unwritable"])
