@@ -59,7 +59,8 @@ class BatchDecoder:
         rows = [s if row not in (*slow, *self._never) else _NOTHING for row, s in enumerate(wanted)] + list(selectors)
         if self._by_one:
             return
-        self._multiplexing = Multiplexing(message, {s.name: self._count + i for i, s in enumerate(selectors)})
+        selector_rows = {s.name: self._count + i for i, s in enumerate(selectors)}
+        self._multiplexing = Multiplexing(message, selector_rows, [chain for chain, _ in self._gated])
         self._windows = Windows(message.length, rows)
         right = whole_column(64 - s.length for s in rows)
         mask = whole_column(-1 if s.signed or s.length == 64 else (1 << s.length) - 1 for s in rows)
@@ -173,7 +174,8 @@ class BatchEncoder:
         if self._by_one:
             return
         self._gated = _by_chain([bits.gates(message, signal) for signal in given])
-        self._multiplexing = Multiplexing(message, {s.name: rows[s.name] for s in selectors})
+        selector_rows = {s.name: rows[s.name] for s in selectors}
+        self._multiplexing = Multiplexing(message, selector_rows, [chain for chain, _ in self._gated])
         self._floats = [(row, FLOAT_TYPES[s.length]) for row, s in enumerate(given) if s.is_float]
         self._windows = Windows(message.length, given)
         shift = 64 - whole_column(s.length for s in given) - self._windows.left

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
@@ -108,21 +109,21 @@ class Multiplexing:
     Args:
         message: the layout.
         rows: row of each multiplexer in the raw arrays; each must fit a table (`fits_table`).
+        chains: the gates that `present` will be asked for.
     """
 
-    def __init__(self, message: MessageSpec, rows: dict[str, int]) -> None:
+    def __init__(self, message: MessageSpec, rows: dict[str, int], chains: Iterable[Sequence[Gate]]) -> None:
         self._rows = rows
-        self._tables: dict[Gate, Booleans] = {}
         self._known: list[tuple[tuple[Gate, ...], Gate]] = []
         for selector in bits.multiplexers(message):
             if selector.name in rows:
                 gate = Gate(selector.name, bits.known_ids(message, selector))
                 self._known.append((bits.gates(message, selector) or (), gate))
-        by_name = {signal.name: signal for signal in message.signals}
-        chains = [bits.gates(message, signal) or () for signal in message.signals]
-        for gate in {gate for chain in (*chains, [gate for _, gate in self._known]) for gate in chain}:
-            if gate.multiplexer in rows:
-                self._tables[gate] = _table(by_name[gate.multiplexer], gate.ids)
+        gates = {gate for chain in (*chains, *([*chain, gate] for chain, gate in self._known)) for gate in chain}
+        raws = {
+            name: _raws_by_value(message.signal(name)) for name in {gate.multiplexer for gate in gates} & rows.keys()
+        }
+        self._tables = {gate: _table(raws[gate.multiplexer], gate.ids) for gate in gates if gate.multiplexer in raws}
 
     def present(self, chain: Sequence[Gate], raw: Integers) -> Booleans:
         """Return which frames pass all of one or more gates.
@@ -181,9 +182,20 @@ def whole_column(values: Iterable[int]) -> Integers:
     return np.array(list(values), np.int64).reshape(-1, 1)
 
 
-def _table(selector: SignalSpec, ids: frozenset[int]) -> Booleans:
+def _raws_by_value(selector: SignalSpec) -> tuple[int, dict[int, list[int]]]:
+    """Return how many raw values a multiplexer has, and those that give each value."""
     size = 1 << selector.length
-    raws = range(-size // 2, size // 2) if selector.signed else range(size)
+    raws_by_value: dict[int, list[int]] = {}
+    for raw in range(-size // 2, size // 2) if selector.signed else range(size):
+        value = raw * selector.scale + selector.offset
+        if math.isfinite(value):
+            raws_by_value.setdefault(int(value), []).append(raw)
+    return size, raws_by_value
+
+
+def _table(raws: tuple[int, dict[int, list[int]]], ids: frozenset[int]) -> Booleans:
+    size, raws_by_value = raws
     table = np.zeros(size, np.bool_)
-    table[[raw for raw in raws if int(raw * selector.scale + selector.offset) in ids]] = True
+    for value in ids:
+        table[raws_by_value.get(value, [])] = True
     return table

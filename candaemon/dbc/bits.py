@@ -19,6 +19,10 @@ NEARLY: Final = 1e-6
 """Share of a signal's step within which a number of the configuration means a value of the signal."""
 
 
+DEEPEST_MULTIPLEXING: Final = 8
+"""Multiplexers that select one another, at most."""
+
+
 class Gate(NamedTuple):
     """A condition for a signal to be in a frame: the multiplexer's value is one of the ids."""
 
@@ -73,20 +77,21 @@ def known_ids(message: MessageSpec, multiplexer: SignalSpec) -> frozenset[int]:
 
     Empty where nothing depends on it, so that any value is known.
     """
-    children = [s.multiplexer_ids for s in message.signals if s.multiplexer_signal == multiplexer.name]
+    children = {s.multiplexer_ids for s in message.signals if s.multiplexer_signal == multiplexer.name}
     return frozenset().union(*children, multiplexer.choices or ())
 
 
 def gates(message: MessageSpec, signal: SignalSpec) -> tuple[Gate, ...] | None:
-    """List the conditions for a frame to carry the signal, outermost multiplexer first; None if no frame can."""
-    by_name = {each.name: each for each in message.signals}
+    """List the conditions for a frame to carry the signal, outermost multiplexer first.
+
+    None if no frame can, or where they are more than `DEEPEST_MULTIPLEXING`, as those of multiplexers in a circle are.
+    """
     chain: list[Gate] = []
     while signal.multiplexer_signal is not None:
-        parent = by_name.get(signal.multiplexer_signal)
-        endless = len(chain) > len(by_name)
-        if parent is None or not parent.is_multiplexer or not readable(message, parent) or endless:
+        parent = message.find(signal.multiplexer_signal)
+        if parent is None or not parent.is_multiplexer or not readable(message, parent):
             return None
-        if not signal.multiplexer_ids:
+        if not signal.multiplexer_ids or len(chain) == DEEPEST_MULTIPLEXING:
             return None
         chain.append(Gate(parent.name, signal.multiplexer_ids))
         signal = parent
@@ -95,10 +100,11 @@ def gates(message: MessageSpec, signal: SignalSpec) -> tuple[Gate, ...] | None:
 
 def multiplexers(message: MessageSpec) -> tuple[SignalSpec, ...]:
     """List the multiplexers whose value matters, outer before inner."""
+    selecting = {signal.multiplexer_signal for signal in message.signals if signal.multiplexer_ids}
     found = [
         (len(chain), signal)
         for signal in message.signals
-        if signal.is_multiplexer and readable(message, signal) and known_ids(message, signal)
+        if signal.is_multiplexer and readable(message, signal) and (signal.name in selecting or signal.choices)
         for chain in [gates(message, signal)]
         if chain is not None
     ]
@@ -178,9 +184,10 @@ def as_decoded(signal: SignalSpec, value: float) -> float:
 
     A step of 0.1 decodes three steps as 0.30000000000000004, which `in: [0.3]` should find.
     """
-    if signal.is_float or signal.scale == 0:
+    raw = math.nan if signal.is_float or signal.scale == 0 else to_raw(signal, value)
+    if not math.isfinite(raw):
         return value
-    nearest = round(to_raw(signal, value)) * signal.scale + signal.offset
+    nearest = round(raw) * signal.scale + signal.offset
     return nearest if abs(nearest - value) <= NEARLY * abs(signal.scale) else value
 
 
@@ -195,8 +202,8 @@ def same_layout(a: MessageSpec, b: MessageSpec, signals: Iterable[str]) -> bool:
 
 
 def _traits(message: MessageSpec, names: Sequence[str]) -> tuple[object, ...] | None:
-    by_name = {signal.name: signal for signal in message.signals}
-    if not all(name in by_name for name in names):
+    signals = [signal for name in names if (signal := message.find(name)) is not None]
+    if len(signals) != len(names):
         return None
     selectors = multiplexers(message)
     bits = [
@@ -213,7 +220,7 @@ def _traits(message: MessageSpec, names: Sequence[str]) -> tuple[object, ...] | 
             s.maximum,
             s.initial,
         )
-        for s in (*(by_name[name] for name in names), *selectors)
+        for s in (*signals, *selectors)
     ]
-    chains = [gates(message, by_name[name]) for name in names]
+    chains = [gates(message, signal) for signal in signals]
     return message.length, bits, chains, [known_ids(message, selector) for selector in selectors]

@@ -17,6 +17,7 @@ from candaemon.dbc import bits
 from candaemon.dbc.bits import Gate
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
+from candaemon.printable import printable
 
 Decoder = Callable[[bytes], "tuple[float, ...] | None"]
 """Payload → the signals' values; see `compile_decoder`."""
@@ -264,6 +265,6 @@ def _whole(value: float) -> int | None:
 
 
 def _build(name: str, lines: Sequence[str], scope: dict[str, Any], message: MessageSpec) -> object:
-    code = compile("\n".join(lines), f"<codec of {message.name}>", "exec")
+    code = compile("\n".join(lines), f"<codec of {printable(message.name)}>", "exec")
     exec(code, scope)  # noqa: S102 - the text is made above, of numbers from checked layouts alone
     return scope[name]

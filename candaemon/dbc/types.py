@@ -99,10 +99,15 @@ class MessageSpec:
     comment: str = ""
     file: Path | None = None
     line: int = 0
+    _by_name: Mapping[str, SignalSpec] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        by_name = {signal.name: signal for signal in reversed(self.signals)}
+        object.__setattr__(self, "_by_name", by_name)
 
     def find(self, name: str) -> SignalSpec | None:
         """Find a signal by name, None where the message has none of it."""
-        return next((signal for signal in self.signals if signal.name == name), None)
+        return self._by_name.get(name)
 
     def signal(self, name: str) -> SignalSpec:
         """Find a signal by name.

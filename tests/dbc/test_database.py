@@ -130,8 +130,8 @@ REPAIRS = {
     "text after semicolon": ('CM_ SG_ 256 RATE "Doppler"; and more\n', "text after the ';'"),
     "signal outside any message": (' SG_ LOST : 0|8@1+ (1,0) [0|0] "" ECU\n', "SG_ outside of any message"),
     "endless multiplexing": ("SG_MUL_VAL_ 256 RATE STATE 0-4294967295;\n", "65536 ids at most"),
-    "attribute without definition": ('BA_ "Nowhere" BO_ 256 3;\n', "cantools does not take"),
-    "nonsense": ("BA_DEF_ what is this;\n", "cantools does not take"),
+    "attribute without definition": ('BA_ "Nowhere" BO_ 256 3;\n', "which nothing defines"),
+    "nonsense": ("BA_DEF_ what is this;\n", "expected 'BA_DEF_ "),
     "open string": ('CM_ SG_ 256 RATE "Doppler ;\nCM_ SG_ 256 STATE "as told";\n', "never closed"),
     "message without a name": ("BO_ 257 : 8 RADAR\n", "expected 'BO_ "),
     "message twice": (
