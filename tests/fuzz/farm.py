@@ -207,12 +207,12 @@ def _run_worker(job: Job, folder: Path, progress: Callable[[int], None]) -> Yiel
                 result.findings[message["failure"]] = Path(message["path"])
             else:
                 result.inputs, result.counts = message["inputs"], Counter(message["counts"])
+                ended = message["done"]
                 progress(result.inputs)
-        with_hang = worker.poll() is None
+        with_hang = not ended and worker.poll() is None
         with suppress(ProcessLookupError):
             os.killpg(worker.pid, signal.SIGKILL)  # with all that it started
         status = worker.wait()
-        ended = status == 0
     text = (folder / "said").read_bytes()
     result.covered = _covered(text)
     if not ended:

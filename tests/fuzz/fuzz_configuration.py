@@ -34,7 +34,7 @@ YAML_WORDS = (b"0", b"-1", b"1e400", b".nan", b".inf", b"null", b"true", b"[]", 
 def fuzz_configuration(data: bytes) -> Counter[str]:
     """Load and bind a configuration; one that is accepted takes frames."""
     drawn = Drawn(data)
-    edited = drawn.flag()
+    edited = drawn.integer(0, 7) > 0
     text = drawn.edited(drawn.choice(_configurations()), YAML_WORDS) if edited else drawn.rest()
     path = scratch() / "config.yaml"
     path.write_bytes(text)

@@ -25,7 +25,7 @@ _WORDS = (b"0", b"1", b"-1", b"65", b"4294967295", b"1e309", b"0.1", b"@0-", b"@
 def fuzz_dbc(data: bytes) -> Counter[str]:
     """Load a DBC file; what is accepted decodes any payload, and is encoded or refused by name."""
     drawn = Drawn(data)
-    edited = drawn.flag()
+    edited = drawn.integer(0, 7) > 0
     text = drawn.edited(drawn.choice(_databases()), _WORDS) if edited else drawn.rest()
     path = scratch() / "file.dbc"
     path.write_bytes(text)

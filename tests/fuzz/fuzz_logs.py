@@ -48,7 +48,7 @@ def fuzz_logs(data: bytes) -> Counter[str]:
     drawn = Drawn(data)
     suffix = drawn.choice(LOG_SUFFIXES)
     form = drawn.integer(0, 63)
-    edited = drawn.flag()
+    edited = drawn.integer(0, 7) > 0
     content = drawn.edited(_sample(suffix), _WORDS) if edited else drawn.rest()
     path = scratch() / (f"log{suffix}.gz" if form % 4 else f"log{suffix}")
     path.write_bytes(endless_line(suffix, drawn.choice(_MEGABYTES)) if form == _ENDLESS else _compressed(content, form))

@@ -30,7 +30,7 @@ _WORDS = (*YAML_WORDS, b"1e300", b"-1e300", b"1e-300", b"9007199254740993", b"86
 def fuzz_scenarios(data: bytes) -> Counter[str]:
     """Load a scenario and simulate how it begins."""
     drawn = Drawn(data)
-    edited, config = drawn.flag(), drawn.choice(_CONFIGS)
+    edited, config = drawn.integer(0, 7) > 0, drawn.choice(_CONFIGS)
     path = scratch() / "scenario.yaml"
     path.write_bytes(drawn.edited(drawn.choice(_texts()), _WORDS) if edited else drawn.rest())
     try:

@@ -30,7 +30,7 @@ _IDS = 4
 def fuzz_tables(data: bytes) -> Counter[str]:
     """Read a table of tracks and one of truth; two that can be read are compared."""
     drawn = Drawn(data)
-    edited, packed, changes_truth = drawn.flag(), drawn.integer(0, 3) == 3, drawn.flag()
+    edited, packed, changes_truth = drawn.integer(0, 7) > 0, drawn.integer(0, 3) == 3, drawn.flag()
     texts = {"tracks": _SOUND["tracks"], "truth": _SOUND["truth"]}
     name = "truth" if changes_truth else "tracks"
     texts[name] = drawn.edited(texts[name], _WORDS) if edited else drawn.rest()

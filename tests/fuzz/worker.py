@@ -51,21 +51,25 @@ class Worker:
     def __init__(self, name: str, folder: Path, findings: Path, runs: int | None, seconds: float | None) -> None:
         self._findings = findings
         self._runs = runs
-        self._end_s = None if seconds is None else time.monotonic() + seconds
+        self._seconds = seconds
+        self._began_s: float | None = None
         self._told_s = 0.0
         self._trial = Trial(load(name), Current(folder / "current"), self._keep)
         bound_memory()
 
     def take(self, data: bytes) -> None:
         """Try an input; end the process after the last."""
+        if self._began_s is None:
+            self._began_s = time.monotonic()
         self._trial.take(data)
         now_s = time.monotonic()
-        done = self._trial.inputs == self._runs or (self._end_s is not None and now_s >= self._end_s)
+        over = self._seconds is not None and now_s >= self._began_s + self._seconds
+        done = over or self._trial.inputs == self._runs
         if done or now_s >= self._told_s + _TOLD_S:
             self._told_s = now_s
-            _tell(inputs=self._trial.inputs, counts=self._trial.counts)
+            _tell(inputs=self._trial.inputs, counts=self._trial.counts, done=done)
         if done:
-            os._exit(0)  # libFuzzer has no other end that keeps its exit code
+            os._exit(0)  # whatever libFuzzer makes of that: it has no other end
 
     def _keep(self, failure: str, data: bytes) -> None:
         self._findings.mkdir(parents=True, exist_ok=True)
@@ -130,6 +134,7 @@ def _guided(arguments: argparse.Namespace) -> None:
     reached.mkdir(parents=True, exist_ok=True)
     # limits of libFuzzer's own are off: Trial has them, and goes on after a failure
     options = [f"-seed={arguments.seed}", f"-max_len={LONGEST}", "-timeout=0", "-rss_limit_mb=0", "-malloc_limit_mb=0"]
+    options.append(f"-artifact_prefix={arguments.folder}/")
     kept = CORPUS / arguments.target
     atheris.Setup([sys.argv[0], *options, str(reached), *([str(kept)] if kept.is_dir() else [])], worker.take)
     atheris.Fuzz()
