@@ -23,7 +23,7 @@ from .invariants import Watch, hold_place
 from .scratch import scratch
 
 _ROOT = Path(__file__).resolve().parents[2]
-_FRAMES = 200
+_FRAMES = 100
 _START_NS = 1_700_000_000_000_000_000
 YAML_WORDS = (b"0", b"-1", b"1e400", b".nan", b".inf", b"null", b"true", b"[]", b"{}", b"1", b"0.001", b"64",
                b"1000000", b"&a ", b"*a", b"<<: *a", b"!!python/object:os.system ", b"'", b'"', b"\n", b"  ", b"- ",

@@ -106,7 +106,7 @@ class _Sent:
 
     def __init__(self, message: MessageSpec) -> None:
         self._message = message
-        self._decoder = BatchDecoder(message)
+        self._decoder: BatchDecoder | None = None
         bounds = [_range(signal.minimum, signal.maximum) for signal in message.signals]
         self._least, self._greatest = (np.array([pair[k] for pair in bounds]).reshape(-1, 1) for k in (0, 1))
         self._payloads: list[bytes] = []
@@ -121,6 +121,8 @@ class _Sent:
         """Hold what is gathered."""
         if not self._payloads:
             return
+        if self._decoder is None:  # to make one takes longer than most inputs
+            self._decoder = BatchDecoder(self._message)
         values = self._decoder.decode(b"".join(self._payloads))
         self._payloads = []
         beyond = (values < self._least) | (values > self._greatest) | np.isinf(values)  # a signal not sent is NaN
