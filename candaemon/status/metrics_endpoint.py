@@ -73,7 +73,7 @@ class MetricsEndpoint(Observer):
         from candaemon.status.metrics_http import MetricsServer  # noqa: PLC0415 - loads what only few services need
 
         try:
-            return MetricsServer(port, partial(self._meter.wait_for_snapshot, _TURN_S))
+            return MetricsServer(port, partial(self._meter.wait_for_snapshot, _TURN_S), self._count_unserved)
         except OSError as error:
             loaded = binding.loaded
             raise InputError(
@@ -82,6 +82,9 @@ class MetricsEndpoint(Observer):
                 file=loaded.path,
                 line=loaded.line_of(("service", "metrics", "port")),
             ) from error
+
+    def _count_unserved(self) -> None:
+        self._meter.clients.scrapes += 1
 
     def _close(self) -> None:
         server, self._server = self._server, None

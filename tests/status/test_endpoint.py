@@ -8,9 +8,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from http.client import HTTPConnection
 from pathlib import Path
+from threading import Event
 from urllib.request import urlopen
 
 import pytest
@@ -26,6 +28,7 @@ from candaemon.status import metrics_http as scrape
 from candaemon.status.metrics_endpoint import MetricsEndpoint
 from candaemon.status.prometheus_metrics import SnapshotCollector
 from candaemon.status.service_monitor import ServiceMonitor
+from candaemon.status.snapshot import StatusSnapshot
 from tests.support.paths import ROOT
 from tests.support.served import Served, bound, drive, wait_until
 
@@ -205,39 +208,131 @@ def test_a_reload_moves_the_port_or_keeps_it_where_it_cannot(
     assert not is_open(port)
 
 
+class Unserved:
+    """Counts connections that got no metrics."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __call__(self) -> None:
+        self.count += 1
+
+
 @pytest.fixture
-def unturned() -> Iterator[scrape.MetricsServer]:
+def unserved() -> Unserved:
+    return Unserved()
+
+
+@pytest.fixture
+def unturned(unserved: Unserved) -> Iterator[scrape.MetricsServer]:
     """Yield a server whose core loop takes no turn."""
 
-    def ask() -> None:
+    def ask() -> StatusSnapshot:
         raise TimeoutError
 
-    server = scrape.MetricsServer(0, ask)  # type: ignore[arg-type]  # it never returns
+    server = scrape.MetricsServer(0, ask, unserved)
     server.start()
     yield server
     server.stop()
 
 
-def test_a_core_loop_that_hangs_is_said(unturned: scrape.MetricsServer) -> None:
+def test_a_core_loop_that_hangs_is_said(unturned: scrape.MetricsServer, unserved: Unserved) -> None:
     connection = HTTPConnection("127.0.0.1", unturned.port, timeout=5.0)
     connection.request("GET", "/metrics")
     answer = connection.getresponse()
     assert (answer.status, answer.reason) == (503, "the core loop takes no turn")
     connection.close()
+    wait_until(lambda: unserved.count == 1)
 
 
-def test_clients_that_say_nothing_are_few_and_hung_up_on(
-    unturned: scrape.MetricsServer, monkeypatch: pytest.MonkeyPatch
+def half_open(port: int, stack: ExitStack) -> socket.socket:
+    """Connect and ask for half of something."""
+    client = stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=10.0))
+    client.sendall(b"GET /met")
+    return client
+
+
+@pytest.mark.parametrize("more", [0, 1])
+def test_connections_that_ask_for_nothing_make_room(
+    more: int, unturned: scrape.MetricsServer, unserved: Unserved, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(scrape, "_CLIENT_S", 0.5)
-    clients = [socket.create_connection(("127.0.0.1", unturned.port), timeout=5.0) for _ in range(8)]
+    monkeypatch.setattr(scrape, "REQUEST_S", 60.0)
+    with ExitStack() as opened:
+        clients = [half_open(unturned.port, opened) for _ in range(scrape.MOST_SCRAPERS + more)]
+        if more:
+            assert clients[0].recv(100) == b""
+            wait_until(lambda: unserved.count == 1)
+        else:
+            clients[0].settimeout(0.3)
+            with pytest.raises(TimeoutError):
+                clients[0].recv(100)
+            assert unserved.count == 0
+
+
+def test_forty_half_open_connections_cost_no_scrape_and_are_counted(tmp_path: Path, port: int) -> None:
+    binding = with_port(tmp_path, port)
+    meter, endpoint = observers(binding)
+    assert isinstance(meter, ServiceMonitor)
+    with Served(binding, [meter, endpoint]), ExitStack() as opened:
+        wait_until(lambda: is_open(port))
+        wait_until(lambda: meter.clients.scrapes == 1)  # which that was
+        for _ in range(40):
+            half_open(port, opened)
+        for _ in range(3):
+            lost = value(scraped(port), "candaemon_losses_total", kind="scrapes")
+        assert lost >= 40 - scrape.MOST_SCRAPERS
+        opened.close()
+        wait_until(lambda: meter.clients.scrapes == 41 + 3)  # `scraped` looks whether it is open
+
+
+@pytest.mark.parametrize("late", ["silent", "dripping"])
+def test_a_request_comes_in_time_or_is_hung_up_on(
+    late: str, unturned: scrape.MetricsServer, unserved: Unserved, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scrape, "REQUEST_S", 0.5)
     began_s = time.monotonic()
-    for client in clients:
-        client.sendall(b"GET /met")
+    with ExitStack() as opened:
+        client = half_open(unturned.port, opened)
+        with suppress(OSError):
+            while late == "dripping":
+                client.sendall(b"x")
+                time.sleep(0.05)
+                assert time.monotonic() - began_s < 10.0
+        if late == "silent":
+            assert client.recv(100) == b""
+    assert time.monotonic() - began_s >= 0.4
+    wait_until(lambda: unserved.count == 1)
+
+
+def test_an_answer_that_takes_too_long_is_hung_up_on(monkeypatch: pytest.MonkeyPatch, unserved: Unserved) -> None:
+    monkeypatch.setattr(scrape, "ANSWER_S", 0.5)
+    go = Event()
+
+    def ask() -> StatusSnapshot:
+        go.wait(20.0)
+        raise TimeoutError
+
+    server = scrape.MetricsServer(0, ask, unserved)
+    server.start()
+    with socket.create_connection(("127.0.0.1", server.port), timeout=15.0) as client:
+        began_s = time.monotonic()
+        client.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
         assert client.recv(100) == b""
-        client.close()
-    assert time.monotonic() - began_s < 2.5
-    test_a_core_loop_that_hangs_is_said(unturned)
+        assert time.monotonic() - began_s >= 0.4
+        go.set()
+    wait_until(lambda: unserved.count == 1)
+    server.stop()
+
+
+@pytest.mark.parametrize(("over", "status"), [(0, 503), (1, 431), (1 << 20, 431)])
+def test_a_request_as_long_as_its_limit_is_read(over: int, status: int, unturned: scrape.MetricsServer) -> None:
+    start, end = b"GET /metrics HTTP/1.0\r\nX: ", b"\r\n\r\n"
+    request = start + b"x" * (scrape.LONGEST_REQUEST + over - len(start) - len(end)) + end
+    with socket.create_connection(("127.0.0.1", unturned.port), timeout=10.0) as client:
+        with suppress(OSError):  # it is hung up on before it is read whole
+            client.sendall(request)
+        with suppress(ConnectionResetError):
+            assert client.recv(100).split()[1:2] in ([b"%d" % status], [])
 
 
 def test_clients_without_rest_do_not_hold_the_core_loop(tmp_path: Path, port: int) -> None:
