@@ -76,8 +76,8 @@ def _served() -> tuple[MetricsServer, _Failures]:
     daemon = Daemon(binding("demo"))
     meter = ServiceMonitor(daemon.pipeline.binding.settings.service.metrics)
     meter.on_start(daemon)
-    if hasattr(metrics_http, "_PACE_S"):
-        patch.object(metrics_http, "_PACE_S", 0.0).start()
-    server = MetricsServer(0, partial(meter.snapshot, daemon))
+    for pace in ("_ACCEPT_PACE_S", "_ANSWER_PACE_S"):
+        patch.object(metrics_http, pace, 0.0).start()
+    server = MetricsServer(0, partial(meter.snapshot, daemon), lambda: None)
     server.start()
     return server, failed
