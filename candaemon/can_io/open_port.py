@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Lock, Thread
@@ -29,7 +30,7 @@ _HINTS = {
         "expected a multicast group such as 239.74.163.2 as channel, and `pip install 'candaemon[multicast]'`"
     ),
 }
-_HINT = "check the bus's channel and options, and that the interface's driver is installed"
+_HINT = "check buses.{name}.channel and buses.{name}.options, and that the interface's driver is installed"
 
 PortMaker: TypeAlias = Callable[[PortRequest], Port]
 
@@ -57,15 +58,30 @@ def open_port(request: PortRequest) -> Port:
         return PORTS.get(settings.interface, open_through_python_can)(request)
     except _OPEN_ERRORS as error:
         where = f"bus '{request.name}': cannot open {settings.interface} '{settings.channel}'"
-        raise BusError(f"{where}: {error}; {_hint(settings)}") from error
+        raise BusError(f"{where}: {_reason(error, settings)}; {_hint(request.name, settings)}") from error
 
 
-def _hint(settings: BusSettings) -> str:
+def _reason(error: Exception, settings: BusSettings) -> str:
+    """Say why a bus cannot be opened."""
+    said = str(error) or type(error).__name__
+    if settings.interface in PORTS:
+        return said
+    if isinstance(error, TypeError):
+        unknown = re.search(r"unexpected keyword argument ('\w+')", said)
+        if unknown is not None:
+            return f"it takes no option {unknown[1]}"
+        needed = re.search(r"missing \d+ required .*?arguments?: (.+)", said)
+        if needed is not None:
+            return f"it needs the options {needed[1]}"
+    return f"python-can says: {said}"
+
+
+def _hint(name: str, settings: BusSettings) -> str:
     """Say what to do about a bus that cannot be opened."""
     if settings.interface not in (*PORTS, *can.VALID_INTERFACES):
         return f"expected one of python-can's interfaces: {', '.join(sorted(can.VALID_INTERFACES))}"
     hint = _HINTS.get(settings.interface, _HINT)
-    return hint.format(channel=settings.channel, bitrate=settings.bitrate)
+    return hint.format(name=name, channel=settings.channel, bitrate=settings.bitrate)
 
 
 class BackgroundOpening:

@@ -50,9 +50,7 @@ class UdpMulticastPort:
 
     Raises:
         OSError: the group cannot be reached or joined.
-        ValueError: there is no such port.
         ImportError: msgpack is not installed.
-        TypeError: an option that is not one of this interface.
     """
 
     def __init__(self, request: PortRequest) -> None:
@@ -214,10 +212,7 @@ def _where(group: str, port: int = PORT, hop_limit: int = 1) -> tuple[socket.Add
 
     Raises:
         OSError: the group is no address.
-        ValueError: there is no such port.
     """
-    if not 0 < port < 1 << 16:
-        raise ValueError(f"port {port}, expected 1 to 65535")
     family, _, _, _, address = socket.getaddrinfo(group, port, type=socket.SOCK_DGRAM)[0]
     return family, address, hop_limit
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
 from candaemon.config.names import DbcName
+from candaemon.config.numbers import SMALLEST, Factor, SignalValue
 
 Unit = Literal["m", "rad", "deg", "m/s", "km/h", "mph", "rad/s", "deg/s", "m/s^2", "g", "1/m", "s", "%", "1"]
 
@@ -35,6 +36,15 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    @field_validator("*")
+    @classmethod
+    def _is_not_next_to_nothing(cls, value: Any) -> Any:
+        numbers = value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else (value,)
+        for number in numbers:
+            if isinstance(number, float) and 0.0 < abs(number) < SMALLEST:
+                raise ValueError(f"found {number:g}, expected 0 or a magnitude of at least {SMALLEST:g}")
+        return value
+
 
 class SignalRef(Settings):
     """A DBC signal read as, or written from, a physical quantity: quantity = unit × (scale × signal + offset).
@@ -45,8 +55,8 @@ class SignalRef(Settings):
 
     signal: DbcName = Field(description="signal name, or MESSAGE.SIGNAL")
     unit: Unit | None = Field(None, description="unit of the signal; default: the DBC's, and SI where it names none")
-    scale: float = Field(1.0, description="factor on the DBC's physical value; −1 turns an axis round")
-    offset: float = Field(0.0, description="added after the scale, in the signal's unit")
+    scale: Factor = Field(1.0, description="factor on the DBC's physical value; −1 turns an axis round")
+    offset: Factor = Field(0.0, description="added after the scale, in the signal's unit")
 
     @model_validator(mode="after")
     def _scale_is_invertible(self) -> SignalRef:
@@ -83,11 +93,11 @@ class Condition(Settings):
     """
 
     signal: DbcName = Field(description="signal name in one of the object's messages")
-    values: tuple[float, ...] | None = Field(None, alias="in", min_length=1, description="values that pass")
-    min: float | None = Field(None, description="smallest value that passes")
-    max: float | None = Field(None, description="largest value that passes")
-    below: float | None = Field(None, description="passes under this value")
-    above: float | None = Field(None, description="passes over this value")
+    values: tuple[SignalValue, ...] | None = Field(None, alias="in", min_length=1, description="values that pass")
+    min: SignalValue | None = Field(None, description="smallest value that passes")
+    max: SignalValue | None = Field(None, description="largest value that passes")
+    below: SignalValue | None = Field(None, description="passes under this value")
+    above: SignalValue | None = Field(None, description="passes over this value")
 
     @model_validator(mode="after")
     def _tests_something(self) -> Condition:

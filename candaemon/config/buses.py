@@ -31,8 +31,10 @@ class BusSettings(Settings):
         description="DBC files of what else is on this bus, relative to this YAML; their frames are counted as known",
     )
     fd: bool = Field(False, description="open for CAN FD")
-    bitrate: int = Field(500_000, gt=0, description="nominal bit rate in bit/s; sets the load that `check` prints")
-    data_bitrate: int = Field(2_000_000, gt=0, description="CAN FD data phase bit rate in bit/s")
+    bitrate: int = Field(
+        500_000, ge=1, le=20_000_000, description="nominal bit rate in bit/s; sets the load that `check` prints"
+    )
+    data_bitrate: int = Field(2_000_000, ge=1, le=20_000_000, description="CAN FD data phase bit rate in bit/s")
     options: dict[Name, Option] = Field(
         default_factory=dict,
         description="further keyword arguments of the python-can interface: port and hop_limit for udp_multicast, none "

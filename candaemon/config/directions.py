@@ -12,11 +12,14 @@ SHORTEST_SETTLING: Final = 0.02
 """s, the shortest time constant."""
 
 
+_Magnitude = Annotated[float, Field(ge=0, le=1e6, strict=True)]
+
+
 class AlongAcross(Settings):
     """A number for each direction: along and across the direction of travel."""
 
-    along: float = Field(ge=0, strict=True)
-    across: float = Field(ge=0, strict=True)
+    along: _Magnitude
+    across: _Magnitude
 
 
 def _long_enough(value: float) -> float:
@@ -41,7 +44,7 @@ def _both_from_number(value: Any) -> Any:
     return {"along": value, "across": value} if isinstance(value, int | float) else value
 
 
-Pair = Annotated[AlongAcross, BeforeValidator(_both_from_number, json_schema_input_type=float | AlongAcross)]
+Pair = Annotated[AlongAcross, BeforeValidator(_both_from_number, json_schema_input_type=_Magnitude | AlongAcross)]
 Settling = Annotated[
-    SettlingSettings, BeforeValidator(_both_from_number, json_schema_input_type=float | SettlingSettings)
+    SettlingSettings, BeforeValidator(_both_from_number, json_schema_input_type=_TimeConstant | SettlingSettings)
 ]

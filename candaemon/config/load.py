@@ -144,6 +144,8 @@ def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[
             yield from context["error"].problems
         case "value_error":
             yield where, str(context.get("error", details["msg"]))
+        case "too_short" if len(found) >= context["min_length"]:
+            return  # one of its items is at fault, and told
         case "union_tag_not_found":
             yield (*where, context["discriminator"].strip("'")), "missing; it says which kind of settings follow"
         case "union_tag_invalid":
@@ -160,7 +162,8 @@ def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[
 
 def _expected(details: ErrorDetails) -> str:
     """Return what was expected of a value, as text."""
-    text = re.sub("^(Input|String) should (be|have) ", "expected ", details["msg"])
+    text = re.sub("^(Input|String|Tuple|Dictionary) should (be|have) ", "expected ", details["msg"])
+    text = re.sub(" after validation, not .*", "", text)
     text = (
         text.replace("a valid string", "text")
         .replace("a valid tuple", "a list")

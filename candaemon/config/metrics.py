@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Annotated
 
 from pydantic import Field, field_validator
 
@@ -15,7 +16,7 @@ class MetricsSettings(Settings):
     """What is measured of a running service, and the endpoint for Prometheus, on the loopback interface alone."""
 
     port: int | None = Field(None, ge=1, le=65_535, description="TCP port of the endpoint; default: there is none")
-    buckets: tuple[float, ...] = Field(
+    buckets: tuple[Annotated[float, Field(gt=0, le=86_400)], ...] = Field(
         _BUCKETS,
         min_length=1,
         max_length=64,
@@ -28,6 +29,6 @@ class MetricsSettings(Settings):
     @field_validator("buckets")
     @classmethod
     def _buckets_ascend(cls, bounds: tuple[float, ...]) -> tuple[float, ...]:
-        if bounds[0] <= 0.0 or any(upper <= lower for lower, upper in pairwise(bounds)):
-            raise ValueError(f"found {list(bounds)}, expected bounds over 0 in ascending order, each once")
+        if any(upper <= lower for lower, upper in pairwise(bounds)):
+            raise ValueError(f"found {list(bounds)}, expected bounds in ascending order, each once")
         return bounds

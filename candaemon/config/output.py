@@ -8,6 +8,7 @@ from pydantic import Field
 
 from candaemon.config.base import Settings, Signals
 from candaemon.config.names import DbcName, FilePath, Name
+from candaemon.config.numbers import SignalValue
 from candaemon.config.protection import ProtectionSettings
 from candaemon.config.sensors import Mount, ObjectFormat
 
@@ -23,7 +24,7 @@ class StatusFormat(Settings):
 
     message: DbcName = Field(description="message name")
     signals: dict[DbcName, StatusQuantity] = Field(default_factory=dict, description="signal: quantity")
-    fixed: dict[DbcName, float] = Field(default_factory=dict, description="signal: value")
+    fixed: dict[DbcName, SignalValue] = Field(default_factory=dict, description="signal: value")
 
 
 class OutputSettings(Settings):

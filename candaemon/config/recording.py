@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from candaemon.config.base import Settings
+from candaemon.config.numbers import Identity
 
 Fault = Literal["bus", "lost", "sensor", "trust", "motion", "late"]
 
@@ -14,7 +15,7 @@ Fault = Literal["bus", "lost", "sensor", "trust", "motion", "late"]
 class EventSettings(Settings):
     """What makes the recording keep a part of the ring; SIGUSR1 always does."""
 
-    obstacles: tuple[int, ...] = Field((), description="identities of obstacles whose appearance is an event")
+    obstacles: tuple[Identity, ...] = Field((), description="identities of obstacles whose appearance is an event")
     faults: tuple[Fault, ...] = Field(
         ("bus", "lost", "sensor", "trust", "motion", "late"),
         description="faults that are events: a bus down or bus-off, frames lost live, a sensor silent, "

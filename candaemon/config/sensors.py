@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from candaemon.config.base import Condition, Settings, Signal
 from candaemon.config.names import DbcName, FilePath, Name
+from candaemon.config.numbers import SignalValue
 from candaemon.config.protection import InputProtectionSettings, PlausibilitySettings, SensorProtectionSettings
 
 
@@ -62,14 +63,18 @@ class ObjectFormat(Settings):
 
     messages: Messages = Field(min_length=1, description="the messages that together make one object")
     slots: int = Field(ge=1, le=256, description="objects the format can hold")
-    first: int = Field(0, ge=0, description="number of the first slot in the messages' names")
-    step: int = Field(1, ge=1, description="difference of the numbers of neighbouring slots")
+    first: int = Field(0, ge=0, le=1_000_000, description="number of the first slot in the messages' names")
+    step: int = Field(1, ge=1, le=1_000_000, description="difference of the numbers of neighbouring slots")
     identity: DbcName | None = Field(None, description="signal that is the object's identity; default: the slot is")
     pair: tuple[DbcName, ...] = Field((), description="signals, one a message, that must be equal within an object")
     valid: tuple[Condition, ...] = Field((), description="all must hold for an object to be used")
     new: tuple[Condition, ...] = Field((), description="all hold on an object's first appearance in its slot")
-    empty: dict[DbcName, float] = Field(default_factory=dict, description="signal values that write an empty slot")
-    fixed: dict[DbcName, float] = Field(default_factory=dict, description="signal values that write any occupied slot")
+    empty: dict[DbcName, SignalValue] = Field(
+        default_factory=dict, description="signal values that write an empty slot"
+    )
+    fixed: dict[DbcName, SignalValue] = Field(
+        default_factory=dict, description="signal values that write any occupied slot"
+    )
 
     @model_validator(mode="after")
     def _slots_are_distinguishable(self) -> ObjectFormat:

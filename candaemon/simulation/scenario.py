@@ -6,10 +6,11 @@ ground). `ego.start` places them on earth. Speeds and accelerations are over gro
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
@@ -20,6 +21,16 @@ from candaemon.config.names import Name
 from candaemon.config.settings import Location
 from candaemon.config.yaml_text import read_yaml
 from candaemon.printable import LONGEST_SHOWN, printable
+
+LONGEST_DRIVE: Final = 86_400.0
+"""s, a day."""
+MOST_ACTORS: Final = 1000
+"""Other road users in a scenario."""
+MOST_POSTS: Final = 10_000
+"""Stationary points in a scenario, those of the rails among them."""
+
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""m in the scenario's axes."""
 
 
 class LaneChange(Settings):
@@ -37,8 +48,8 @@ class Segment(Settings):
     rest of its segment.
     """
 
-    duration: float | None = Field(None, gt=0, description="s")
-    until: float | None = Field(None, gt=0, description="s since the scenario's start")
+    duration: float | None = Field(None, gt=0, le=LONGEST_DRIVE, description="s")
+    until: float | None = Field(None, gt=0, le=LONGEST_DRIVE, description="s since the scenario's start")
     speed: float | None = Field(None, ge=0, le=100, description="m/s, reached by an even ramp")
     acceleration: float | None = Field(None, ge=-15, le=15, description="m/s² along the heading")
     yaw_rate_deg: float = Field(0.0, ge=-90, le=90, description="deg/s, positive to the left")
@@ -124,8 +135,8 @@ class Ego(Settings):
 class Start(Settings):
     """An actor's centre and velocity at time 0, in the scenario's axes, over ground."""
 
-    x: float = Field(description="m")
-    y: float = Field(description="m")
+    x: Coordinate = Field(description="m")
+    y: Coordinate = Field(description="m")
     vx: float | None = Field(None, ge=-100, le=100, description="m/s")
     vy: float | None = Field(None, ge=-100, le=100, description="m/s")
     speed: float | None = Field(None, ge=0, le=100, description="m/s along the heading")
@@ -173,8 +184,8 @@ class Actor(Settings):
 class Post(Settings):
     """A sign, pole or other stationary point, in the scenario's axes."""
 
-    x: float = Field(description="m")
-    y: float = Field(description="m")
+    x: Coordinate = Field(description="m")
+    y: Coordinate = Field(description="m")
 
 
 class Rail(Settings):
@@ -184,6 +195,11 @@ class Rail(Settings):
     end: Post
     spacing: float = Field(4.0, gt=0.5, le=100, description="m between posts")
 
+    @property
+    def spans(self) -> int:
+        """How many times two posts are neighbours."""
+        return max(round(math.hypot(self.end.x - self.begin.x, self.end.y - self.begin.y) / self.spacing), 1)
+
 
 class Stationary(Settings):
     """Stationary objects. Each post is a point reflector and occludes nothing."""
@@ -191,18 +207,25 @@ class Stationary(Settings):
     posts: tuple[Post, ...] = ()
     rails: tuple[Rail, ...] = ()
 
+    @model_validator(mode="after")
+    def _are_not_too_many(self) -> Stationary:
+        count = len(self.posts) + sum(rail.spans + 1 for rail in self.rails)
+        if count > MOST_POSTS:
+            raise ValueError(f"found {count:,} posts in all, expected {MOST_POSTS:,} at most; space the rails wider")
+        return self
+
 
 class NoiseOverride(Settings):
     """Standard deviations of the simulated noise, in place of those in the sensor's configuration."""
 
-    x: float | None = Field(None, ge=0, description="m")
-    y: float | None = Field(None, ge=0, description="m")
-    range: float | None = Field(None, ge=0, description="m")
-    azimuth_deg: float | None = Field(None, ge=0, description="deg")
-    range_rate: float | None = Field(None, ge=0, description="m/s")
-    vx: float | None = Field(None, ge=0, description="m/s")
-    vy: float | None = Field(None, ge=0, description="m/s")
-    ax: float = Field(0.3, ge=0, description="m/s²; the configuration names none")
+    x: float | None = Field(None, ge=0, le=100, description="m")
+    y: float | None = Field(None, ge=0, le=100, description="m")
+    range: float | None = Field(None, ge=0, le=100, description="m")
+    azimuth_deg: float | None = Field(None, ge=0, le=90, description="deg")
+    range_rate: float | None = Field(None, ge=0, le=100, description="m/s")
+    vx: float | None = Field(None, ge=0, le=100, description="m/s")
+    vy: float | None = Field(None, ge=0, le=100, description="m/s")
+    ax: float = Field(0.3, ge=0, le=100, description="m/s²; the configuration names none")
 
 
 class MeasurementEffects(Settings):
@@ -242,11 +265,11 @@ class Transmission(Settings):
 class Scenario(Settings):
     """A drive to simulate."""
 
-    duration: float = Field(gt=0, le=86_400, description="s")
-    seed: int = Field(1, ge=0, description="default seed")
-    start_time: float = Field(1_700_000_000.0, ge=0, description="s since 1970, the log's time of time 0")
+    duration: float = Field(gt=0, le=LONGEST_DRIVE, description="s")
+    seed: int = Field(1, ge=0, lt=2**63, description="default seed")
+    start_time: float = Field(1_700_000_000.0, ge=0, le=4e9, description="s since 1970, the log's time of time 0")
     ego: Ego = Field(default_factory=Ego)
-    actors: tuple[Actor, ...] = ()
+    actors: tuple[Actor, ...] = Field((), max_length=MOST_ACTORS)
     stationary: Stationary = Field(default_factory=Stationary)
     measurement: MeasurementEffects = Field(default_factory=MeasurementEffects)
     frames: Transmission = Field(default_factory=Transmission)

@@ -89,8 +89,7 @@ class SceneState:
 def _posts_of(rail: Rail) -> ComplexPlane:
     """Return a rail's posts in the scenario's axes, both ends included."""
     begin, end = complex(rail.begin.x, rail.begin.y), complex(rail.end.x, rail.end.y)
-    spans = max(round(abs(end - begin) / rail.spacing), 1)
-    return np.asarray(begin + (end - begin) * np.linspace(0.0, 1.0, spans + 1))
+    return np.asarray(begin + (end - begin) * np.linspace(0.0, 1.0, rail.spans + 1))
 
 
 class Scene:

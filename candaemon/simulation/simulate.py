@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Iterator
 from operator import itemgetter
+from typing import Final
 
 import numpy as np
 
@@ -21,6 +23,9 @@ from candaemon.simulation.sensor_frames import SensorEncoder
 from candaemon.simulation.slot_reports import SlotReport, SlotReporter
 from candaemon.simulation.truth import Truth, TruthCycle
 
+MOST_SCANS: Final = 5_000_000
+"""Scans of all sensors in a simulation: a day of two radars at 25 Hz."""
+
 
 class Simulation:
     """A scenario as the sensors of a configuration report it. The same arguments give the same frames.
@@ -31,8 +36,8 @@ class Simulation:
         seed: of all random streams; default: the scenario's.
 
     Raises:
-        ConfigError: the ego of the scenario moves but that of the configuration is static, or a sensor's frames
-            cannot be written with its DBC.
+        ConfigError: the ego of the scenario moves but that of the configuration is static, a sensor's frames cannot be
+            written with its DBC, or there would be more than `MOST_SCANS`.
 
     """
 
@@ -48,6 +53,14 @@ class Simulation:
                 "or give an ego of kind ins or odometry",
                 file=binding.loaded.path,
                 line=binding.loaded.line_of(("ego",)),
+            )
+        scans = sum(math.ceil(scenario.duration / settings.cycle_time) for settings in self._settings)
+        if scans > MOST_SCANS:
+            raise ConfigError(
+                f"{scenario.duration:g} s of the scenario are {scans:,} scans of all sensors, expected {MOST_SCANS:,} "
+                "at most; make its duration shorter, or the sensors' cycle_time longer",
+                file=binding.loaded.path,
+                line=binding.loaded.line_of(("sensors",)),
             )
         for sensor in binding.sensors:
             self._encoder(sensor)

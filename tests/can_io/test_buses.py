@@ -122,7 +122,10 @@ def test_closing_is_quick_and_leaves_nothing_open() -> None:
             "bus 'bus1': cannot open no_such_thing 'x': .*expected one of .*socketcan",
         ),
         (BusSettings(channel="nocan9"), "bus 'bus1': cannot open socketcan 'nocan9': .*ip link set nocan9 up"),
-        (virtual(ignore_config=False), "bus 'bus1': cannot open virtual .*options"),
+        (
+            BusSettings(interface="socketcand", channel="can0"),
+            "bus 'bus1': cannot open socketcand 'can0': it needs the options 'host' and 'port'; check buses.bus1",
+        ),
     ],
 )
 def test_a_bus_that_cannot_be_opened(settings: BusSettings, expected: str) -> None:
@@ -131,6 +134,30 @@ def test_a_bus_that_cannot_be_opened(settings: BusSettings, expected: str) -> No
         with pytest.raises(BusError, match=expected):
             buses.open()
         assert good.channel not in open_channels
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (TypeError("KvaserBus.__init__() got an unexpected keyword argument 'bitrat'"), "it takes no option 'bitrat'"),
+        (ValueError("bitrate 1 is too small"), "python-can says: bitrate 1 is too small"),
+        (can.CanInitializationError(), "python-can says: CanInitializationError"),
+    ],
+)
+def test_what_a_driver_says_of_its_options_is_told_in_words(
+    monkeypatch: pytest.MonkeyPatch, error: Exception, told: str
+) -> None:
+    def bus(**_options: object) -> can.BusABC:
+        raise error
+
+    monkeypatch.setattr("candaemon.can_io.python_can.can.Bus", bus)
+    settings = BusSettings(interface="kvaser", channel="0", options={"bitrat": 1})
+    with live(settings) as buses, pytest.raises(BusError) as raised:
+        buses.open()
+    assert str(raised.value) == (
+        f"bus 'bus0': cannot open kvaser '0': {told}; check buses.bus0.channel and buses.bus0.options, "
+        "and that the interface's driver is installed"
+    )
 
 
 def test_a_driver_that_is_not_installed_ends_nothing(

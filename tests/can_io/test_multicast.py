@@ -231,15 +231,10 @@ def test_any_bytes_are_a_frame_or_counted(bench: Bench, content: bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    ("channel", "options", "expected"),
-    [
-        ("no group", {}, OSError),
-        ("127.0.0.1", {}, OSError),
-        (GROUP, {"port": 1 << 16}, ValueError),
-        (GROUP, {"prot": 43113}, TypeError),
-    ],
+    "channel",
+    ["no-group", "127.0.0.1"],
 )
-def test_what_cannot_be_opened(channel: str, options: dict[str, int], expected: type[Exception]) -> None:
-    bus = BusSettings(interface="udp_multicast", channel=channel, options=options)
-    with pytest.raises(expected):
+def test_what_cannot_be_opened(channel: str) -> None:
+    bus = BusSettings(interface="udp_multicast", channel=channel)
+    with pytest.raises(OSError):  # noqa: PT011 - the kernel's reasons differ
         UdpMulticastPort(PortRequest("bench", 0, bus, PortCounts()))

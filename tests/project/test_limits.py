@@ -46,8 +46,8 @@ LIMITS = _rows()
 
 
 def _number(text: str) -> float:
-    """Return the number that a cell begins with, times its unit: 4 MiB, 10⁶, 1,000 frames."""
-    match = re.match(r"([\d,.]+)(?: (\S+))?", text)
+    """Return the number that a cell begins with, times its unit: 4 MiB, 1e39, 1,000 frames."""
+    match = re.match(r"([\d,.]+(?:e-?\d+)?)(?: (\S+))?", text)
     assert match is not None, text
     return float(match[1].replace(",", "")) * UNITS.get(match[2] or "", 1)
 

@@ -12,12 +12,18 @@ from pydantic import ValidationError
 
 from candaemon.errors import ConfigError
 from candaemon.simulation.actor_motion import Trajectory, trajectory
-from candaemon.simulation.scenario import Scenario, Segment, load_scenario
+from candaemon.simulation.scenario import LONGEST_DRIVE, MOST_ACTORS, MOST_POSTS, Scenario, Segment, load_scenario
 from candaemon.simulation.scene import Scene
 from tests.support.effort import examples
 from tests.support.paths import ROOT
 
 SCENARIOS = sorted((ROOT / "config" / "scenarios").glob("*.yaml"))
+
+
+def _to_nano(value: float) -> float:
+    """Return a number without digits beyond the ninth: none is next to nothing."""
+    return round(value, 9)
+
 
 segments = st.lists(
     st.one_of(
@@ -26,19 +32,23 @@ segments = st.lists(
                 duration=duration, acceleration=acceleration, yaw_rate_deg=turn
             ),
             st.floats(0.1, 5),
-            st.floats(-6, 4),
+            st.floats(-6, 4).map(_to_nano),
             st.sampled_from([0.0, 1e-4, 0.5, -20.0, 40.0]),
         ),
-        st.builds(lambda duration, speed: Segment(duration=duration, speed=speed), st.floats(0.5, 5), st.floats(0, 40)),
+        st.builds(
+            lambda duration, speed: Segment(duration=duration, speed=speed),
+            st.floats(0.5, 5),
+            st.floats(0, 40).map(_to_nano),
+        ),
         st.builds(
             lambda duration, ax, ay: Segment(duration=duration, ax=ax, ay=ay),
             st.floats(0.1, 4),
-            st.floats(-5, 5),
-            st.floats(-3, 3),
+            st.floats(-5, 5).map(_to_nano),
+            st.floats(-3, 3).map(_to_nano),
         ),
         st.builds(
             lambda offset: Segment.model_validate({"lane_change": {"offset": offset, "duration": 3.0}}),
-            st.floats(-4, 4),
+            st.floats(-4, 4).map(_to_nano),
         ),
     ),
     max_size=5,
@@ -164,3 +174,50 @@ def test_a_faulty_scenario_is_told_with_file_and_line(tmp_path: Path, text: str,
 def test_a_segment_that_contradicts_itself_is_refused(fields: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         Segment.model_validate(fields)
+
+
+def _scenario(folder: Path, text: str) -> Scenario:
+    path = folder / "scenario.yaml"
+    path.write_text(f"duration: 10\n{text}", encoding="utf-8")
+    return load_scenario(path)
+
+
+def test_a_scenario_has_so_many_posts_and_no_more(tmp_path: Path) -> None:
+    rail = "stationary:\n  rails: [{begin: {x: 0, y: 0}, end: {x: %d, y: 0}, spacing: 1.0}]\n"
+    assert len(Scene(_scenario(tmp_path, rail % (MOST_POSTS - 1))).stationary) == MOST_POSTS
+    with pytest.raises(
+        ConfigError, match=r"scenario\.yaml:2: stationary: found 10,001 posts in all, expected 10,000 at"
+    ):
+        _scenario(tmp_path, rail % MOST_POSTS)
+
+
+def test_a_scenario_has_so_many_actors_and_no_more() -> None:
+    actors = [{"name": f"a{k}", "start": {"x": 0.0, "y": 0.0}} for k in range(MOST_ACTORS + 1)]
+    assert len(Scenario.model_validate({"duration": 1.0, "actors": actors[1:]}).actors) == MOST_ACTORS
+    with pytest.raises(ValidationError, match="at most 1000 items"):
+        Scenario.model_validate({"duration": 1.0, "actors": actors})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "stationary: {rails: [{begin: {x: 0, y: 0}, end: {x: 1e300, y: 0}}]}",
+        "stationary: {rails: [{begin: {x: -1e6, y: 0}, end: {x: 1e6, y: 0}, spacing: 0.6}]}",
+        "stationary: {posts: [{x: .inf, y: 0}]}",
+        "start_time: 1e300",
+        "seed: 9223372036854775808",
+        "ego: {segments: [{duration: 1e300, speed: 3}]}",
+        "measurement: {noise: {x: 1e300}}",
+        "actors: [{name: 'a\\nb', start: {x: 0, y: 0}}]",
+        "actors: [{name: a, start: {x: 1e300, y: 0}}]",
+    ],
+)
+def test_what_would_take_all_memory_or_mean_nothing_is_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError, match=r"scenario\.yaml:2: "):
+        _scenario(tmp_path, text)
+
+
+def test_a_scenario_lasts_a_day_at_most() -> None:
+    assert Scenario(duration=LONGEST_DRIVE).duration == 86_400
+    with pytest.raises(ValidationError, match="less than or equal to 86400"):
+        Scenario(duration=86_401)

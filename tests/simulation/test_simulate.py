@@ -277,3 +277,14 @@ def test_a_static_ego_cannot_drive() -> None:
     with pytest.raises(ConfigError, match="static"):
         simulate(drive("highway"), still)
     assert next(simulate(drive("automotive_turn"), still).frames()).bus == binding.sensors[0].bus
+
+
+def test_a_simulation_has_so_many_scans_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    binding = bound("esr_ins")
+    (cycle,) = [sensor.settings.cycle_time for sensor in binding.sensors]
+    scenario = drive("highway", duration=100.0)
+    monkeypatch.setattr("candaemon.simulation.simulate.MOST_SCANS", math.ceil(100.0 / cycle))
+    simulate(scenario, binding)
+    monkeypatch.setattr("candaemon.simulation.simulate.MOST_SCANS", math.ceil(100.0 / cycle) - 1)
+    with pytest.raises(ConfigError, match=r"esr_ins\.yaml:\d+: 100 s of the scenario are 2,000 scans of all sensors"):
+        simulate(scenario, binding)
