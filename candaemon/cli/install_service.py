@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from candaemon.cli.arguments import CONFIG, input_path
+from candaemon.cli.standard_streams import use_utf8
 from candaemon.config.shipped import find_config
 from candaemon.daemon.systemd_unit import install
 
@@ -17,4 +18,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> None:
     """Write the unit."""
+    if arguments.print:
+        use_utf8()  # as systemd reads units
     install(find_config(arguments.config), show=arguments.print)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from candaemon.cli.standard_streams import takes_unicode
+from candaemon.cli.standard_streams import use_utf8
 from candaemon.config.load import json_schema
 
 
@@ -15,4 +15,5 @@ def add_arguments(_parser: argparse.ArgumentParser) -> None:
 
 def execute(_arguments: argparse.Namespace) -> None:
     """Print the schema."""
-    print(json.dumps(json_schema(), indent=2, ensure_ascii=not takes_unicode()))
+    use_utf8()
+    print(json.dumps(json_schema(), indent=2, ensure_ascii=False))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import io
 import logging
 import os
@@ -38,9 +37,10 @@ def prepare() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def takes_unicode() -> bool:
-    """Return whether standard output can hold all characters."""
-    return codecs.lookup(sys.stdout.encoding or "utf-8").name.startswith("utf")
+def use_utf8() -> None:
+    """Let standard output be UTF-8 whatever the terminal's encoding is: for what programs read, such as JSON."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(encoding="utf-8")
 
 
 def finish(code: int) -> int:
