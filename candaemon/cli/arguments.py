@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+from candaemon.printable import printable
+
 CONFIG: Final = "configuration (YAML), or the name of one that comes with candaemon"
 SCENARIO: Final = "scenario (YAML), or the name of one that comes with candaemon"
 LOG_FORMATS: Final = ".log (candump), .asc, .blf, .csv, .trc, by its suffix; .gz after it too"
@@ -18,6 +20,8 @@ SLOWEST: Final = 0.001
 """Least multiple of real time."""
 FASTEST: Final = 1_000_000.0
 """Largest multiple of real time."""
+
+_LONGEST_QUOTED = 60  # characters
 
 
 def input_path(text: str) -> Path:
@@ -37,8 +41,13 @@ def output_folder(text: str) -> Path:
 
 def _path(text: str) -> Path:
     if not text:
-        raise argparse.ArgumentTypeError("found nothing, expected a path")
+        raise refused(text, "a path")
     return Path(text)
+
+
+def refused(text: str, expected: str) -> argparse.ArgumentTypeError:
+    """Return the error of an argument that is not what is expected."""
+    return argparse.ArgumentTypeError(f"found '{printable(text, _LONGEST_QUOTED)}', expected {expected}")
 
 
 def number(least: float, most: float, unit: str = "") -> Callable[[str], float]:
@@ -51,7 +60,7 @@ def number(least: float, most: float, unit: str = "") -> Callable[[str], float]:
         except ValueError:
             value = math.nan
         if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"found '{text}', expected {expected}")
+            raise refused(text, expected)
         return value
 
     return read
@@ -64,7 +73,7 @@ def whole_number(least: int, most: int) -> Callable[[str], int]:
     def read(text: str) -> int:
         digits = text.isascii() and text.isdigit() and len(text) <= len(str(most))
         if not (digits and least <= int(text) <= most):
-            raise argparse.ArgumentTypeError(f"found '{text}', expected {expected}")
+            raise refused(text, expected)
         return int(text)
 
     return read

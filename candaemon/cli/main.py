@@ -125,7 +125,7 @@ def _parsed(argv: list[str]) -> argparse.Namespace:
     parser = _Parser(
         prog="candaemon",
         description="Radar objects on a CAN bus in, obstacles with a lasting identity out.",
-        epilog="Exit code: 0 done, 1 failed, 2 wrong usage or configuration.",
+        epilog="Exit code: 0 done, 1 failed, 2 wrong usage or configuration, 128 + N ended by signal N.",
     )
     parser.add_argument("--version", action="version", version=f"candaemon {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)

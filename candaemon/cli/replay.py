@@ -11,7 +11,7 @@ from typing import Any, Final
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.cli import console
-from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, number, output_path, speed
+from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, number, output_path, refused, speed
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError, InputError
@@ -133,7 +133,7 @@ def horizons(text: str) -> tuple[float, ...]:
     """Read times in s with commas between; return them in order, without repetition."""
     found = tuple(sorted({_horizon(part) for part in text.split(",")}))
     if len(found) > MOST_HORIZONS:
-        raise argparse.ArgumentTypeError(f"found {len(found)} times, expected {MOST_HORIZONS} at most")
+        raise refused(text, f"{MOST_HORIZONS} times at most")
     return found
 
 
@@ -144,5 +144,5 @@ def channel_of_bus(text: str) -> tuple[str, str]:
     """Read CHANNEL=BUS."""
     channel, sign, bus = text.rpartition("=")  # no bus has that sign in its name
     if not (channel and sign and bus):
-        raise argparse.ArgumentTypeError(f"found '{text}', expected CHANNEL=BUS, such as can1=radar")
+        raise refused(text, "CHANNEL=BUS, such as can1=radar")
     return channel, bus

@@ -264,7 +264,7 @@ def test_all_files_are_written_in_one_way() -> None:
         "recording/event_archive.py": "likewise",
         "cli/standard_streams.py": "the null device",
     }
-    writes = re.compile(r"""open\([^)]*["'][rb]?[waxt]b?\+?["']|write_(text|bytes)\(|O_WRONLY|O_RDWR""")
+    writes = re.compile(r"""open\([^)]*["'](?:[wax][bt]?|r[bt]?\+)\+?["']|write_(text|bytes)\(|O_WRONLY|O_RDWR""")
     package = ROOT / "candaemon"
     found = {
         path.relative_to(package).as_posix()
