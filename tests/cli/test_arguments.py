@@ -11,8 +11,10 @@ import pytest
 from candaemon.cli import arguments, demo, papers, replay, run
 from candaemon.cli.main import COMMANDS
 
-ABSURD = ("", " ", "-1", "-0", "nan", "inf", "-inf", "1e300", "1e-300", "-1e300", "9" * 5000, "1e" + "9" * 400)
-ABSURD += ("x", "0x10", "1_0", "²", "٣", "\udcff", "1,,2", ",", "=", "a=", "=b", "\0")
+ABSURD = (
+    *("", " ", "-1", "-0", "nan", "inf", "-inf", "1e300", "1e-300", "-1e300", "9" * 5000, "1e" + "9" * 400),
+    *("x", "0x10", "1_0", "²", "٣", "\udcff", "1,,2", ",", "=", "a=", "=b", "\0"),
+)
 
 
 def typed(command: str) -> list[argparse.Action]:
