@@ -18,7 +18,7 @@ from candaemon.config.ego import StaticSettings
 from candaemon.config.load import LoadedConfig
 from candaemon.dbc.database import load_database
 from candaemon.dbc.types import Database, MessageSpec
-from candaemon.errors import ConfigError
+from candaemon.errors import ConfigError, DatabaseError
 from candaemon.frames.frame import EXTENDED
 
 FULL: Final = 0.6
@@ -113,11 +113,14 @@ class _Databases:
             return None
         if path not in self.by_path:
             self.failed.add(path)
-            if not path.is_file():
+            try:
+                self.by_path[path] = load_database(path)
+            except DatabaseError as error:
+                if not isinstance(error.__cause__, FileNotFoundError):
+                    raise
                 raise location.at("dbc").error(
                     f"no DBC file '{relative}'; expected it at {path}, as paths start from the YAML's folder"
-                )
-            self.by_path[path] = load_database(path)
+                ) from None
             self.failed.discard(path)
         return self.by_path[path]
 

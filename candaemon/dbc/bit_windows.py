@@ -120,10 +120,9 @@ class Multiplexing:
                 gate = Gate(selector.name, bits.known_ids(message, selector))
                 self._known.append((bits.gates(message, selector) or (), gate))
         gates = {gate for chain in (*chains, *([*chain, gate] for chain, gate in self._known)) for gate in chain}
-        raws = {
-            name: _raws_by_value(message.signal(name)) for name in {gate.multiplexer for gate in gates} & rows.keys()
-        }
-        self._tables = {gate: _table(raws[gate.multiplexer], gate.ids) for gate in gates if gate.multiplexer in raws}
+        self._tables: dict[Gate, Booleans] = {}
+        for name in rows.keys() & {gate.multiplexer for gate in gates}:
+            self._tables |= _tables(message.signal(name), [gate for gate in gates if gate.multiplexer == name])
 
     def present(self, chain: Sequence[Gate], raw: Integers) -> Booleans:
         """Return which frames pass all of one or more gates.
@@ -182,20 +181,16 @@ def whole_column(values: Iterable[int]) -> Integers:
     return np.array(list(values), np.int64).reshape(-1, 1)
 
 
-def _raws_by_value(selector: SignalSpec) -> tuple[int, dict[int, list[int]]]:
-    """Return how many raw values a multiplexer has, and those that give each value."""
+def _tables(selector: SignalSpec, gates: Iterable[Gate]) -> dict[Gate, Booleans]:
+    """Tabulate for each gate which raw values of its multiplexer pass."""
     size = 1 << selector.length
-    raws_by_value: dict[int, list[int]] = {}
+    raws: dict[int, list[int]] = {}  # by value
     for raw in range(-size // 2, size // 2) if selector.signed else range(size):
         value = raw * selector.scale + selector.offset
         if math.isfinite(value):
-            raws_by_value.setdefault(int(value), []).append(raw)
-    return size, raws_by_value
-
-
-def _table(raws: tuple[int, dict[int, list[int]]], ids: frozenset[int]) -> Booleans:
-    size, raws_by_value = raws
-    table = np.zeros(size, np.bool_)
-    for value in ids:
-        table[raws_by_value.get(value, [])] = True
-    return table
+            raws.setdefault(int(value), []).append(raw)
+    tables = {}
+    for gate in gates:
+        tables[gate] = table = np.zeros(size, np.bool_)
+        table[[raw for value in gate.ids & raws.keys() for raw in raws[value]]] = True
+    return tables

@@ -68,6 +68,9 @@ MOST_SIGNALS: Final = 20_000
 MOST_SIGNALS_A_MESSAGE: Final = 2048
 """Signals of a message; a CAN FD frame has 512 bits, which multiplexed signals share."""
 
+MOST_MULTIPLEXERS: Final = 64
+"""Multiplexers of a message."""
+
 MOST_IDS_A_SIGNAL: Final = 1 << 16
 """Multiplexer values that select one signal."""
 
@@ -449,12 +452,13 @@ class Declarations:
         self._messages = Quota(MOST_MESSAGES, "messages")
         self._signals = Quota(MOST_SIGNALS, "signals")
         self._signals_here = Quota(MOST_SIGNALS_A_MESSAGE, "signals of a message")
+        self._multiplexers_here = Quota(MOST_MULTIPLEXERS, "multiplexers of a message")
         self._within = False
         self._group: Identified | None = None
 
     def finish(self) -> None:
         """Report what was beyond the limits."""
-        for quota in (self._signals_here, self._signals, self._messages):
+        for quota in (self._signals_here, self._multiplexers_here, self._signals, self._messages):
             quota.tell(self._report)
 
     def take(self, statement: Statement) -> bool:
@@ -514,6 +518,8 @@ class Declarations:
         group.messages.append(DeclaredMessage(line, name, f"BO_ {identifier} {name}: {length} {NOBODY}\n"))
         self._signals_here.tell(self._report)
         self._signals_here = Quota(MOST_SIGNALS_A_MESSAGE, f"signals of message '{name}'")
+        self._multiplexers_here.tell(self._report)
+        self._multiplexers_here = Quota(MOST_MULTIPLEXERS, f"multiplexers of message '{name}'")
         return group
 
     def _signal(self, statement: Statement, group: Identified, message: DeclaredMessage) -> None:
@@ -535,7 +541,7 @@ class Declarations:
         elif name in message.signals:
             first = message.signals[name].line
             self._report(line, f"signal '{name}' of message '{message.name}' is already at line {first}: left out")
-        else:
+        elif mark is None or mark[-1] != "M" or self._multiplexers_here.take(line):
             self._signals_here.take(line)
             self._signals.take(line)
             if not _finite(low, high):

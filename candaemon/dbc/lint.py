@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 from candaemon.dbc import bits
@@ -22,6 +23,21 @@ MOST_COMPARISONS: Final = 1 << 22
 """Steps of looking for overlaps, in all messages of a file."""
 
 _Chain = tuple[Gate, ...]
+
+
+@dataclass(slots=True)
+class _Alike:
+    """The signals of a message that have the same conditions.
+
+    Attributes:
+        conditions: values of each multiplexer.
+        bits: those that any of them takes.
+        members: bits and index of each.
+    """
+
+    conditions: Mapping[str, frozenset[int]]
+    bits: int = 0
+    members: list[tuple[int, int]] = field(default_factory=list)
 
 
 class Lint:
@@ -78,17 +94,17 @@ class Lint:
         Signals with the same conditions are compared through the bits they take together, not pair by pair, unless they
         do overlap.
         """
-        alike: dict[_Chain, list[tuple[int, int]]] = {}  # by conditions: each signal's bits, and its index
-        together: dict[_Chain, int] = {}
+        groups: dict[_Chain, _Alike] = {}
         told = 0
         for index, (signal, chain) in enumerate(carried):
             own = _bits_of(message, signal)
+            conditions = dict(chain)
             met: list[int] = []
-            for other, taken in together.items():
-                if taken & own and not self._apart(chain, other):
-                    self._compared += len(alike[other])
-                    met += [earlier for earlier_bits, earlier in alike[other] if earlier_bits & own]
-            self._compared += len(together)
+            self._compared += len(groups)
+            for group in groups.values():
+                if group.bits & own and not self._apart(conditions, group.conditions):
+                    self._compared += len(group.members)
+                    met += [earlier for earlier_bits, earlier in group.members if earlier_bits & own]
             for earlier in sorted(met):
                 first, second = sorted((carried[earlier][0], signal), key=lambda each: each.line)
                 if told == MOST_OVERLAPS or self._compared > MOST_COMPARISONS:
@@ -99,15 +115,19 @@ class Lint:
                     second.line,
                     f"signals '{first.name}' and '{second.name}' of message '{message.name}' overlap: both are read",
                 )
-            alike.setdefault(chain, []).append((own, index))
-            together[chain] = together.get(chain, 0) | own
+            group = groups.setdefault(chain, _Alike(conditions))
+            group.bits |= own
+            group.members.append((own, index))
 
-    def _apart(self, a: _Chain, b: _Chain) -> bool:
+    def _apart(self, some: Mapping[str, frozenset[int]], others: Mapping[str, frozenset[int]]) -> bool:
         """Return whether no frame can pass the conditions of both."""
-        others = dict(b)
-        common = [(ids, others[multiplexer]) for multiplexer, ids in a if multiplexer in others]
-        self._compared += sum(min(len(some), len(more)) for some, more in common if some is not more)
-        return any(some is not more and some.isdisjoint(more) for some, more in common)
+        for multiplexer, ids in some.items():
+            more = others.get(multiplexer, ids)
+            if more is not ids:
+                self._compared += min(len(ids), len(more)) >> 4
+                if ids.isdisjoint(more):
+                    return True
+        return False
 
     def _check_values(self, message: MessageSpec, signal: SignalSpec) -> None:
         """Report a signal whose scale or range cannot be meant."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import operator
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, cast
 
 from candaemon.dbc import bits
@@ -55,7 +55,7 @@ def compile_decoder(message: MessageSpec, signals: Iterable[str] | None = None) 
         if any(s.byte_order == order for s in carried)
     ]
     scope: dict[str, Any] = {"from_bytes": int.from_bytes, "nan": math.nan, "whole": _whole}
-    conditions = _Conditions(selectors, scope)
+    conditions = _Conditions({selector.name: index for index, selector in enumerate(selectors)}, scope)
     for index, selector in enumerate(selectors):
         value = _value(message, selector, scope)
         if selector.is_float or not (bits.is_integral(selector.scale) and bits.is_integral(selector.offset)):
@@ -113,21 +113,24 @@ def compile_encoder(message: MessageSpec, signals: Iterable[str] | None = None) 
     """
     given = encodable(message, signals)
     names = {signal.name for signal in given}
-    selectors = tuple(signal for signal in bits.multiplexers(message) if signal.name in names)
+    selectors = {
+        signal.name: index
+        for index, signal in enumerate(each for each in bits.multiplexers(message) if each.name in names)
+    }
     scope: dict[str, Any] = {"from_bytes": int.from_bytes, "settle": _settle, "whole": _whole}
     conditions = _Conditions(selectors, scope)
     column = {signal.name: f"v{index}" for index, signal in enumerate(given)}
     lines = ["def encode(values):", *([f" {', '.join(column.values())}, = values"] if given else [])]
     lines.append(" little = big = saturated = 0")
-    for signal in sorted(given, key=lambda s: (len(bits.gates(message, s) or ()), s not in selectors)):
+    for signal in sorted(given, key=lambda s: (len(bits.gates(message, s) or ()), s.name not in selectors)):
         condition = conditions.text(bits.gates(message, signal))
         lines += conditions.take()
         indent = "  " if condition else " "
         lines += [f" if {condition}:"] if condition else []
         lines += [indent + text for text in _encoding(message, signal, column[signal.name], scope)]
-        if signal in selectors:
+        if signal.name in selectors:
             value = _scaled(signal, "x" if signal.is_float else "r")
-            lines.append(f"{indent}m{selectors.index(signal)} = whole({value})")
+            lines.append(f"{indent}m{selectors[signal.name]} = whole({value})")
     if {signal.byte_order for signal in given} == {"little", "big"}:
         lines.append(f' big |= from_bytes(little.to_bytes({message.length}, "little"), "big")')
     order = "big" if any(signal.byte_order == "big" for signal in given) else "little"
@@ -164,10 +167,15 @@ def encodable(message: MessageSpec, signals: Iterable[str] | None) -> tuple[Sign
 
 
 class _Conditions:
-    """Names each distinct chain of gates once, as a local boolean `g…` of the generated function."""
+    """Names each distinct chain of gates once, as a local boolean `g…` of the generated function.
 
-    def __init__(self, selectors: Sequence[SignalSpec], scope: dict[str, Any]) -> None:
-        self._index = {selector.name: index for index, selector in enumerate(selectors)}
+    Args:
+        index: number of each multiplexer by name, in its local `m…`.
+        scope: the function's globals.
+    """
+
+    def __init__(self, index: Mapping[str, int], scope: dict[str, Any]) -> None:
+        self._index = index
         self._scope = scope
         self._names: dict[tuple[Gate, ...], str] = {}
         self._lines: list[str] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,15 @@ def line_of(folder: Path, text: str) -> int:
 def test_configurations_bind_without_warning(name: str) -> None:
     assert binding(name).warnings == ()
     assert all(bus.load + bus.output_load < 1 for bus in binding(name).buses)
+
+
+def test_a_dbc_that_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "pipe.link").symlink_to("pipe")
+    (tmp_path / "loop").symlink_to("loop")
+    esr = str(ROOT / "dbc" / "esr.dbc")
+    for path in ("pipe", "pipe.link", "loop", ".", "/dev/zero", "x" * 256):
+        assert "cannot be read (" in broken(tmp_path, "esr_ins", (esr, path))
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ LEFT_OUT = {
     "long_signals": (0, "signal 'S9' has 16384 bits, 512 at most: left out"),
     "long_selections": (201, "12,805,268 multiplexer values in SG_MUL_VAL_ beyond the 262,144 that are read: left out"),
     "many_ranges": (2, "of 65536 ids at most: left out"),
-    "deep_multiplexers": (1500, "signal 'S9' is selected by 'S8', within more than 8 others: never read"),
+    "deep_multiplexers": (64, "signal 'S9' is selected by 'S8', within more than 8 others: never read"),
     "multiplexers_in_a_circle": (3, "signal 'C' is selected by 'A', within more than 8 others: never read"),
     "multiplexed_by_itself": (3, "signal 'A' is selected by 'A', within more than 8 others: never read"),
     "number_of_4300_digits": (1, "expected 'SG_ name"),
@@ -186,6 +186,15 @@ def test_multiplexers_may_lie_so_deep(tmp_path: Path) -> None:
     message = load(tmp_path, MESSAGE + lines + selections).message("TRACK")
     chains = [bits.gates(message, message.signal(f"S{n}")) for n in range(10)]
     assert [None if chain is None else len(chain) for chain in chains] == [*range(bits.DEEPEST_MULTIPLEXING + 1), None]
+
+
+def test_a_message_may_have_so_many_multiplexers(tmp_path: Path) -> None:
+    most = database.MOST_MULTIPLEXERS
+    text = "BO_ 256 TRACK: 33 RADAR\n" + "".join(signal(f"S{n}", 4 * n, 4, "M") for n in range(most))
+    assert "left out" not in "".join(told(load(tmp_path, text)))
+    loaded = load(tmp_path, text + signal("ONE_MORE", 4 * most, 4, "M") + signal("PLAIN", 4 * most, 4))
+    assert [each.name for each in loaded.message("TRACK").signals[most:]] == ["PLAIN"]
+    assert "1 multiplexers of message 'TRACK' beyond the 64 that are read: left out" in told(loaded)
 
 
 def test_a_signal_may_be_selected_by_so_many_values(tmp_path: Path) -> None:
