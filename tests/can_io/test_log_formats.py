@@ -12,7 +12,7 @@ import pytest
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import ChannelMap, LogCounts
-from candaemon.can_io.logs.write import open_log_writer
+from candaemon.can_io.logs.write import LARGEST_CHANNEL, open_log_writer
 from candaemon.errors import InputError
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import EXTENDED, Frame
@@ -213,3 +213,18 @@ def test_a_full_disk(tmp_path: Path, suffix: str) -> None:
         ):
             writer.write(CLASSIC * count)
         writer.close()
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".trc"])
+def test_a_channel_has_a_number_that_its_log_can_hold(tmp_path: Path, suffix: str) -> None:
+    path, frames = tmp_path / f"a{suffix}", [Frame(1_700_000_000_000_000_000, 0, 0x123, b"12", False)]
+    with OutputFile(path) as file, open_log_writer(file, [f"can{LARGEST_CHANNEL}"]) as writer:
+        writer.write(frames)
+    assert [frame.data for frame in read_log(path, {f"can{LARGEST_CHANNEL}": 0}, LogCounts())] == [b"12"]
+    with (
+        pytest.raises(
+            InputError, match=r"numbers its channels up to 65,534, found 65535; choose \.log, or give the bus"
+        ),
+        OutputFile(path) as file,
+    ):
+        open_log_writer(file, [f"can{LARGEST_CHANNEL + 1}"])

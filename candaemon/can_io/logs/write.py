@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from types import TracebackType
-from typing import BinaryIO, Self, cast
+from typing import BinaryIO, Final, Self, cast
 
 import can
 
@@ -24,6 +24,9 @@ from candaemon.can_io.python_can import to_message
 from candaemon.errors import InputError
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame
+
+LARGEST_CHANNEL: Final = 65_534
+"""Greatest number of a channel, from 0, in a log without names: a `.blf` has 16 bits for it, from 1."""
 
 
 class LogWriter(ABC):
@@ -107,6 +110,9 @@ class PythonCanWriter(LogWriter):
         channels: names of the buses, by index; the file holds the numbers that they end in where these are distinct,
             otherwise the indices.
         start: creates python-can's writer from the target and the first frame's time in s.
+
+    Raises:
+        InputError: a channel's number is greater than `LARGEST_CHANNEL`.
     """
 
     def __init__(
@@ -119,6 +125,12 @@ class PythonCanWriter(LogWriter):
         named = [channel_number(name) for name in channels]
         distinct = len({number for number in named if number is not None}) == len(named)
         self._numbers = [number for number in named if number is not None] if distinct else [*range(len(named))]
+        if max(self._numbers, default=0) > LARGEST_CHANNEL:
+            raise InputError(
+                f"this format numbers its channels up to {LARGEST_CHANNEL:,}, found {max(self._numbers)}; choose .log, "
+                "or give the bus a log_channel that ends in a smaller number",
+                file=self._path,
+            )
         self._start = start
         self._writer: can.io.generic.MessageWriter | None = None
 
