@@ -19,11 +19,14 @@ from functools import cache
 from pathlib import Path
 from typing import TextIO
 
+from . import trial
 from .targets import load
 from .trial import LONGEST, Current, Trial, bound_memory, file_name
 
 CORPUS = Path(__file__).resolve().parent / "corpus"
 _TOLD_S = 0.5
+_SLOWED = 4
+"""How many times as long code takes that atheris watches."""
 _ODD = (
     b"\0",
     b"\xff",
@@ -132,8 +135,15 @@ def _guided(arguments: argparse.Namespace) -> None:
         worker = _worker(arguments)
     reached = arguments.corpus or arguments.folder / "reached"
     reached.mkdir(parents=True, exist_ok=True)
+    trial.CPU_S *= _SLOWED
     # limits of libFuzzer's own are off: Trial has them, and goes on after a failure
-    options = [f"-seed={arguments.seed}", f"-max_len={LONGEST}", "-timeout=0", "-rss_limit_mb=0", "-malloc_limit_mb=0"]
+    options = [
+        f"-seed={arguments.seed}",
+        f"-max_len={LONGEST}",
+        "-timeout=86400",
+        "-rss_limit_mb=0",
+        "-malloc_limit_mb=0",
+    ]
     options.append(f"-artifact_prefix={arguments.folder}/")
     kept = CORPUS / arguments.target
     atheris.Setup([sys.argv[0], *options, str(reached), *([str(kept)] if kept.is_dir() else [])], worker.take)
