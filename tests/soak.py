@@ -22,7 +22,7 @@ from typing import Any
 
 from candaemon.binding.bind import bind
 from candaemon.can_io.open_port import PORTS
-from candaemon.can_io.port import Controller, PortRequest
+from candaemon.can_io.port import Controller, PortCounts, PortRequest
 from candaemon.config.load import load_config
 from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import DaemonView, Observer
@@ -44,11 +44,16 @@ _VEHICLES = (20, 12, 16, 8, 14)
 
 
 class Played:
-    """A port whose frames are put in by hand; a `Port`."""
+    """A port whose frames are put in by hand; a `Port`.
+
+    Args:
+        counts: what is left in it at its end is counted there.
+    """
 
     controller: Controller = "active"
 
-    def __init__(self) -> None:
+    def __init__(self, counts: PortCounts) -> None:
+        self._counts = counts
         self._coming: list[Frame] = []
         self._readable = os.eventfd(0, os.EFD_NONBLOCK)
 
@@ -77,7 +82,8 @@ class Played:
         """Be there."""
 
     def close(self) -> None:
-        """Go."""
+        """Go; count what nobody has read."""
+        self._counts.unread += len(self._coming)
         os.close(self._readable)
 
 
@@ -107,7 +113,7 @@ class Road(Observer):
 
     def open(self, request: PortRequest) -> Played:
         """Open a port, as `PORTS` has it."""
-        port = self.ports[request.index] = Played()
+        port = self.ports[request.index] = Played(request.counts)
         return port
 
     def on_iteration(self, daemon: DaemonView) -> None:
@@ -154,6 +160,7 @@ def soak(count: int) -> dict[str, Any]:
         "memory": road.memory,
         "received": sum(bus["received"] for bus in told["buses"].values()),
         "dropped": sum(sum(bus["dropped"].values()) for bus in told["buses"].values()),
+        "losses": {kind: count for kind, count in told["losses"].items() if count},
         "obstacles": told["tracking"]["obstacles"],
         "cycles": told["cycles"]["told"],
         "cycle_p50": told["cycle_time"]["p50"],

@@ -42,7 +42,7 @@ ANSWER_S: Final = 5.0
 """s from then on until its answer must have been read."""
 
 _BACKLOG: Final = 128
-_ACCEPT_PACE_S: Final = 0.005
+_ACCEPT_PACE_S: Final = 0.02
 _ANSWER_PACE_S: Final = 0.1
 _POLL_S: Final = 0.1
 

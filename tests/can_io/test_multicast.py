@@ -221,6 +221,20 @@ def test_garbage_is_counted_and_the_rest_goes_on(bench: Bench) -> None:
     assert counts.malformed == len(datagrams)
 
 
+def test_of_a_flood_of_garbage_each_datagram_is_counted(bench: Bench) -> None:
+    there = bench.open()
+    garbage = [b"", b"\xc1", bytes(64), b"\x81\xa4data\xc0", bytes(3000)]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sending:
+        for number in range(20_000):
+            sending.sendto(garbage[number % len(garbage)], (GROUP, bench.udp))
+            if number % 500 == 0:
+                assert there.receive(200) == []
+    there.close()
+    counts = bench.counts
+    assert (counts.malformed + counts.kernel_lost, counts.unread) == (20_000, 0)
+    assert counts.malformed > 0
+
+
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # the port keeps nothing from one to the next
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_frame_or_counted(bench: Bench, content: bytes) -> None:
