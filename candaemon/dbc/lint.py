@@ -19,7 +19,7 @@ FD_LENGTH: Final = 64
 MOST_OVERLAPS: Final = 100
 """Overlaps of signals that are told of one message."""
 
-MOST_COMPARISONS: Final = 1 << 22
+MOST_COMPARISONS: Final = 1 << 20
 """Steps of looking for overlaps, in all messages of a file."""
 
 _Chain = tuple[Gate, ...]

@@ -19,7 +19,10 @@ _ROOT = Path(__file__).resolve().parents[2]
 _WORDS = (b"0", b"1", b"-1", b"65", b"4294967295", b"1e309", b"0.1", b"@0-", b"@1+", b"M", b"m0", b"m1M", b'"',
               b";", b"\nBO_ 1 X: 8 A\n", b'\n SG_ a : 0|8@1+ (1,0) [0|0] "" A\n', b"\nSIG_VALTYPE_ 1 a : 1;\n",
               b'\nVAL_ 1 a 0 "x" ;\n', b"\nSG_MUL_VAL_ 1 a b 0-9;\n", b"//", b"\\", b"(0,0)", b"[1|0]", b"|", b":",
-              b'BA_ "GenMsgCycleTime" BO_ 1 x;\n', b"CM_ ", b"\xff", b"\0", b"\n\n", *DBC_BOMBS)  # fmt: skip
+              b'BA_ "GenMsgCycleTime" BO_ 1 x;\n', b"CM_ ", b"\xff", b"\0", b"\n\n",
+              b"1e999999999", b'\nBA_DEF_ BO_ "VFrameFormat" INT 0 9;\nBA_ "VFrameFormat" BO_ 100 14;\n',
+              b'\nBA_DEF_ SG_ "SystemSignalLongSymbol" STRING ;\nBA_ "SystemSignalLongSymbol" SG_ 100 x "long";\n',
+              b"\nSG_MUL_VAL_ 100 mode y 0-9;\n", *DBC_BOMBS)  # fmt: skip
 
 
 def fuzz_dbc(data: bytes) -> Counter[str]:

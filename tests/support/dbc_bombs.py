@@ -48,6 +48,19 @@ def _attribute(kind: str, default: str) -> str:
     return f'BA_DEF_ BO_ "GenMsgCycleTime" {kind};\nBA_DEF_DEF_ "GenMsgCycleTime" {default};\n'
 
 
+def _full() -> str:
+    """Return as much as is read of everything at once: signals, selections, start values, value tables, comments."""
+    lines = ['BA_DEF_ SG_ "GenSigStartValue" FLOAT 0 9;\n']
+    for message in range(10):
+        lines.append(f"BO_ {message} M{message}: 64 RADAR\n" + signal("MODE", 0, 16, "M"))
+        lines += [signal(f"S{n}", 16 + n % 400, 8, f"m{n}") for n in range(1990)]
+        for n in range(1990):
+            of = f"{message} S{n}"
+            lines.append(f'BA_ "GenSigStartValue" SG_ {of} 1;\nSG_MUL_VAL_ {of} MODE {n}-{n + 12};\n')
+            lines.append(f'CM_ SG_ {of} "{"text" * 20}";\nVAL_ {of} {_VALUES[:50]} ;\n')
+    return "".join(lines)
+
+
 def _with_number(number: str) -> str:
     return _message([_RANGE, signal("LONG", 12, 8, numbers=f"({number},0) [0|0]")])
 
@@ -120,6 +133,7 @@ BOMBS: Final[dict[str, Callable[[], str]]] = {
         _message(signal(f"S{n}", 0, 8) for n in range(500)) + _numbered(500, lambda n: f"VAL_ 256 S{n} {_VALUES};\n")
     ),
     "many_comments": lambda: _message([_RANGE]) + _numbered(250_001, lambda n: f'CM_ SG_ 256 RANGE "{n}";\n'),
+    "everything": _full,
     # texts
     "long_comment": lambda: _message([_RANGE]) + f'CM_ SG_ 256 RANGE "{"a" * 8_388_000}";\n',
     "escaped_quotes": lambda: _message([_RANGE]) + f'CM_ SG_ 256 RANGE "{_ESCAPED * 4_194_000}";\n',
