@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import Field, model_validator
 
@@ -10,6 +10,9 @@ from candaemon.config.base import Settings
 from candaemon.config.directions import AlongAcross, Pair
 from candaemon.config.estimators import EstimatorSettings, ImmEstimatorSettings
 from candaemon.config.names import Name
+
+MOST_TRACKS: Final = 4096
+"""Reflections that a tracker can be asked to keep."""
 
 
 class TravelSettings(Settings):
@@ -91,7 +94,7 @@ class TrackerSettings(Settings):
     reflections: ReflectionSettings = Field(default_factory=ReflectionSettings)
     lifecycle: LifecycleSettings = Field(default_factory=LifecycleSettings)
     max_tracks: int = Field(
-        512, ge=1, le=4096, description="reflections kept at once; what comes beyond is counted and dropped"
+        512, ge=1, le=MOST_TRACKS, description="reflections kept at once; what comes beyond is counted and dropped"
     )
 
 

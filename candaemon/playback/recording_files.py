@@ -19,6 +19,7 @@ from __future__ import annotations
 import logging
 import os
 import re
+import stat
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -29,6 +30,7 @@ from candaemon._version import __version__
 from candaemon.errors import InputError
 from candaemon.pipeline.saved_state.fingerprint import Fingerprint, differences
 from candaemon.pipeline.saved_state.header import LONGEST_HEADER, StateHeader, header_of
+from candaemon.printable import printable
 
 logger = logging.getLogger(__name__)
 
@@ -42,6 +44,7 @@ ENDED: Final = 1
 
 _END = re.compile(rb"\) tick 001#\s*$")
 _LONGEST_LINE = 300  # characters
+_LONGEST_VERSION = 40  # characters
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _STEM = re.compile(r"(\d{4}-\d\d-\d\dT\d\d)-(\d\d)-(\d\d\.\d{3})Z-(\d{6,12})", re.ASCII)
 
@@ -59,6 +62,13 @@ class Run:
     logs: tuple[Path, ...]
     state: Path | None
     ends: bool
+
+    def without_first(self) -> Run | None:
+        """Return what is left of a run without its first log, begun with the next state; None where there is none."""
+        for k, log in enumerate(self.logs[1:], 1):
+            if log.with_suffix(STATE).exists():
+                return Run(self.logs[k:], log.with_suffix(STATE), self.ends)
+        return None
 
 
 def stem(time_ns: int, number: int) -> str:
@@ -117,14 +127,18 @@ def header_beside(log: Path) -> StateHeader | None:
     """
     path = log.with_suffix(STATE)
     try:
-        with path.open("rb") as file:
-            return header_of(file.readline(LONGEST_HEADER))
+        # no pipe: one would wait for somebody to write to it
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:  # noqa: PTH123 - a descriptor
+            is_file = stat.S_ISREG(os.fstat(file.fileno()).st_mode)
+            return header_of(file.readline(LONGEST_HEADER) if is_file else b"")
     except FileNotFoundError:
-        return None
+        if not path.is_symlink():
+            return None
+        raise InputError("the state is a link to nothing; use --fresh to do without", file=path) from None
     except InputError as error:
         raise InputError(error.message, file=path) from error
     except OSError as error:
-        raise InputError(f"the state cannot be read: {error.strerror}", file=path) from error
+        raise InputError(f"the state cannot be read: {error.strerror}; use --fresh to do without", file=path) from error
 
 
 def runs(log: Path, fingerprint: Fingerprint, *, fresh: bool = False) -> list[Run]:
@@ -139,7 +153,7 @@ def runs(log: Path, fingerprint: Fingerprint, *, fresh: bool = False) -> list[Ru
     Raises:
         InputError: there is no log, or none of this configuration; the message says what differs.
     """
-    logs = logs_in(log) if log.is_dir() else [log]
+    logs = _files_in(log) if log.is_dir() else [log]
     if not logs:
         raise InputError(f"no log in this folder; expected files of a recording, *{LOG}", file=log)
     if fresh:
@@ -150,6 +164,15 @@ def runs(log: Path, fingerprint: Fingerprint, *, fresh: bool = False) -> list[Ru
     return _grouped(_usable(logs, fingerprint))
 
 
+def _files_in(folder: Path) -> list[Path]:
+    """Return a folder's logs; log a warning for each that is no file, such as a pipe, which nobody may write to."""
+    logs = logs_in(folder)
+    for log in logs:
+        if not log.is_file():
+            logger.warning("%s: left out: it is no file", printable(str(log)))
+    return [log for log in logs if log.is_file()]
+
+
 def _usable(logs: Sequence[Path], fingerprint: Fingerprint) -> list[tuple[Path, StateHeader | None]]:
     """Return the logs of this configuration and version with their headers; log a warning for each other one.
 
@@ -158,13 +181,17 @@ def _usable(logs: Sequence[Path], fingerprint: Fingerprint) -> list[tuple[Path, 
     """
     found: list[tuple[Path, StateHeader | None]] = []
     reasons: dict[Path, str] = {}
+    is_recording = any(number_of(log) is not None and log.with_suffix(STATE).exists() for log in logs)
     for log in logs:
         try:
             header = header_beside(log)
         except InputError as error:
             reasons[log] = error.message
             continue
-        reason = "" if header is None else _difference(header, fingerprint)
+        if header is not None:
+            reason = _difference(header, fingerprint)
+        else:
+            reason = "its state is missing" if is_recording and number_of(log) is not None else ""
         if reason:
             reasons[log] = reason
         else:
@@ -176,14 +203,14 @@ def _usable(logs: Sequence[Path], fingerprint: Fingerprint) -> list[tuple[Path, 
             file=logs[-1],
         )
     for log, reason in reasons.items():
-        logger.warning("%s: left out: %s", log, reason)
+        logger.warning("%s: left out: %s", printable(str(log)), reason)
     return found
 
 
 def _difference(header: StateHeader, fingerprint: Fingerprint) -> str:
     """Return how version or configuration of a recording differ from the present ones; empty where they are equal."""
     if header.version != __version__:
-        return f"recorded by candaemon {header.version}, this is {__version__}"
+        return f"recorded by candaemon {printable(header.version, _LONGEST_VERSION)}, this is {__version__}"
     differs = differences(header.fingerprint, fingerprint)
     return f"recorded with another configuration ({differs})" if differs else ""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
@@ -17,6 +18,7 @@ from candaemon.can_io.logs.write import open_log_writer
 from candaemon.can_io.reorder import ItemBlock, ReorderBuffer, ReorderCounts
 from candaemon.can_io.stray_times import StrayTimes
 from candaemon.config.ego import InsSettings
+from candaemon.errors import InputError
 from candaemon.evaluation.drive_score import DriveScore
 from candaemon.evaluation.tables import PredictionWriter, TrackWriter, track_columns
 from candaemon.files.outputs import Outputs
@@ -27,7 +29,10 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import begun, fingerprint
 from candaemon.playback.cycle_smoothing import CycleSmoother
 from candaemon.playback.predictions import PredictionQueue
-from candaemon.playback.recording_files import files_of, runs
+from candaemon.playback.recording_files import Run, files_of, runs
+from candaemon.printable import printable
+
+logger = logging.getLogger(__name__)
 
 HORIZONS = (0.5, 1.0)
 """Default horizons of predictions, s."""
@@ -115,8 +120,8 @@ def replay(
     with ExitStack() as files:
         outputs = outputs or files.enter_context(Outputs([*binding.files, *files_of(request.log)]))
         writers = _Writers(binding, request, outputs, files)
-        for run in recorded:
-            pipeline, sequence = begun(binding, run.state), ReorderBuffer(round(binding.settings.ordering_window * 1e9))
+        for run, pipeline in _begun(binding, recorded):
+            sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
             written = _CycleOutputs(binding, pipeline, request, writers, score)
             strays = StrayTimes()
             blocks = chain.from_iterable(read_log_blocks(log, channels, counts) for log in run.logs)
@@ -132,6 +137,41 @@ def replay(
         counts.require_frames(request.log)
     seconds = time.perf_counter() - started
     return Replayed(pipeline, counts, steps, stray_times, score, clock.first_ns, clock.last_ns, seconds)
+
+
+def _begun(binding: Binding, recorded: Iterable[Run]) -> Iterator[tuple[Run, Pipeline]]:
+    """Yield runs with the pipelines that they begin with; a log whose state is refused is left out, with a warning.
+
+    What comes after it in its run begins with the next state.
+
+    Raises:
+        InputError: there is none that can be replayed; says what is wrong with the first.
+    """
+    refused: list[tuple[Path, InputError]] = []
+    has_begun = False
+    for run in recorded:
+        rest: Run | None = run
+        while rest is not None:
+            try:
+                pipeline = begun(binding, rest.state)
+            except InputError as error:
+                refused.append((rest.logs[0], error))
+                rest = rest.without_first()
+                continue
+            _warn(refused)
+            has_begun = True
+            yield rest, pipeline
+            break
+    if refused and not has_begun:
+        raise refused[0][1]
+    _warn(refused)
+
+
+def _warn(refused: list[tuple[Path, InputError]]) -> None:
+    """Log a warning for each log that is left out, once."""
+    for log, error in refused:
+        logger.warning("%s: left out: %s", printable(str(log)), error.message)
+    refused.clear()
 
 
 def _cycles(

@@ -86,7 +86,11 @@ def _joint_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Fl
     """Return the same where the sensor gives velocity components: all measured numbers in one system of equations."""
     innovation, jacobian, noise = measurement.linearised(mean[:, :4])
     s = jacobian @ covariance[:, :4, :4] @ np.swapaxes(jacobian, 1, 2) + noise
-    return np.asarray((innovation * np.linalg.solve(s, innovation[:, :, None])[:, :, 0]).sum(axis=1))
+    try:
+        solved = np.linalg.solve(s, innovation[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:  # numbers so far apart that 64 bits do not hold the small ones: no pair passes a gate
+        return np.full(len(s), np.inf)
+    return np.asarray((innovation * solved).sum(axis=1))
 
 
 def nearest_neighbours(

@@ -39,6 +39,15 @@ class DriftAnchor:
     position: Floats
     swept: float = 0.0
 
+    def validate(self) -> None:
+        """Refuse a position that is none.
+
+        Raises:
+            ValueError: it has other than two coordinates.
+        """
+        if self.position.shape != (2,):
+            raise ValueError(f"a position of the shape {self.position.shape}, expected (2,)")
+
 
 @dataclass(slots=True)
 class StationaryWatchState:

@@ -13,7 +13,7 @@ import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.arrays.rows import checked_state
-from candaemon.config.tracker import TrackerSettings
+from candaemon.config.tracker import MOST_TRACKS, TrackerSettings
 from candaemon.estimation.estimator_state import EstimatorState
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.smoothing import Link
@@ -318,11 +318,15 @@ def _check_rows(state: TrackStoreState, filters: int) -> None:
     """
     reflections, obstacles = state.reflections, state.obstacles
     n, k = len(reflections), len(obstacles)
+    if n > MOST_TRACKS:
+        raise ValueError(f"found {n} reflections, expected {MOST_TRACKS} at most")
     if n != filters:
         raise ValueError(f"found {filters} filters for {n} reflections")
     owner, leader = reflections.obstacle, obstacles.leader
     if ((owner < 0) | (owner >= k)).any() or ((leader < 0) | (leader >= n)).any():
         raise ValueError("a reflection has no obstacle, or an obstacle no leading reflection")
+    if (obstacles.id <= 0).any() or len(np.unique(obstacles.id)) < k:
+        raise ValueError("two obstacles have the same number, or one has none")
     if (owner[leader] != np.arange(k)).any():
         raise ValueError("an obstacle is led by another one's reflection")
     if any(not 0 <= row < n for row in state.row_of.values()):

@@ -11,6 +11,7 @@ from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.tracker import TrackerSettings
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.measurement import Measurement
+from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView
 from candaemon.tracking.association import nearest_neighbours, pair_nis
@@ -24,6 +25,7 @@ from candaemon.tracking.track_store import TrackStore, TrackStoreState
 from candaemon.tracking.update import TrackerCounts, Update, Used
 
 _MISSED_SCAN = 2.4  # cycles: two, and the jitter of a scan
+_EARLIEST_NS = -LATEST_NS // 2  # a measurement may lie before the first instant, by a latency
 _LATEST_RETRODICTION = 0.5  # s by which a scan may be older than the one before it and still update tracks
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
@@ -97,6 +99,8 @@ class Tracker:
 
     @state.setter
     def state(self, state: TrackerState) -> None:
+        if not _EARLIEST_NS <= state.time_ns <= LATEST_NS:
+            raise ValueError("the tracks' time is out of range")
         self._tracks.state = state.tracks
         self._state = state
         self.update = None

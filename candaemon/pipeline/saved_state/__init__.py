@@ -12,6 +12,7 @@ from pathlib import Path
 
 from candaemon.binding.bound import Binding
 from candaemon.errors import InputError
+from candaemon.files.bounded import read_bounded
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.pipeline_state import PipelineState
 from candaemon.pipeline.saved_state.codec import MOST_BYTES, decoded, encoded, schema
@@ -89,10 +90,11 @@ def begun(binding: Binding, state: Path | None) -> Pipeline:
     pipeline = Pipeline(binding)
     if state is not None:
         try:
-            with state.open("rb") as file:
-                restore(pipeline, file.read(MOST_BYTES + 1))
+            restore(pipeline, read_bounded(state, MOST_BYTES))
         except InputError as error:
             raise InputError(error.message, file=state) from error
         except OSError as error:
-            raise InputError(f"the state cannot be read: {error.strerror}", file=state) from error
+            raise InputError(
+                f"the state cannot be read: {error.strerror}; use --fresh to do without", file=state
+            ) from error
     return pipeline

@@ -21,16 +21,20 @@ import msgpack
 import numpy as np
 import numpy.typing as npt
 
+from candaemon.frames.times import NEVER_NS
+
 State = TypeVar("State")
 
-MOST_BYTES: Final = 1 << 26
+MOST_BYTES: Final = 1 << 25
 """Of a stored state."""
 MOST_ITEMS: Final = 1 << 18
-"""Of one list, set or dictionary in it."""
+"""Of all lists, sets and dictionaries in it together."""
 LONGEST_TEXT: Final = 256
 MOST_DIMENSIONS: Final = 8
 LARGEST: Final = 1e75
 """Magnitude of a number: the fourth power of any is a number still."""
+LARGEST_INTEGER: Final = 1 << 62
+"""Magnitude of an integer, but for `NEVER_NS`: the sum of any two has 64 bits still."""
 
 _ARRAY_KINDS: Final = {"bool": np.bool_, "uint8": np.uint8, "int64": np.int64, "float64": np.float64,
                        "complex128": np.complex128}  # fmt: skip
@@ -50,7 +54,7 @@ def encoded(state: object) -> bytes:
     return packed
 
 
-def decoded(kind: type[State], data: bytes, like: State) -> State:
+def decoded(kind: type[State], data: bytes | memoryview, like: State) -> State:
     """Return the tree of states in some bytes.
 
     Args:
@@ -62,7 +66,7 @@ def decoded(kind: type[State], data: bytes, like: State) -> State:
     Raises:
         ValueError: the bytes are not such a tree; says where.
     """
-    reader = _Reader(data)
+    reader = _Reader(memoryview(data))
     state = reader.value(kind, like, "state")
     reader.require_end()
     return typing.cast("State", state)
@@ -114,10 +118,12 @@ class _Reader:
 
     Args:
         data: the bytes.
+        room: how many more items lists and the like may have; shared with the reader of a part.
     """
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: memoryview, room: list[int] | None = None) -> None:
         self._data = data
+        self._room = [MOST_ITEMS] if room is None else room
         self._unpacker = msgpack.Unpacker(
             max_buffer_size=max(len(data), 1), max_array_len=MOST_ITEMS, max_map_len=MOST_ITEMS, strict_map_key=False
         )
@@ -163,17 +169,17 @@ class _Reader:
     def _one_of(self, hints: tuple[Any, ...], like: Any, at: str) -> Any:
         """Return the next value, of one of several annotations."""
         span = self._span(at)
-        if span == b"\xc0":  # nil
+        if span[0] == 0xC0:  # nil
             if types.NoneType in hints:
                 return None
             raise ValueError(f"{at} is missing")
         choices = [each for each in hints if each is not types.NoneType and type(like) in (each, types.NoneType)]
         if len(choices) > 1:  # of dataclasses, that with these fields
-            names = _Reader(span).names(at)
+            names = _Reader(span, self._room).names(at)
             choices = [each for each in choices if _names(each) == names]
         if not choices:
             raise ValueError(f"{at} is none of those expected")
-        return _Reader(span).value(choices[0], like, at)
+        return _Reader(span, self._room).value(choices[0], like, at)
 
     def names(self, at: str) -> tuple[str, ...]:
         """Return the names in a map."""
@@ -252,6 +258,8 @@ class _Reader:
         array = array.reshape([shape[axis] for axis in order]).transpose(np.argsort(order))
         if array.dtype.kind in "fc" and not (np.abs(array) < LARGEST).all():
             raise ValueError(f"{at} holds what is no number, or one beyond {LARGEST:g}")
+        if array.dtype.kind == "i" and not _are_in_range(array):
+            raise ValueError(f"{at} holds an integer beyond 62 bits")
         if array.dtype.kind == "b" and (np.frombuffer(data, np.uint8) > 1).any():
             raise ValueError(f"{at} holds what is neither true nor false")
         return array
@@ -267,8 +275,8 @@ class _Reader:
             value = float(value)
         if type(value) is not kind:
             raise ValueError(f"{at} is a {type(value).__name__}, expected {kind.__name__}")
-        if kind is int and not -(1 << 63) <= value < 1 << 63:
-            raise ValueError(f"{at} is beyond 64 bits")
+        if kind is int and not (abs(value) <= LARGEST_INTEGER or abs(value) == NEVER_NS):
+            raise ValueError(f"{at} is beyond 62 bits")
         if kind is float and not abs(value) < LARGEST:
             raise ValueError(f"{at} is no number, or one beyond {LARGEST:g}")
         return value
@@ -279,11 +287,12 @@ class _Reader:
             count = int(getattr(self._unpacker, of)())
         except (ValueError, msgpack.UnpackException) as error:
             raise ValueError(f"{at} is no {'list' if of == 'read_array_header' else 'dictionary'}") from error
-        if count > MOST_ITEMS:
-            raise ValueError(f"{at} has {count} items, expected {MOST_ITEMS} at most")
+        self._room[0] -= count
+        if self._room[0] < 0:
+            raise ValueError(f"{at} has {count} items, expected {MOST_ITEMS} at most in the whole state")
         return count
 
-    def _span(self, at: str) -> bytes:
+    def _span(self, at: str) -> memoryview:
         """Return the bytes of the next value."""
         begin = self._unpacker.tell()
         try:
@@ -307,6 +316,12 @@ def _names(kind: Any) -> tuple[str, ...]:
         return tuple(field.name for field in fields(kind))
     names: tuple[str, ...] = getattr(kind, "_fields", ())
     return names
+
+
+def _are_in_range(array: npt.NDArray[Any]) -> bool:
+    """Return whether integers are such that any two can be added, or stand for what never happens."""
+    beyond = array[(array > LARGEST_INTEGER) | (array < -LARGEST_INTEGER)]
+    return bool(((beyond == NEVER_NS) | (beyond == -NEVER_NS)).all())
 
 
 def _is_named_tuple(hint: Any) -> bool:

@@ -6,15 +6,23 @@ from collections.abc import Iterator, Mapping
 from hashlib import sha256
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from candaemon.binding.bound import Binding
+from candaemon.dbc.database import LONGEST_FILE
+from candaemon.files.bounded import read_bounded
+from candaemon.printable import printable
 
 Fingerprint: TypeAlias = Mapping[str, str]
 """Each setting by its dotted name, as text, and the digest of each DBC file."""
 
+
+LONGEST_FINGERPRINT: Final = 1 << 17
+"""Characters of all its names and values; of a longer one its digest stands in the header, which has so room for it."""
+
 _ONLY_NAMED = frozenset({"name", "description", "service"})
 _SHOWN = 3
+_LONGEST = 100  # characters of a name or value that is shown
 
 
 def fingerprint(binding: Binding) -> Fingerprint:
@@ -31,9 +39,11 @@ def fingerprint(binding: Binding) -> Fingerprint:
         while key in found:  # of another folder
             key += "'"
         try:
-            found[key] = sha256(path.read_bytes()).hexdigest()[:16]
+            found[key] = sha256(read_bounded(path, LONGEST_FILE)).hexdigest()[:16]
         except OSError:
             found[key] = "unreadable"
+    if sum(len(key) + len(value) for key, value in found.items()) > LONGEST_FINGERPRINT:
+        return {"all settings together": digest(found)}
     return found
 
 
@@ -45,7 +55,11 @@ def digest(of: Fingerprint) -> str:
 def differences(recorded: Fingerprint, here: Fingerprint) -> str:
     """Say what differs, the first few; empty where nothing does."""
     keys = [key for key in {**recorded, **here} if recorded.get(key) != here.get(key)]
-    shown = [f"{key} was {recorded.get(key, 'not set')}, is {here.get(key, 'not set')}" for key in islice(keys, _SHOWN)]
+    shown = [
+        f"{printable(key, _LONGEST)} was {printable(recorded.get(key, 'not set'), _LONGEST)},"
+        f" is {printable(here.get(key, 'not set'), _LONGEST)}"
+        for key in islice(keys, _SHOWN)
+    ]
     more = f", and {len(keys) - _SHOWN} more" if len(keys) > _SHOWN else ""
     return "; ".join(shown) + more
 

@@ -11,10 +11,12 @@ from candaemon._version import __version__
 from candaemon.errors import InputError
 from candaemon.pipeline.saved_state.codec import MOST_BYTES
 from candaemon.pipeline.saved_state.fingerprint import Fingerprint, differences
+from candaemon.printable import printable
 
 _FORMAT: Final = "candaemon state 2"
 LONGEST_HEADER: Final = 1 << 20
 """Bytes of the first line, its end included."""
+_LONGEST_VERSION: Final = 40  # characters that are shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +61,8 @@ class StateHeader:
         """
         cure = "replay it with --fresh to do without the state"
         if self.version != __version__:
-            raise InputError(
-                f"the state is of candaemon {self.version}, this is {__version__}; use that one, or {cure}"
-            )
+            version = printable(self.version, _LONGEST_VERSION)
+            raise InputError(f"the state is of candaemon {version}, this is {__version__}; use that one, or {cure}")
         differs = differences(self.fingerprint, fingerprint)
         if differs:
             raise InputError(
@@ -71,15 +72,16 @@ class StateHeader:
             raise InputError(f"the state is of another build of candaemon {self.version}; use that one, or {cure}")
 
 
-def split(data: bytes) -> tuple[StateHeader, bytes]:
-    """Return a stored state's header and content.
+def split(data: bytes) -> tuple[StateHeader, memoryview]:
+    """Return a stored state's header and content, which is not copied.
 
     Raises:
         InputError: it is damaged, or none.
     """
     if len(data) > MOST_BYTES:
         raise InputError(f"the state has more than {MOST_BYTES} bytes, and no state has; use --fresh to do without")
-    line, _, content = data.partition(b"\n")
+    line = data[:LONGEST_HEADER].partition(b"\n")[0]
+    content = memoryview(data)[len(line) + 1 :]
     header, digest = _read(line)
     if sha256(content).hexdigest() != digest:
         raise InputError("the state is damaged: its content is not what its first line says; use --fresh")
@@ -95,20 +97,23 @@ def header_of(data: bytes) -> StateHeader:
     return _read(data.partition(b"\n")[0])[0]
 
 
+def _is_text(value: object) -> bool:
+    """Return whether a value is text that can be written as UTF-8."""
+    return isinstance(value, str) and not any("\ud800" <= letter <= "\udfff" for letter in value)
+
+
 def _read(line: bytes) -> tuple[StateHeader, str]:
     """Return the header in a line and the digest of what follows."""
+    cause: Exception | None = None
     try:
         found: Any = json.loads(line) if len(line) < LONGEST_HEADER else None
         if found["format"] != _FORMAT:
-            raise InputError(f"found '{str(found['format'])[:40]}', expected '{_FORMAT}'; use --fresh to do without")
-        header = StateHeader(
-            {str(key): str(value) for key, value in found["configuration"].items()},
-            str(found["structure"]),
-            str(found["begins"]),
-            str(found["follows"]),
-            int(found["time_ns"]),
-            str(found["version"]),
-        )
-        return header, str(found["sha256"])
+            raise InputError(f"found {str(found['format'])[:40]!r}, expected '{_FORMAT}'; use --fresh to do without")
+        texts = [found[key] for key in ("structure", "begins", "follows", "version", "sha256")]
+        configuration, time_ns = found["configuration"], found["time_ns"]
+        if all(map(_is_text, (*texts, *configuration, *configuration.values()))) and type(time_ns) is int:
+            structure, begins, follows, version, digest = texts
+            return StateHeader(configuration, structure, begins, follows, time_ns, version), digest
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
-        raise InputError("it is no stored state, or a damaged one; use --fresh to do without") from error
+        cause = error
+    raise InputError("it is no stored state, or a damaged one; use --fresh to do without") from cause
