@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import re
@@ -194,6 +195,21 @@ def test_what_is_done_outlasts_an_interruption(
     read = json.loads((tmp_path / "r.json.part").read_text(encoding="utf-8"))
     assert [experiment["name"] for experiment in read["experiments"]] == ["000-table-1"]
     assert len(list((tmp_path / "new" / "plots").iterdir())) == 2
+
+
+@pytest.mark.usefixtures("three")
+@pytest.mark.parametrize(
+    ("failure", "code"), [(BrokenPipeError(), 0), (OSError(errno.ENOSPC, "No space left", "standard output"), 1)]
+)
+def test_a_standard_output_that_takes_nothing_costs_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failure: OSError, code: int
+) -> None:
+    def refuse(*_arguments: object) -> None:
+        raise failure
+
+    monkeypatch.setattr("candaemon.cli.papers.print_result", refuse)
+    assert main(["papers", "--json", str(tmp_path / "r.json")]) == code
+    assert len(json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["experiments"]) == 3
 
 
 @pytest.mark.usefixtures("three")
