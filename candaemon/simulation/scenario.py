@@ -7,6 +7,7 @@ ground). `ego.start` places them on earth. Speeds and accelerations are over gro
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -305,8 +306,9 @@ def _problem(details: ErrorDetails, _lines: Mapping[Location, int]) -> Iterator[
     """Convert one of pydantic's errors to its location and text."""
     given = details["input"]
     value_error = details["type"] == "value_error"
-    what = details["ctx"]["error"] if value_error else _expected(details["type"], details["msg"])
-    found = f"; found {printable(repr(given), LONGEST_SHOWN)}" if isinstance(given, str | int | float) else ""
+    what = str(details["ctx"]["error"]) if value_error else _expected(details["type"], details["msg"])
+    shown = isinstance(given, str | int | float) and not what.startswith("found ")
+    found = f"; found {printable(repr(given), LONGEST_SHOWN)}" if shown else ""
     yield details["loc"], f"{what}{found}"
 
 
@@ -318,4 +320,4 @@ def _expected(kind: str, message: str) -> str:
         case "extra_forbidden":
             return "a scenario has no such key here; check its spelling, or remove it"
         case _:
-            return message.replace("Input should be", "expected")
+            return re.sub("^(Input|String|Tuple) should (be|have)", "expected", message)

@@ -92,10 +92,10 @@ def test_simulate_replay_and_evaluate_show_them(tmp_path: Path) -> None:
     config = configuration(tmp_path)
     scenario = (ROOT / "config" / "scenarios" / "highway.yaml").read_text(encoding="utf-8")
     scenario_path = tmp_path / "short.yaml"
-    scenario_path.write_text(
-        re.sub(r"duration: \d+", "duration: 1", scenario, count=1).replace("name: lead", f"name: '{MARKUP}'"),
-        encoding="utf-8",
-    )
+    scenario = re.sub(r"duration: \d+", "duration: 1", scenario, count=1)
+    scenario_path.write_text(scenario, encoding="utf-8")
+    assert "name: lead" in scenario
+    (tmp_path / "bad.yaml").write_text(scenario.replace("name: lead", f"name: '{MARKUP}'"), encoding="utf-8")
     log, truth, tracks = (tmp_path / f"{HOSTILE}{suffix}" for suffix in (".log", ".csv", "2.csv"))
     made = on_terminal(["simulate", scenario_path, config, "-o", log, "--truth", truth])
     assert f"{SHOWN}.log" in made.replace("\r\n", "")  # a title is as wide as its table
@@ -109,9 +109,11 @@ def test_simulate_replay_and_evaluate_show_them(tmp_path: Path) -> None:
         ["replay", config, log, "--map", f"a=b{HOSTILE}"],
         ["replay", config, log, HOSTILE],
         ["simulate", HOSTILE, config, "-o", log],
+        ["simulate", tmp_path / "bad.yaml", config, "-o", log],
     )
     assert rf"{MARKUP}\x1b]0;x\x07 3" in text  # the other channel
     assert "GOSPA" in text
+    assert f"actors[0].name: found '{MARKUP}', expected a name of letters" in text
     assert f"unrecognized arguments: {SHOWN}" in text
     assert text.count(SHOWN) >= 6
 
