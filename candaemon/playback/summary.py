@@ -15,7 +15,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     """Return the summary of a replay, ready for JSON. The keys are stable.
 
     ==================  ==============================================================================
-    `log`               frames read, malformed lines, remote and error frames, other channels
+    `log`               lines by what they are: frames, malformed, remote and error frames, ticks, of other channels,
+                        without a frame by their kind
     `buses`             per bus: frames, used, spare (not evaluated), unknown (no DBC entry), short
     `sensors`           per sensor: frames by outcome, objects rejected by cause, scans, incomplete and discarded scans,
                         frames missing
@@ -46,6 +47,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             "examples": log.examples,
             "remote": log.remote,
             "error_frames": log.error_frames,
+            "ticks": log.ticks,
+            "other_lines": log.other_lines,
             "other_channels": dict(sorted(log.other_channels.items())),
             "truncated": log.truncated,
         },

@@ -196,12 +196,14 @@ def test_times_end_in_2116(log: Path, times: int) -> None:
     assert found[0].time_ns == last * S + 999_999_999 <= LATEST_NS
 
 
-def test_a_line_without_end_is_not_gathered_for_ever(log: Path) -> None:
-    log.write_bytes(b"x" * 100_000 + b"\n" + line("260#01").encode())
+@pytest.mark.parametrize("chunk", [1000, 1 << 19])
+@pytest.mark.parametrize("end", [b"\n" + line("260#01").encode(), b""])
+def test_a_line_without_end_is_one_malformed_line(log: Path, chunk: int, end: bytes) -> None:
+    log.write_bytes(line("260#02").encode() + b"x" * 100_000 + end)
     counts = LogCounts()
-    blocks = list(read_candump_blocks(log, ChannelMap(CHANNELS), counts, chunk=1000))
-    assert sum(map(len, blocks)) == 1
-    assert counts.malformed > 10
+    blocks = list(read_candump_blocks(log, ChannelMap(CHANNELS), counts, chunk=chunk))
+    assert sum(map(len, blocks)) == counts.frames == 1 + bool(end)
+    assert (counts.lines, counts.malformed) == (counts.frames + 1, 1)
 
 
 @pytest.mark.parametrize("suffix", [".log", ".asc", ".csv"])

@@ -17,7 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 from candaemon.arrays import Booleans, Bytes, Integers
-from candaemon.can_io.logs.stream import UNCLAIMED, ChannelMap, LogBytes, LogCounts
+from candaemon.can_io.logs.stream import (
+    EXAMPLES,
+    LONGEST_LINE,
+    MOST_IN_VAIN,
+    UNCLAIMED,
+    ChannelMap,
+    LogBytes,
+    LogCounts,
+)
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.frame_batch import FrameBatch
 from candaemon.frames.frame_block import FD_LENGTHS, FrameBlock
@@ -39,6 +47,7 @@ _LONGEST_SHAPE = 400  # characters; a CAN FD line has some 170 and its channel's
 _FEWEST_ROWS = 16  # from which numpy is faster
 _MOST_SHAPES = 16  # of one length
 _BAD = 0x100
+_SHOWN = 500  # bytes of a malformed line, before it is cut for a message
 
 
 def _digit_table(base: int) -> Digits:
@@ -123,18 +132,43 @@ class ChunkDecoder:
         """Decode lines of one length, shape by shape; return the rows that remain to be decoded one by one."""
         single: list[int] = []
         if length == 0:
+            self._counts.other_lines += len(rows)
             return single
         for _ in range(_MOST_SHAPES):
             if len(rows) < _FEWEST_ROWS or length > _LONGEST_SHAPE:
                 break
             shape = _frame_shape(self._line(int(rows[0])))
             if shape is None:
-                single.append(int(rows[0]))
-                rows = rows[1:]
+                rows, malformed = self._without_copies(rows, length)
+                single.extend(malformed)
             else:
                 rows = self._decode_shape(shape, rows)
         single.extend(rows.tolist())
         return single
+
+    def _without_copies(self, rows: Integers, length: int) -> tuple[Integers, list[int]]:
+        """Take the first of equally long lines, which is no frame, and its copies from them; count most copies.
+
+        Returns:
+            the other lines, and those that are to be counted one by one.
+        """
+        line = self._line(int(rows[0])).strip()
+        if _frame_shape(line) is not None:  # but for blanks before it
+            return rows[1:], [int(rows[0])]
+        lines = self._equally_long(rows, length)
+        copies = lines == lines[0]
+        first, *further = rows[copies].tolist()
+        if not line:
+            self._counts.other_lines += len(further)
+            return rows[~copies], [first]
+        self._counts.malformed += len(further[EXAMPLES:])
+        return rows[~copies], [first, *further[:EXAMPLES]]
+
+    def _equally_long(self, rows: Integers, length: int) -> npt.NDArray[np.void]:
+        """Return the text of equally long lines (m,)."""
+        # item i of this view is the text from character i on: the items overlap, nothing is copied
+        places = np.ndarray((len(self._text) - length + 1,), f"V{length}", self._text, strides=(1,))
+        return places[self._starts[rows]]
 
     def _line(self, row: int) -> bytes:
         """Return the text of a line."""
@@ -143,9 +177,7 @@ class ChunkDecoder:
     def _decode_shape(self, shape: re.Match[bytes], rows: Integers) -> Integers:
         """Decode those of equally long lines that have the shape of the first; return the others."""
         length = shape.end()
-        # item i of this view is the text from character i on: the items overlap, nothing is copied
-        places = np.ndarray((len(self._text) - length + 1,), f"V{length}", self._text, strides=(1,))
-        lines = places[self._starts[rows]]
+        lines = self._equally_long(rows, length)
         alike = _same_between_fields(shape, lines)
         others = rows[~alike]
         if len(others):
@@ -195,11 +227,14 @@ class ChunkDecoder:
 
     def _decode_line(self, row: int) -> None:
         """Decode one line by the grammar."""
-        line = self._line(row).strip()
-        match = _frame_shape(line)
+        line = self._line(row)
+        too_long, line = len(line) > LONGEST_LINE, line.strip()
+        match = None if too_long else _frame_shape(line)
         if match is None:
-            if line:
-                self._counts.note_malformed(self._first_line + row, line.decode(errors="replace"))
+            if line or too_long:
+                self._counts.note_malformed(self._first_line + row, line[:_SHOWN].decode(errors="replace"))
+            else:
+                self._counts.other_lines += 1
             return
         name = match["channel"].decode(errors="replace")
         bus = self._channels.named(name)
@@ -282,7 +317,7 @@ _HEX = np.array([int.from_bytes(f"{value:02X}".encode(), "little") for value in 
 """The two digits of each byte, as one number."""
 
 CHUNK = 1 << 19
-"""Bytes of text decoded at once, so that the arrays fit the processor's cache. A longer line may be split."""
+"""Bytes of text decoded at once, so that the arrays fit the processor's cache; more than `LONGEST_LINE`."""
 
 
 def read_candump_blocks(
@@ -305,16 +340,26 @@ def read_candump_blocks(
 def _blocks(stream: LogBytes, channels: ChannelMap, counts: LogCounts, chunk: int) -> Iterator[FrameBlock]:
     """Split the stream at line ends and decode the chunks."""
     with stream:
-        rest = b""
+        rest, lost, vain = b"", False, 0
         for piece in stream.chunks(chunk):
+            if lost:  # the rest of a line that was too long
+                begin = piece.find(b"\n") + 1
+                lost = not begin
+                piece = piece[begin:] if begin else b""
             end = piece.rfind(b"\n") + 1
-            if end == 0 and len(rest) < chunk:
-                rest += piece
-                continue
-            end = end or len(piece)
-            text = b"".join((rest, memoryview(piece)[:end]))
-            rest = piece[end:]
-            yield ChunkDecoder(text, channels, counts).decode()
+            if end:
+                lines, malformed, blank = counts.lines, counts.malformed, counts.other_lines
+                yield ChunkDecoder(b"".join((rest, memoryview(piece)[:end])), channels, counts).decode()
+                read = counts.lines - lines
+                vain = vain + read if read == counts.malformed - malformed + counts.other_lines - blank else 0
+                if vain > MOST_IN_VAIN:
+                    counts.note_end(f"{vain:,} lines in a row without a frame: this is no CAN log")
+                    return
+                rest = b""
+            rest += piece[end:]
+            if len(rest) > LONGEST_LINE:
+                counts.note_bad_line(rest[:_SHOWN].decode(errors="replace"))
+                rest, lost = b"", True
         if rest:
             malformed = counts.malformed
             yield ChunkDecoder(rest, channels, counts).decode()

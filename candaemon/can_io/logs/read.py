@@ -1,12 +1,13 @@
 """Reads recorded logs: the file's suffix determines the format; a further `.gz` marks it as compressed.
 
-What each format preserves of a frame (python-can 4.6 reads and writes all but `.log`; tests check this):
+What each format preserves of a frame (python-can 4.6 writes all but `.log`, and reads the text formats; tests check
+this):
 
 ======  =====================================================  =============================  ======================
 suffix  time                                                   channel                        frames
 ======  =====================================================  =============================  ======================
 .log    exact, to the digit: whole nanoseconds                 its name                       all
-.blf    exact to 1 µs (python-can goes through floats)         its number                     all
+.blf    exact to 1 µs, as python-can writes it                   its number                     all
 .asc    relative to the first frame, to 1 µs: no epoch         its number                     all
 .trc    to about 1 µs; the epoch is a float of days            its number                     no CAN FD (not written)
 .csv    exact to 1 µs                                          none: all on one bus           CAN FD under 9 bytes
@@ -15,26 +16,22 @@ suffix  time                                                   channel          
 
 Channel numbers start at 1 in these files and at 0 here: see `ChannelMap`. Remote frames and error frames are
 counted and skipped in all of them. Lines that python-can's own readers skip silently (in `.asc` and `.trc`: comments,
-events, and lines that do not look like a frame) are counted in `LogCounts.lines` only.
+events, and lines that do not look like a frame) are counted in `LogCounts.other_lines`.
 """
 
 from __future__ import annotations
 
-import io
 import os
-import re
-import struct
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 import can
-from can.io.blf import BLFParseError
 
+from candaemon.can_io.logs.blf import read_blf
 from candaemon.can_io.logs.candump import read_candump_blocks
-from candaemon.can_io.logs.stream import NO_CHANNEL, ChannelMap, LogBytes, LogCounts
+from candaemon.can_io.logs.stream import LONGEST_LINE, MOST_IN_VAIN, NO_CHANNEL, ChannelMap, LogBytes, LogCounts
 from candaemon.can_io.python_can import to_frame
 from candaemon.errors import InputError
 from candaemon.frames.frame import Frame
@@ -49,8 +46,8 @@ _Reader: TypeAlias = Callable[[LogBytes, LogCounts], Iterator[can.Message]]
 
 _BATCH = 1024  # frames
 
-_EMPTY_OBJECT = re.compile(rb"LOBJ.{4}\0{4}", re.DOTALL)
-"""Header of a BLF object with an object size of 0: mark, size and version of the header, size of the object."""
+_PIECE = 1 << 16  # bytes
+_SHOWN = 500  # bytes of a malformed line, before it is cut for a message
 
 _BAD_LINE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """Exceptions of python-can's text readers on a malformed line."""
@@ -75,6 +72,8 @@ def read_log_blocks(path: Path, channels: Mapping[str, int], counts: LogCounts) 
     resolved = ChannelMap(channels)
     if suffix == ".log":
         return read_candump_blocks(path, resolved, counts)
+    if suffix == ".blf":
+        return read_blf(LogBytes(path, counts), resolved, counts)
     frames = _frames(_READERS[suffix](LogBytes(path, counts), counts), suffix, resolved, counts)
     return iter(lambda: list(islice(frames, _BATCH)), [])
 
@@ -146,16 +145,23 @@ def _frames(messages: Iterable[can.Message], suffix: str, channels: ChannelMap, 
 class _Lines:
     """The lines of a text log as python-can's readers expect them; counts lines and can insert one.
 
+    A line that is too long is counted as malformed and not returned.
+
     Args:
         stream: the log's bytes.
-        counts: `lines` is counted.
+        counts: `lines` and `other_lines` are counted: it is for the caller to tell which lines hold a frame.
+
+    Attributes:
+        last: the latest line.
+        in_vain: lines since the latest one with a frame; set to 0 by the caller.
     """
 
     def __init__(self, stream: LogBytes, counts: LogCounts) -> None:
-        self._text = io.TextIOWrapper(io.BufferedReader(stream), encoding="utf-8", errors="replace")
+        self._lines = self._split(stream)
         self._counts = counts
         self._inserted: str | None = None
         self.last = ""
+        self.in_vain = 0
 
     def insert(self, line: str) -> None:
         """Return `line` next; it is not counted."""
@@ -168,13 +174,39 @@ class _Lines:
         if self._inserted is not None:
             line, self._inserted = self._inserted, None
             return line
-        self.last = next(self._text)
+        self.last = next(self._lines)
         self._counts.lines += 1
+        self._counts.other_lines += 1
+        self.in_vain += 1
         return self.last
 
     def close(self) -> None:
-        """Close the log."""
-        self._text.close()
+        """Do nothing: the log is closed by who opened it."""
+
+    def _split(self, stream: LogBytes) -> Iterator[str]:
+        """Yield the lines, whatever they end in, each with a line feed."""
+        rest, lost = b"", False
+        while piece := stream.read1(_PIECE):
+            text = rest + piece
+            # a carriage return at the end may be half of a line end
+            end = max(text.rfind(b"\n"), text.rfind(b"\r", 0, -1)) + 1
+            rest = text[end:]
+            for line in text[:end].splitlines():
+                if lost or len(line) > LONGEST_LINE:
+                    if not lost:
+                        self._counts.note_bad_line(line[:_SHOWN].decode(errors="replace"))
+                    lost = False
+                else:
+                    yield line.decode(errors="replace") + "\n"
+                if self.in_vain > MOST_IN_VAIN:
+                    self._counts.note_end(f"{self.in_vain:,} lines in a row without a frame: this is no CAN log")
+                    return
+            if len(rest) > LONGEST_LINE:
+                if not lost:
+                    self._counts.note_bad_line(rest[:_SHOWN].decode(errors="replace"))
+                rest, lost = b"", True
+        if rest and not lost:
+            yield rest.decode(errors="replace")
 
 
 def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -> _Reader:
@@ -189,15 +221,19 @@ def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -
         lines = _Lines(stream, counts)
         reader = make(cast("TextIO", lines))
         with stream:
-            failed_at = -1
-            while True:
+            failed_at = counts.lines
+            while True:  # ends: each round reads a line, or is the last
                 try:
-                    yield from reader
+                    for message in reader:
+                        counts.other_lines -= 1
+                        lines.in_vain = 0
+                        yield message
                 except _BAD_LINE:
                     if counts.lines == failed_at:  # at the log's end, where it would fail forever
                         return
                     failed_at = counts.lines
                     # the reader stopped after the bad line and is restarted there
+                    counts.other_lines -= 1
                     counts.note_malformed(counts.lines, lines.last)
                     lines.insert(header)
                 else:
@@ -206,44 +242,10 @@ def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -
     return read
 
 
-class _BlfReader(can.BLFReader):
-    """python-can's reader, protected against its endless loop on an object of size 0."""
-
-    def _parse_data(self, data: bytes) -> Iterator[can.Message]:
-        if _EMPTY_OBJECT.search(data):
-            raise BLFParseError("an object of no bytes")
-        return super()._parse_data(data)
-
-
-def _read_blf(stream: LogBytes, counts: LogCounts) -> Iterator[can.Message]:
-    """Read a `.blf`; a damaged container is skipped, a damaged structure ends it."""
-    with stream:
-        try:
-            reader = _BlfReader(cast("Any", io.BufferedReader(stream)))
-        except (struct.error, BLFParseError) as error:
-            counts.note_malformed(1, f"no BLF header: {error}")
-            return
-        while True:
-            try:
-                for message in reader:
-                    counts.lines += 1
-                    yield message
-            except zlib.error as error:
-                counts.note_malformed(counts.lines + 1, f"a container cannot be decompressed: {error}")
-            except (struct.error, BLFParseError, ValueError) as error:
-                counts.note_end(f"a BLF object cannot be read: {error}")
-                return
-            else:
-                if stream.delivered < reader.file_size:
-                    counts.note_end(f"its header tells of {reader.file_size} bytes, it has {stream.delivered}")
-                return
-
-
 _READERS: dict[str, _Reader] = {
     ".asc": _text_reader(can.ASCReader, "no internal events logged\n"),
-    ".blf": _read_blf,
     ".csv": _text_reader(can.CSVReader, "timestamp,arbitration_id,extended,remote,error,dlc,data\n"),
     ".trc": _text_reader(can.TRCReader, ";\n"),
 }
-LOG_SUFFIXES = (".log", *_READERS)
+LOG_SUFFIXES = (".log", *sorted((".blf", *_READERS)))
 """Suffixes of the readable formats, each also followed by `.gz`."""

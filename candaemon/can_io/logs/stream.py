@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from candaemon.errors import InputError
 
@@ -32,7 +32,18 @@ TICK_BUS = -2
 UNCLAIMED = -1
 """Bus index of a channel that belongs to no bus."""
 
-_EXAMPLES = 5
+EXAMPLES: Final = 5
+"""Malformed lines that are quoted."""
+LONGEST_LINE: Final = 1 << 14
+"""Bytes of a line of a text log; one with a frame has some 600 at most."""
+MOST_IN_VAIN: Final = 1_000_000
+"""Lines, or objects of a `.blf`, in a row without a frame of any kind, after which a file is taken for no log."""
+MOST_OTHER_CHANNELS: Final = 64
+"""Channels without a bus that are counted one by one."""
+FURTHER_CHANNELS = "further channels"
+"""Name in `LogCounts.other_channels` for all beyond these; no format has names with blanks."""
+
+_LONGEST_NAME = 100
 _TRAILING_NUMBER = re.compile(r"(\d+)$")
 
 
@@ -43,14 +54,17 @@ class LogCounts:
     Logs that are read one after another may share one object: its values, line numbers included, are their sums.
 
     Attributes:
-        lines: lines of a text log, messages of a `.blf`.
+        lines: lines of a text log, objects of a `.blf`. Each is one of what follows: `lines` is the sum of `frames`,
+            `malformed`, `remote`, `error_frames`, `ticks`, `other_lines` and the values of `other_channels`.
         frames: data frames passed on.
         malformed: lines that are not a valid frame.
         examples: the first few malformed lines, as "line N: text".
         remote: remote frames, skipped.
         error_frames: error frames, skipped.
         ticks: lines with a time only, passed on.
-        other_channels: frames of each channel that belongs to no bus, skipped.
+        other_lines: lines that hold no frame by their kind: blank, headers, comments, events. Among them are those
+            that python-can does not recognise in `.asc` and `.trc`.
+        other_channels: frames of each channel that belongs to no bus, skipped; those of too many channels together.
         truncated: whether the file ends early.
         stream_error: reason of an early end (truncated gzip stream, read error), else empty.
         bytes_read: position in the file on disk, compressed or not; for a progress bar.
@@ -64,6 +78,7 @@ class LogCounts:
     remote: int = 0
     error_frames: int = 0
     ticks: int = 0
+    other_lines: int = 0
     other_channels: dict[str, int] = field(default_factory=dict)
     truncated: bool = False
     stream_error: str = ""
@@ -78,16 +93,24 @@ class LogCounts:
             text: the line, or the reason.
         """
         self.malformed += 1
-        if len(self.examples) >= _EXAMPLES:
+        if len(self.examples) >= EXAMPLES:
             return
-        example = f"line {line}: {text.strip()[:80]!r}"
+        example = f"line {line}: {text[:500].strip()[:80]!r}"
         self.examples.append(example)
-        last = "; further ones are only counted" if len(self.examples) == _EXAMPLES else ""
+        last = "; further ones are only counted" if len(self.examples) == EXAMPLES else ""
         logger.warning("not a CAN frame, skipped: %s%s", example, last)
+
+    def note_bad_line(self, text: str) -> None:
+        """Count a line, or an object of a `.blf`, that is malformed; `text` is the line, or the reason."""
+        self.lines += 1
+        self.note_malformed(self.lines, text)
 
     def note_other_channel(self, channel: str, frames: int = 1) -> None:
         """Count frames of a channel that belongs to no bus."""
-        self.other_channels[channel] = self.other_channels.get(channel, 0) + frames
+        found, channel = self.other_channels, channel[:_LONGEST_NAME]
+        if channel not in found and len(found) >= MOST_OTHER_CHANNELS:
+            channel = FURTHER_CHANNELS
+        found[channel] = found.get(channel, 0) + frames
 
     def note_end(self, reason: str) -> None:
         """Record that the file ended early."""
@@ -110,8 +133,8 @@ class LogCounts:
         found += [f"{self.remote} remote"] if self.remote else []
         found += [f"{self.error_frames} error frames"] if self.error_frames else []
         listed = sorted(self.other_channels.items(), key=lambda item: -item[1])
-        found += [f"{count} of channel '{name}'" for name, count in listed[:_EXAMPLES]]
-        found += [f"{len(listed) - _EXAMPLES} more channels"] if len(listed) > _EXAMPLES else []
+        found += [f"{count} of channel '{name}'" for name, count in listed[:EXAMPLES]]
+        found += [f"{len(listed) - EXAMPLES} more channels"] if len(listed) > EXAMPLES else []
         found += [f"the file ends early ({self.stream_error})"] if self.stream_error else []
         text = f"not one usable frame in {self.lines} lines"
         text += f": {', '.join(found)}" if found else ""
