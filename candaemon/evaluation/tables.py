@@ -34,9 +34,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from decimal import Decimal
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TextIO, TypeVar
+from typing import Any, Final, Self, TextIO, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,7 @@ from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.ego.georeference import Georeference
 from candaemon.errors import InputError
 from candaemon.files.outputs import OutputFile
+from candaemon.frames.times import LATEST_NS
 from candaemon.tracking.obstacles import MOTION, STATE_NAMES, Obstacles
 
 ACTOR, HIDDEN, STATIONARY = 3, 4, 5
@@ -59,6 +61,11 @@ EARTH_COLUMNS = ("latitude", "longitude")
 _TRACK_STATES = frozenset(range(ACTOR))
 _TRUTH_STATES = frozenset({ACTOR, HIDDEN, STATIONARY})
 _OBJECTS = re.compile(r"(?:[^:;,]+:-?\d+(?:;[^:;,]+:-?\d+)*)?")
+LONGEST_ROW: Final = 1 << 16
+"""Characters of a row, or of blank lines in a row; a row has some 200."""
+
+_ROWS_AT_ONCE = 4096
+_CACHED_TIMES = 1024
 _NS_DIGITS = 9
 _T = TypeVar("_T")
 
@@ -93,7 +100,7 @@ class TrackTable:
     svx: Floats
     svy: Floats
     age: Floats
-    objects: NDArray[np.str_]
+    objects: NDArray[np.object_]
 
     def __len__(self) -> int:
         return len(self.id)
@@ -107,7 +114,7 @@ def parse_time(text: str) -> int:
     """Return decimal seconds as integer ns, exact; digits below 1 ns are rounded.
 
     Raises:
-        ValueError: not a finite number of seconds within 64 bits of ns.
+        ValueError: not a finite number of seconds, or more than `LATEST_NS` from 1970.
     """
     try:
         seconds = Decimal(text)
@@ -116,7 +123,7 @@ def parse_time(text: str) -> int:
     if not seconds.is_finite() or seconds.adjusted() >= _NS_DIGITS + 1:
         raise ValueError(text)
     time_ns = int(seconds.scaleb(_NS_DIGITS).to_integral_value())
-    if abs(time_ns) >= 2**63:
+    if abs(time_ns) > LATEST_NS:
         raise ValueError(text)
     return time_ns
 
@@ -168,12 +175,45 @@ def _reading(path: Path) -> Iterator[TextIO]:
         raise InputError(f"cannot be read: {error.strerror or error}", file=path) from error
 
 
-def _cells(path: Path) -> tuple[list[int], list[list[str]]]:
-    """Return the line number and the text of each row, the cells in the order of `COLUMNS`."""
+class _Lines:
+    """The lines of a table, none of them and no row longer than `LONGEST_ROW`.
+
+    Attributes:
+        number: of the latest line, from 1.
+        taken: characters since the last row began; set to 0 by the caller.
+    """
+
+    def __init__(self, stream: TextIO, path: Path) -> None:
+        self._stream = stream
+        self._path = path
+        self.number = 0
+        self.taken = 0
+
+    def __iter__(self) -> Iterator[str]:
+        return self
+
+    def __next__(self) -> str:
+        line = self._stream.readline(LONGEST_ROW + 1)
+        if not line:
+            raise StopIteration
+        self.number += 1
+        self.taken += len(line)
+        if self.taken > LONGEST_ROW:
+            raise InputError(
+                f"a row of more than {LONGEST_ROW:,} characters; expected a table in CSV",
+                file=self._path,
+                line=self.number,
+            )
+        return line
+
+
+def _cells(path: Path) -> Iterator[tuple[list[int], list[list[str]]]]:
+    """Yield some rows at a time: the line number and the text of each, the cells in the order of `COLUMNS`."""
     lines: list[int] = []
     rows: list[list[str]] = []
     with _reading(path) as stream:
-        reader = csv.reader(stream)
+        text = _Lines(stream, path)
+        reader = csv.reader(text)
         try:
             header = [name.strip() for name in next(reader, [])]
             if not header:
@@ -185,9 +225,11 @@ def _cells(path: Path) -> tuple[list[int], list[list[str]]]:
                     f"{word} {', '.join(missing)} missing; expected {','.join(COLUMNS)}", file=path, line=1
                 )
             order = [header.index(name) for name in COLUMNS]
+            text.taken = 0
             for row in reader:
-                if not row:
+                if not row:  # blank lines are left out; the limit of a row is that of their number, too
                     continue
+                text.taken = 0
                 if len(row) != len(header):
                     raise InputError(
                         f"{len(row)} cells; expected {len(header)} as in the header (is the file cut short?)",
@@ -196,66 +238,104 @@ def _cells(path: Path) -> tuple[list[int], list[list[str]]]:
                     )
                 lines.append(reader.line_num)
                 rows.append([row[k] for k in order])
+                if len(rows) == _ROWS_AT_ONCE:
+                    yield lines, rows
+                    lines, rows = [], []
         except csv.Error as error:
             raise InputError(f"not CSV: {error}", file=path, line=reader.line_num) from error
-    return lines, rows
+    yield lines, rows
 
 
 def _read(path: Path, states: frozenset[int]) -> TrackTable:
     """Read a table in which only the given states may occur."""
-    lines, rows = _cells(path)
-    columns: Sequence[Sequence[str]] = list(zip(*rows, strict=True)) if rows else [()] * len(COLUMNS)
-    cells = dict(zip(COLUMNS, columns, strict=True))
+    parse = _Parser(path, states)
+    parts, lines = [], []
+    for numbers, rows in _cells(path):
+        part = parse.table(numbers, rows)
+        # the rows of a cycle are neighbours: what is there twice mostly shows here, before all of it is read
+        _ordered(part, np.array(numbers, np.int64), path)
+        parts.append(part)
+        lines.append(np.array(numbers, np.int64))
+    whole = TrackTable(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(TrackTable)))
+    return _ordered(whole, np.concatenate(lines), path)
 
-    def convert(name: str, parse: Callable[[str], _T], expected: str) -> list[_T]:
-        values = []
-        for text, line in zip(cells[name], lines, strict=True):
-            try:
-                values.append(parse(text))
-            except ValueError:
-                raise InputError(f"{name} is {text!r}; expected {expected}", file=path, line=line) from None
-        return values
 
-    def state(text: str) -> int:
-        code = STATES.index(text)
-        if code not in states:
-            raise ValueError(text)
-        return code
+def _ordered(table: TrackTable, lines: Integers, path: Path) -> TrackTable:
+    """Return a table ordered by time, then id.
 
-    wanted = " or ".join(STATES[code] for code in sorted(states))
-    other = "the truth" if states == _TRACK_STATES else "a tracks file"
-    numbers = {name: np.array(convert(name, _number, "a number or nothing"), dtype=np.float64) for name in NUMBERS}
-    table = TrackTable(
-        time_ns=np.array(convert("time", _cached(parse_time), "decimal seconds"), dtype=np.int64),
-        id=np.array(convert("id", _identity, "an integer"), dtype=np.int64),
-        state=np.array(convert("state", _cached(state), f"{wanted} (is this {other}?)"), dtype=np.int8),
-        objects=np.array(convert("objects", _objects, "sensor:object with ; between, or nothing"), dtype=np.str_),
-        **numbers,
-    )
-    for name, values in (("x", table.x), ("y", table.y)):
-        empty = np.flatnonzero(np.isnan(values))
-        if len(empty):
-            raise InputError(f"{name} is empty; every row needs a position", file=path, line=lines[empty[0]])
+    Args:
+        table: in any order.
+        lines: the line of each row.
+        path: for the error.
+
+    Raises:
+        InputError: two rows have the same time and id.
+    """
     order = np.lexsort((table.id, table.time_ns))
     ordered = table.take(order)
     twice = np.flatnonzero((np.diff(ordered.time_ns) == 0) & (np.diff(ordered.id) == 0))
     if len(twice):
-        first, second = sorted((lines[order[twice[0]]], lines[order[twice[0] + 1]]))
+        first, second = sorted((int(lines[order[twice[0]]]), int(lines[order[twice[0] + 1]])))
         raise InputError(f"same time and id as in line {first}; expected one row an id a cycle", file=path, line=second)
     return ordered
 
 
-def _cached(parse: Callable[[str], int]) -> Callable[[str], int]:
-    """Cache parsed values: the rows of a cycle share their time, and there are few states."""
-    known: dict[str, int] = {}
+class _Parser:
+    """Turns cells into columns.
 
-    def parse_once(text: str) -> int:
-        value = known.get(text)
-        if value is None:
-            value = known[text] = parse(text)
-        return value
+    Args:
+        path: of the table, for errors.
+        states: the states that may occur.
+    """
 
-    return parse_once
+    def __init__(self, path: Path, states: frozenset[int]) -> None:
+        self._path = path
+        self._states = states
+        self._wanted = " or ".join(STATES[code] for code in sorted(states))
+        self._other = "the truth" if states == _TRACK_STATES else "a tracks file"
+        # the rows of a cycle share their time
+        self._time = lru_cache(_CACHED_TIMES)(parse_time)
+
+    def table(self, lines: Sequence[int], rows: Sequence[Sequence[str]]) -> TrackTable:
+        """Return rows as a table, in their order.
+
+        Raises:
+            InputError: a cell is none of its column; names its line.
+        """
+        columns: Sequence[Sequence[str]] = list(zip(*rows, strict=True)) if rows else [()] * len(COLUMNS)
+        cells = dict(zip(COLUMNS, columns, strict=True))
+
+        def convert(name: str, parse: Callable[[str], _T], expected: str) -> list[_T]:
+            values = []
+            for text, line in zip(cells[name], lines, strict=True):
+                try:
+                    values.append(parse(text))
+                except ValueError:
+                    raise InputError(f"{name} is {text!r}; expected {expected}", file=self._path, line=line) from None
+            return values
+
+        numbers = {name: np.array(convert(name, _number, "a number or nothing"), dtype=np.float64) for name in NUMBERS}
+        table = TrackTable(
+            time_ns=np.array(convert("time", self._time, "decimal seconds"), dtype=np.int64),
+            id=np.array(convert("id", _identity, "an integer"), dtype=np.int64),
+            state=np.array(convert("state", self._state, f"{self._wanted} (is this {self._other}?)"), dtype=np.int8),
+            objects=np.array(
+                convert("objects", _objects, "sensor:object with ; between, or nothing"), dtype=np.object_
+            ),
+            **numbers,
+        )
+        for name, values in (("x", table.x), ("y", table.y)):
+            empty = np.flatnonzero(np.isnan(values))
+            if len(empty):
+                raise InputError(f"{name} is empty; every row needs a position", file=self._path, line=lines[empty[0]])
+        return table
+
+    def _state(self, text: str) -> int:
+        """Return the code of a state."""
+        code = STATES.index(text)
+        if code not in self._states:
+            raise ValueError(text)
+        return code
 
 
 def _identity(text: str) -> int:

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import gzip
 import math
+import tracemalloc
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ from hypothesis import strategies as st
 from candaemon.errors import InputError
 from candaemon.evaluation.tables import (
     COLUMNS,
+    LONGEST_ROW,
     STATES,
     PredictionWriter,
     TrackWriter,
@@ -23,6 +26,7 @@ from candaemon.evaluation.tables import (
     read_truth,
 )
 from candaemon.files.outputs import OutputFile
+from candaemon.frames.times import LATEST_NS
 
 HEADER = ",".join(COLUMNS) + "\n"
 ROW = "1533226488.434433,7,confirmed,10.5,-1,20,0,0,0,,,,,0.1,0.1,0.2,0.2,1.5,0:3;1:12\n"
@@ -57,13 +61,13 @@ def test_time_is_exact(text: str, time_ns: int) -> None:
     assert parse_time(text) == time_ns
 
 
-@pytest.mark.parametrize("text", ["", "nan", "inf", "now", "1e30", "1e999999999", "9999999999.0"])
+@pytest.mark.parametrize("text", ["", "nan", "inf", "now", "1e30", "1e999999999", "9999999999.0", "-4611686018.5"])
 def test_time_out_of_reach_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r".*"):
         parse_time(text)
 
 
-@given(st.integers(-(2**63) + 1, 2**63 - 1))
+@given(st.integers(-LATEST_NS, LATEST_NS))
 @settings(deadline=None)
 def test_time_round_trips(time_ns: int) -> None:
     assert parse_time(format_time(time_ns)) == time_ns
@@ -177,6 +181,57 @@ def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, text: str, line: in
         read_tracks(path)
     assert caught.value.file == str(path)
     assert caught.value.line == line
+
+
+@pytest.mark.parametrize(
+    ("filler", "found"),
+    [
+        ("x" * 100, "a row of more than 65,536 characters"),
+        (",", "a row of more than 65,536 characters"),
+        ('"\n",', "a row of more than 65,536 characters"),
+        ("\n", "a row of more than 65,536 characters"),
+        (ROW, "same time and id as in line 2"),
+        (ROW + ROW.replace("88.", "89."), "same time and id as in line 2"),
+        (ROW.replace(",7,", f",{'9' * 5000},"), "id is '9999"),
+    ],
+)
+def test_a_small_table_that_unpacks_to_much_takes_little(tmp_path: Path, filler: str, found: str) -> None:
+    path = tmp_path / "t.csv.gz"
+    packer = zlib.compressobj(9, zlib.DEFLATED, 31)
+    much = (filler * ((4 << 20) // len(filler))).encode()
+    parts = [packer.compress((HEADER + ROW).encode()), *(packer.compress(much) for _ in range(25)), packer.flush()]
+    path.write_bytes(b"".join(parts))
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=found):
+            read_tracks(path)
+        assert tracemalloc.get_traced_memory()[1] < 40_000_000
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_a_row_has_a_longest(tmp_path: Path, beyond: int) -> None:
+    header = HEADER.strip() + ",remark\n"
+    row = ROW.strip() + ","
+    path = written(tmp_path, header + row + "x" * (LONGEST_ROW + beyond - len(row) - 1) + "\n")
+    if beyond:
+        with pytest.raises(InputError, match=r"t\.csv:2: a row of more than 65,536 characters"):
+            read_tracks(path)
+    else:
+        assert len(read_tracks(path)) == 1
+
+
+def test_long_texts_cost_no_other_row(tmp_path: Path) -> None:
+    rows = [ROW.replace("1533226488.", f"{second}.") for second in range(5000)]
+    rows[7] = rows[7].replace("0:3;1:12", ";".join(["0:3"] * 10_000))
+    path = written(tmp_path, HEADER + "".join(rows))
+    tracemalloc.start()
+    try:
+        assert len(read_tracks(path)) == 5000
+        assert tracemalloc.get_traced_memory()[1] < 40_000_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_files_that_cannot_be_read_are_told(tmp_path: Path) -> None:
