@@ -175,7 +175,7 @@ def _reading(path: Path) -> Iterator[TextIO]:
         raise InputError(f"cannot be read: {error.strerror or error}", file=path) from error
 
 
-class _Lines:
+class _TableLines:
     """The lines of a table, none of them and no row longer than `LONGEST_ROW`.
 
     Attributes:
@@ -212,7 +212,7 @@ def _cells(path: Path) -> Iterator[tuple[list[int], list[list[str]]]]:
     lines: list[int] = []
     rows: list[list[str]] = []
     with _reading(path) as stream:
-        text = _Lines(stream, path)
+        text = _TableLines(stream, path)
         reader = csv.reader(text)
         try:
             header = [name.strip() for name in next(reader, [])]
@@ -248,7 +248,7 @@ def _cells(path: Path) -> Iterator[tuple[list[int], list[list[str]]]]:
 
 def _read(path: Path, states: frozenset[int]) -> TrackTable:
     """Read a table in which only the given states may occur."""
-    parse = _Parser(path, states)
+    parse = _RowParser(path, states)
     parts, lines = [], []
     for numbers, rows in _cells(path):
         part = parse.table(numbers, rows)
@@ -280,7 +280,7 @@ def _ordered(table: TrackTable, lines: Integers, path: Path) -> TrackTable:
     return ordered
 
 
-class _Parser:
+class _RowParser:
     """Turns cells into columns.
 
     Args:

@@ -78,7 +78,7 @@ def read_blf(stream: LogBytes, channels: ChannelMap, counts: LogCounts) -> Itera
         counts: filled while reading; `lines` counts objects.
     """
     with stream:
-        window = _Window(stream)
+        window = _BlfWindow(stream)
         if not window.fill(_FILE_HEADER.size):
             counts.note_bad_line("no BLF header: the file is too short")
             return
@@ -87,7 +87,7 @@ def read_blf(stream: LogBytes, channels: ChannelMap, counts: LogCounts) -> Itera
             counts.note_bad_line(f"no BLF header: it begins with {mark!r}")
         known = mark == b"LOGG" and _FILE_HEADER.size <= size <= _PIECE
         window.drop(size if known and window.fill(size) else _FILE_HEADER.size)
-        objects = _Objects(_timestamp(start), channels, counts)
+        objects = _BlfObjects(_timestamp(start), channels, counts)
         for content in _contents(window, counts):
             frames = objects.read(content)
             if frames:
@@ -120,7 +120,7 @@ def _header_at(data: bytes | bytearray, at: int, longest: int) -> tuple[int, int
     return (size, kind) if kind == _CONTAINER or header_size <= size <= longest else (0, 0)
 
 
-class _Window:
+class _BlfWindow:
     """The part of a stream that is looked at.
 
     Attributes:
@@ -189,7 +189,7 @@ class _Window:
         return self.place - place
 
 
-class _Container(NamedTuple):
+class _BlfContainer(NamedTuple):
     """What a container holds.
 
     Attributes:
@@ -203,11 +203,11 @@ class _Container(NamedTuple):
     is_whole: bool = True
 
 
-class _DamageError(Exception):
+class _BlfDamageError(Exception):
     """A container's content cannot be had; says why."""
 
 
-def _contents(window: _Window, counts: LogCounts) -> Iterator[bytes | None]:
+def _contents(window: _BlfWindow, counts: LogCounts) -> Iterator[bytes | None]:
     """Yield the content of each container; None where something is lost."""
     while window.fill(_HEADER.size):  # ends: each round drops a header, or what is none
         size, kind = window.header(0)
@@ -225,7 +225,7 @@ def _contents(window: _Window, counts: LogCounts) -> Iterator[bytes | None]:
             yield None
 
 
-def _content(window: _Window, size: int, counts: LogCounts) -> Iterator[bytes | None]:
+def _content(window: _BlfWindow, size: int, counts: LogCounts) -> Iterator[bytes | None]:
     """Yield a container's content and go on behind it.
 
     Args:
@@ -236,7 +236,7 @@ def _content(window: _Window, size: int, counts: LogCounts) -> Iterator[bytes | 
     place = window.place
     try:
         container = _unpacked(window, size)
-    except _DamageError as error:
+    except _BlfDamageError as error:
         if window.is_end(size):
             window.drop(window.next_to(size))
         else:
@@ -258,14 +258,14 @@ def _content(window: _Window, size: int, counts: LogCounts) -> Iterator[bytes | 
         window.drop(max(window.next_to(end), end))
 
 
-def _unpacked(window: _Window, size: int) -> _Container:
+def _unpacked(window: _BlfWindow, size: int) -> _BlfContainer:
     """Unpack the container that the window begins with.
 
     Raises:
-        _DamageError: it is damaged, or too long.
+        _BlfDamageError: it is damaged, or too long.
     """
     if not window.fill(_CONTENT):
-        return _Container(b"", len(window.buffer), is_whole=False)
+        return _BlfContainer(b"", len(window.buffer), is_whole=False)
     method, length = _PACKING.unpack_from(window.buffer, _HEADER.size)
     if method == _STORED:
         # the size is there twice; where one is wrong, another container shows which
@@ -274,41 +274,41 @@ def _unpacked(window: _Window, size: int) -> _Container:
         if end < 0 and size == _CONTENT + length and window.next_to(size) >= 0:
             end = size
         if end < 0 and len(window.buffer) > LONGEST_CONTAINER:
-            raise _DamageError("has no end")
+            raise _BlfDamageError("has no end")
         whole = end >= 0
-        return _Container(bytes(window.buffer[_CONTENT : end if whole else None]), end, whole)
+        return _BlfContainer(bytes(window.buffer[_CONTENT : end if whole else None]), end, whole)
     if method != _DEFLATED:
-        raise _DamageError(f"is compressed by the unknown method {method}")
+        raise _BlfDamageError(f"is compressed by the unknown method {method}")
     return _inflated(window, size)
 
 
-def _inflated(window: _Window, size: int) -> _Container:
+def _inflated(window: _BlfWindow, size: int) -> _BlfContainer:
     """Decompress the container that the window begins with; its own end counts, not the size that was read.
 
     Raises:
-        _DamageError: it cannot be decompressed, or is too long.
+        _BlfDamageError: it cannot be decompressed, or is too long.
     """
     pieces: list[bytes] = []
     inflater, at, length = zlib.decompressobj(), _CONTENT, 0
     while not inflater.eof:  # ends: `at` or `length` increases, and both have a limit
         if not window.fill(at + 1):
-            return _Container(b"".join(pieces), at, is_whole=False)
+            return _BlfContainer(b"".join(pieces), at, is_whole=False)
         if at > size and window.is_end(size):
-            raise _DamageError("does not end where the next one begins")
+            raise _BlfDamageError("does not end where the next one begins")
         packed = bytes(window.buffer[at : at + _PIECE])
         try:
             piece = inflater.decompress(packed, LONGEST_CONTAINER + 1 - length)
         except zlib.error as error:
-            raise _DamageError(f"cannot be decompressed ({error})") from None
+            raise _BlfDamageError(f"cannot be decompressed ({error})") from None
         at += len(packed) - len(inflater.unconsumed_tail) - len(inflater.unused_data)
         length += len(piece)
         pieces.append(piece)
         if max(at, length) > LONGEST_CONTAINER:
-            raise _DamageError(f"holds more than {LONGEST_CONTAINER:,} bytes")
-    return _Container(b"".join(pieces), at)
+            raise _BlfDamageError(f"holds more than {LONGEST_CONTAINER:,} bytes")
+    return _BlfContainer(b"".join(pieces), at)
 
 
-class _Objects:
+class _BlfObjects:
     """Reads the objects that containers hold.
 
     Args:

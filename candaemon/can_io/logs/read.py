@@ -142,7 +142,7 @@ def _frames(messages: Iterable[can.Message], suffix: str, channels: ChannelMap, 
             yield frame
 
 
-class _Lines:
+class _TextLines:
     """The lines of a text log as python-can's readers expect them; counts lines and can insert one.
 
     A line that is too long is counted as malformed and not returned.
@@ -218,7 +218,7 @@ def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -
     """
 
     def read(stream: LogBytes, counts: LogCounts) -> Iterator[can.Message]:
-        lines = _Lines(stream, counts)
+        lines = _TextLines(stream, counts)
         reader = make(cast("TextIO", lines))
         with stream:
             failed_at = counts.lines
