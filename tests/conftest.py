@@ -14,7 +14,7 @@ import pytest
 
 from candaemon.dbc.database import LONGEST_FILE, load_database
 from candaemon.dbc.types import Database
-from candaemon.files.bounded import read_bounded
+from candaemon.files.bounded import FileReader
 from tests.support.paths import DATA
 
 if TYPE_CHECKING:
@@ -35,11 +35,12 @@ def _each_dbc_is_parsed_once() -> Iterator[None]:
     """Let `bind` load a DBC file of the same path and content once: parsing is most of what many tests would do."""
     loaded: dict[tuple[Path, bytes], Database] = {}
 
-    def load_once(path: Path) -> Database:
+    def load_once(path: Path, read: FileReader) -> Database:
         try:
-            key = (path, sha256(read_bounded(path, LONGEST_FILE)).digest())
+            content = read(path, LONGEST_FILE)
         except OSError:
-            return load_database(path)
+            return load_database(path, read)  # which says what is wrong
+        key = (path, sha256(content).digest())
         if key not in loaded:
             loaded[key] = load_database(path)
         return loaded[key]

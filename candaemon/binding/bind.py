@@ -114,7 +114,7 @@ class _Databases:
         if path not in self.by_path:
             self.failed.add(path)
             try:
-                self.by_path[path] = load_database(path)
+                self.by_path[path] = load_database(path, self.loaded.read)
             except DatabaseError as error:
                 if not isinstance(error.__cause__, FileNotFoundError):
                     raise

@@ -20,6 +20,7 @@ from typing import NoReturn
 
 from candaemon._version import __version__
 from candaemon.cli import console, standard_streams
+from candaemon.daemon.process_signals import ServiceSignals
 from candaemon.errors import CandaemonError
 from candaemon.printable import printable
 
@@ -62,8 +63,8 @@ def main(argv: list[str] | None = None) -> int:
 def _execute(argv: list[str]) -> int:
     """Execute a command and say why it failed, if it did; return the exit code."""
     try:
-        with _ended_by_signals():
-            arguments = _parsed(argv)
+        with ServiceSignals() if argv[:1] == ["run"] else _ended_by_signals() as signals:
+            arguments = _parsed(argv, signals)
             arguments.execute(arguments)
     except CandaemonError as error:
         logger.error("error: %s", error)  # noqa: TRY400 - a traceback does not help the user
@@ -120,8 +121,8 @@ def _ended_by_signals() -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL)
 
 
-def _parsed(argv: list[str]) -> argparse.Namespace:
-    """Return the arguments; `execute` is the function of the command."""
+def _parsed(argv: list[str], signals: ServiceSignals | None) -> argparse.Namespace:
+    """Return the arguments; `execute` is the function of the command, `signals` those that come to a service."""
     parser = _Parser(
         prog="candaemon",
         description="Radar objects on a CAN bus in, obstacles with a lasting identity out.",
@@ -135,4 +136,4 @@ def _parsed(argv: list[str]) -> argparse.Namespace:
             module = import_module(f"candaemon.cli.{name.replace('-', '_')}")
             module.add_arguments(command)
             command.set_defaults(execute=module.execute)
-    return parser.parse_args(argv)
+    return parser.parse_args(argv, argparse.Namespace(signals=signals))

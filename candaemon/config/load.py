@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 from candaemon.config.settings import Config, CrossReferenceError, Location
 from candaemon.config.yaml_text import read_yaml
 from candaemon.errors import MOST_PROBLEMS, ConfigError
-from candaemon.files.bounded import FileReader, read_anything
+from candaemon.files.bounded import FileReader, read_anything, read_bounded
 from candaemon.printable import LONGEST_SHOWN, printable
 from candaemon.similar_names import meant
 
@@ -37,7 +37,7 @@ class LoadedConfig:
     config: Config
     path: Path
     lines: Mapping[Location, int] = field(repr=False)
-    read: FileReader = field(default=read_anything, repr=False)
+    read: FileReader = field(default=read_bounded, repr=False)
 
     def line_of(self, location: Location) -> int:
         """Return the line of the deepest part of a location that exists in the YAML; 1 if none does."""
@@ -53,25 +53,25 @@ class LoadedConfig:
         return ConfigError(f"{_dotted(location)}: {text}", file=self.path, line=self.line_of(location))
 
 
-def load_config(path: Path, read: FileReader = read_anything) -> LoadedConfig:
+def load_config(path: Path, read: FileReader | None = None) -> LoadedConfig:
     """Load and check a configuration. DBC files are not opened here.
 
     Args:
         path: the YAML file.
-        read: reads it, and the DBC files that are loaded for it.
+        read: reads it, and the DBC files that are loaded for it; None: it may be a pipe, and they may not.
 
     Raises:
         ConfigError: names every problem with file, line, key, what was found and what was expected.
 
     """
     path = Path(path)
-    data, lines = read_yaml(path, read)
+    data, lines = read_yaml(path, read or read_anything)
     try:
         # Strict: no conversion between text and numbers; `read_yaml` returns tuples for lists.
         config = Config.model_validate(data, strict=True)
     except ValidationError as error:
         raise join_problems(path, error, lines, _problems) from None
-    return LoadedConfig(config, path, lines, read)
+    return LoadedConfig(config, path, lines, read or read_bounded)
 
 
 def join_problems(

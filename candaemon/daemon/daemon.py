@@ -88,6 +88,8 @@ class Daemon:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.buses.close()
+        if self._reloader is not None:
+            self._reloader.close()
 
     def run(self, look: Callable[[], None] = lambda: None) -> None:
         """Serve until `stop` is called, then finish the open scans and close the buses, so that all is counted.

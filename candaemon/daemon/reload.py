@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from threading import Event, Thread
 from typing import Final, TypeAlias
 
-import can
-
-from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
-from candaemon.config.load import load_config
 from candaemon.errors import CandaemonError
 from candaemon.pipeline.pipeline import Pipeline
 
 ReloadOutcome: TypeAlias = Pipeline | CandaemonError | OSError
 
+_END_S: Final = 1.0
+"""How long the end of the service waits for a load that is under way, s."""
+_TURN_S: Final = 1e-4
+"""How long the core loop waits, whenever it wants to go on, for a thread that loads, s; Python's default is 5 ms."""
 _UNKNOWN: Final = CandaemonError("the load has ended without a result; the log tells where")
 
 
@@ -27,10 +28,12 @@ class Reloader:
 
     Args:
         load: gives the binding, or raises `CandaemonError`.
+        cancel: lets a load that is under way end soon.
     """
 
-    def __init__(self, load: Callable[[], Binding]) -> None:
+    def __init__(self, load: Callable[[], Binding], cancel: Callable[[], None] = lambda: None) -> None:
         self._load = load
+        self._cancel = cancel
         self._wanted = Event()
         self._thread: Thread | None = None
         self._outcome: ReloadOutcome = _UNKNOWN
@@ -58,25 +61,26 @@ class Reloader:
         outcome, self._thread, self._outcome = self._outcome, None, _UNKNOWN
         return outcome
 
+    def close(self) -> None:
+        """End a load that is under way; its outcome is of no use any more."""
+        self._cancel()
+        if self._thread is not None:
+            self._thread.join(_END_S)
+
     def _run(self) -> None:
         try:
-            self._outcome = Pipeline(self._load())
+            with _short_turns():
+                self._outcome = Pipeline(self._load())
         except (CandaemonError, OSError) as error:
             self._outcome = error
 
 
-def load_service_config(path: Path) -> Binding:
-    """Load a configuration that can be served.
-
-    Raises:
-        ConfigError: it cannot be used, or a bus has an interface that python-can does not know.
-    """
-    binding = bind(load_config(path))
-    for bus in binding.buses:
-        if bus.settings.interface not in can.VALID_INTERFACES:
-            raise binding.loaded.error(
-                ("buses", bus.name, "interface"),
-                f"found '{bus.settings.interface}', expected an interface of python-can: "
-                f"{', '.join(sorted(can.VALID_INTERFACES))}",
-            )
-    return binding
+@contextmanager
+def _short_turns() -> Iterator[None]:
+    """Let threads take turns more often while the context lasts, so that the core loop soon has its own."""
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(_TURN_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before_s)

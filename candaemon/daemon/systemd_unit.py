@@ -13,7 +13,7 @@ from pathlib import Path
 from candaemon.binding.bound import Binding
 from candaemon.config.buses import BusSettings
 from candaemon.config.shipped import shared_folder
-from candaemon.daemon.reload import load_service_config
+from candaemon.daemon.service_config import load_service_config
 from candaemon.errors import ConfigError, InputError
 from candaemon.files.outputs import write_file
 from candaemon.printable import is_one_line

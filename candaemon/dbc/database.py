@@ -35,7 +35,7 @@ from candaemon.dbc import bits
 from candaemon.dbc.lint import FD_LENGTH, Lint, Report
 from candaemon.dbc.types import Database, Diagnostic, MessageSpec, SignalSpec
 from candaemon.errors import DatabaseError
-from candaemon.files.bounded import read_bounded
+from candaemon.files.bounded import FileReader, read_bounded
 from candaemon.frames.frame import EXTENDED
 
 CLASSIC_LENGTH: Final = 8
@@ -87,11 +87,12 @@ PIECE: Final = 500
 """Messages and signals that cantools gets at a time."""
 
 
-def load_database(path: Path) -> Database:
+def load_database(path: Path, read: FileReader = read_bounded) -> Database:
     """Load a DBC file, tolerantly.
 
     Args:
         path: the file, in UTF-8, Windows-1252, or UTF-16 with its byte order mark.
+        read: reads it.
 
     Returns:
         Its messages, and each repair and oddity as a warning.
@@ -100,7 +101,7 @@ def load_database(path: Path) -> Database:
         DatabaseError: the file cannot be read, or no message is left in it.
     """
     repairs, oddities = Findings(path), Findings(path)
-    contents = mend(split_statements(close_strings(_read(path), repairs.add), repairs.add), repairs.add)
+    contents = mend(split_statements(close_strings(_read(path, read), repairs.add), repairs.add), repairs.add)
     messages: dict[str, MessageSpec] = {}
     by_id: dict[int, MessageSpec] = {}
     lint = Lint(oddities.add)
@@ -184,9 +185,9 @@ class Quota:
             report(self.line, f"{self.refused:,} {self.what} beyond the {self.most:,} that are read: left out")
 
 
-def _read(path: Path) -> str:
+def _read(path: Path, read: FileReader) -> str:
     try:
-        raw = read_bounded(path, LONGEST_FILE)
+        raw = read(path, LONGEST_FILE)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         reason = error.strerror if isinstance(error, OSError) else error
         raise DatabaseError(f"cannot be read ({reason}); expected a DBC file", file=path) from error

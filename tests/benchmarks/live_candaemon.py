@@ -14,7 +14,7 @@ from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
 from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import CompletedCycle, Observer
-from candaemon.daemon.process_signals import handle_signals
+from candaemon.daemon.process_signals import ServiceSignals
 
 
 class Cycles(Observer):
@@ -32,8 +32,8 @@ def main(config: str) -> None:
     """Run until SIGTERM."""
     cycles = Cycles()
     daemon = Daemon(bind(load_config(Path(config))), observers=[cycles])
-    with handle_signals(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark) as look, daemon:
-        daemon.run(look)
+    with ServiceSignals() as signals, daemon:
+        daemon.run(signals.served(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark))
     told = {"buses": {bus.name: asdict(bus.counts) for bus in daemon.buses}, "cycles": cycles.told_at}
     json.dump(told, sys.stdout)
 

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from candaemon.cli.run import ServeRequest, serve
+from candaemon.cli.serve import ServeRequest, serve
+from candaemon.daemon.process_signals import ServiceSignals
 from candaemon.errors import ConfigError
 from tests.support.paths import ROOT
 
@@ -56,7 +57,7 @@ class Service:
         """Take the next message, if one comes within the time."""
         try:
             self.manager.recv(4096)
-        except TimeoutError:
+        except (TimeoutError, BlockingIOError):
             return False
         return True
 
@@ -121,6 +122,37 @@ def test_a_flood_of_signals_neither_ends_nor_holds_the_service(service: Service,
     assert "Traceback" not in talk
 
 
+def catches(process: subprocess.Popen[str], number: signal.Signals) -> bool:
+    """Return whether a process has a handler for a signal."""
+    status = Path("/proc", str(process.pid), "status").read_text(encoding="ascii")
+    caught = re.search(r"SigCgt:\s*(\w+)", status)
+    return caught is not None and bool(int(caught[1], 16) >> (number - 1) & 1)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_during_the_start_ends_it_with_a_message(service: Service, number: signal.Signals) -> None:
+    while not catches(service.process, signal.SIGUSR1):
+        assert service.process.poll() is None
+    out, talk, _ = service.stop(number)
+    assert (service.process.returncode, out) == (0, "")
+    assert talk == f"candaemon: stopped by {number.name} before the service was ready\n"
+    service.manager.setblocking(False)
+    assert not service.hears_more()
+
+
+def test_signals_during_the_start_are_looked_at_when_the_service_is_ready(service: Service) -> None:
+    while not catches(service.process, signal.SIGUSR1):
+        assert service.process.poll() is None
+    for number in (signal.SIGHUP, signal.SIGUSR1, signal.SIGHUP):
+        service.process.send_signal(number)
+    service.wait_for("READY")
+    service.wait_for("RELOADING")
+    assert "reload" not in service.wait_for("READY")["STATUS"]
+    _, talk, _ = service.stop()
+    assert service.process.returncode == 0
+    assert talk.count("reloaded:") == 1
+
+
 def test_a_stopped_process_does_not_feed_the_watchdog(service: Service) -> None:
     service.wait_for("READY")
     service.wait_for("WATCHDOG")
@@ -137,7 +169,7 @@ def test_a_stopped_process_does_not_feed_the_watchdog(service: Service) -> None:
 def test_an_unknown_interface_fails_before_a_bus_is_opened(config: Path) -> None:
     config.write_text(config.read_text(encoding="utf-8").replace("interface: socketcan", "interface: virtuel"))
     with pytest.raises(ConfigError, match=r"mine\.yaml:6: .*virtuel.*socketcan"):
-        serve(ServeRequest(config))
+        serve(ServeRequest(config), ServiceSignals())
 
 
 def test_a_wrong_configuration_reaches_the_journal_as_an_error(config: Path, tmp_path: Path) -> None:
@@ -161,4 +193,4 @@ def test_a_recording_without_a_folder_is_refused(config: Path, monkeypatch: pyte
     with config.open("a", encoding="utf-8") as file:
         file.write("service: {recording: {enabled: true}}\n")
     with pytest.raises(ConfigError, match=r"no folder to record into; .*--record DIR"):
-        serve(ServeRequest(config))
+        serve(ServeRequest(config), ServiceSignals())

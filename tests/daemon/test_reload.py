@@ -14,7 +14,8 @@ from candaemon.can_io.python_can import to_message
 from candaemon.daemon import reload as service_reload
 from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import CompletedCycle, DaemonView, Observer
-from candaemon.daemon.reload import Reloader, load_service_config
+from candaemon.daemon.reload import Reloader
+from candaemon.daemon.service_config import load_service_config
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
 from candaemon.simulation.scenario import load_scenario

@@ -241,7 +241,7 @@ def test_the_tables_of_the_papers_need_no_matplotlib() -> None:
 
 def test_the_service_loads_neither_scipy_nor_rich() -> None:
     ready = (
-        "from pathlib import Path\nimport candaemon\nfrom candaemon.cli.run import Daemon\n"
+        "from pathlib import Path\nimport candaemon\nfrom candaemon.cli.serve import Daemon\n"
         f"Daemon(candaemon.bind(candaemon.load_config(Path({str(ROOT / 'config' / 'demo.yaml')!r}))))"
     )
     assert not loaded_after(ready) & HEAVY

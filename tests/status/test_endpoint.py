@@ -160,7 +160,7 @@ def test_without_a_port_nothing_listens_and_nothing_is_loaded(tmp_path: Path) ->
         meter.wait_for_snapshot(5.0)
         assert endpoint.port is None
     code = (
-        "import sys\nimport candaemon.cli.run, candaemon.status.metrics_endpoint, candaemon.status.service_monitor\n"
+        "import sys\nimport candaemon.cli.serve, candaemon.status.metrics_endpoint, candaemon.status.service_monitor\n"
         "import candaemon.status.status_socket\n"
         "sys.exit('prometheus_client' in sys.modules or 'http.server' in sys.modules)"
     )

@@ -1,0 +1,33 @@
+"""A configuration as the service takes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import can
+
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.config.load import load_config
+from candaemon.files.bounded import FileReader, read_bounded
+
+
+def load_service_config(path: Path, read: FileReader = read_bounded) -> Binding:
+    """Load a configuration that can be served.
+
+    Args:
+        path: the YAML file; a service reads it again at a reload, and so from no pipe.
+        read: reads it and its DBC files.
+
+    Raises:
+        ConfigError: it cannot be used, or a bus has an interface that python-can does not know.
+    """
+    binding = bind(load_config(path, read))
+    for bus in binding.buses:
+        if bus.settings.interface not in can.VALID_INTERFACES:
+            raise binding.loaded.error(
+                ("buses", bus.name, "interface"),
+                f"found '{bus.settings.interface}', expected an interface of python-can: "
+                f"{', '.join(sorted(can.VALID_INTERFACES))}",
+            )
+    return binding
