@@ -111,7 +111,7 @@ trial_load.main()
 @pytest.mark.parametrize(
     ("load", "expected"),
     [
-        ("return bytes(trial_load.LARGEST_LOAD)", "takes more than 256 MiB of memory"),
+        ("return bytes(trial_load.LARGEST_LOAD + (64 << 20))", "takes more than 256 MiB of memory"),
         ("bytes(trial_load.LARGEST_LOAD // 2); raise trial_load.ConfigError('within')", "within"),
         ("import time; time.process_time = lambda: -9.0; trial_load._limit()\n    while True: pass", "more than 10 s"),
         ("sys.exit(3)", "ended without a result (status 3)"),
