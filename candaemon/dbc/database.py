@@ -62,7 +62,7 @@ MOST_STATEMENTS: Final = 250_000
 MOST_MESSAGES: Final = 8192
 """Messages of a file."""
 
-MOST_SIGNALS: Final = 20_000
+MOST_SIGNALS: Final = 16_384
 """Signals of a file, in all its messages."""
 
 MOST_SIGNALS_A_MESSAGE: Final = 2048
