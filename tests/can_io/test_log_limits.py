@@ -23,6 +23,7 @@ from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import EXTENDED, Frame
 from tests.can_io.test_blf import blf, classic, obj, packed
 from tests.support.effort import examples
+from tests.support.memory import PEAK_MIB
 from tests.support.paths import ROOT
 
 START = 1_533_226_488_434_433_000
@@ -173,16 +174,16 @@ def bomb(content: Iterable[bytes], head: bytes = b"") -> bytes:
     return b"".join([packer.compress(head), *map(packer.compress, content), packer.flush()])
 
 
-MEASURED = """
-import resource, sys, time
+MEASURED = f"""
+import sys, time
 from pathlib import Path
 from candaemon.can_io.logs.read import read_log_blocks
 from candaemon.can_io.logs.stream import LogCounts
 counts = LogCounts()
-began, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-for _ in read_log_blocks(Path(sys.argv[1]), {"*": 0}, counts):
+began = time.process_time()
+for _ in read_log_blocks(Path(sys.argv[1]), {{"*": 0}}, counts):
     pass
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10, time.process_time() - began, counts.frames)
+print({PEAK_MIB}, time.process_time() - began, counts.frames)
 """
 
 

@@ -22,6 +22,7 @@ from candaemon.config.yaml_text import (
 from candaemon.errors import MOST_PROBLEMS, ConfigError
 from candaemon.similar_names import LONGEST_COMPARED, MOST_COMPARED, MOST_LISTED, listed_names, similar_names
 from candaemon.simulation.scenario import load_scenario
+from tests.support.memory import PEAK_MIB
 from tests.support.paths import ROOT
 
 SOON_S = 10.0
@@ -81,7 +82,7 @@ BOMBS = {
 }
 """What a file holds, and a part of what is said of it."""
 
-IN_A_PROCESS = """
+IN_A_PROCESS = f"""
 import json, resource, sys, time
 resource.setrlimit(resource.RLIMIT_AS, (2**30, 2**30))
 from pathlib import Path
@@ -94,7 +95,7 @@ for name in sys.argv[2:]:
     except ConfigError as error:
         said = str(error)
     print(json.dumps([name, time.process_time() - began_s, said]))
-print(json.dumps(["", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, ""]))
+print(json.dumps(["", {PEAK_MIB}, ""]))
 """
 
 

@@ -14,6 +14,7 @@ from candaemon.config.load import load_config
 from candaemon.dbc.database import load_database
 from candaemon.dbc.types import Database
 from candaemon.errors import ConfigError
+from candaemon.files.bounded import FileReader
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
 
@@ -62,8 +63,12 @@ def fuzz_configuration(data: bytes) -> Counter[str]:
 
 
 @cache
-def _database(path: Path) -> Database:
+def _parsed(path: Path) -> Database:
     return load_database(path)
+
+
+def _database(path: Path, _read: FileReader) -> Database:
+    return _parsed(path)
 
 
 def _bound(path: Path) -> Binding:

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import FrameType
 
 import candaemon
+from tests.support.memory import peak_bytes
 
 from .targets import Target
 
@@ -162,7 +163,7 @@ def _resident() -> int:
 
 def _peak() -> int:
     """Return the most memory that the process held since the peak was forgotten."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return peak_bytes()
 
 
 def _forget_peak() -> None:

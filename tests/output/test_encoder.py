@@ -238,7 +238,7 @@ def test_written_as_ars408_objects_obstacles_read_back(seed: int, n: int) -> Non
 @given(
     st.tuples(*[st.floats(-60, 60)] * 2, *[st.floats(-30, 30)] * 4),
     st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.6, 0.6)),
-    st.tuples(st.floats(-3, 4), st.floats(-1, 1), st.floats(-180, 180)),
+    st.tuples(*[st.floats(*ends).map(lambda value: round(value, 9)) for ends in ((-3, 4), (-1, 1), (-180, 180))]),
 )
 def test_relative_quantities_are_the_rates_of_what_the_mount_sees(
     motion: tuple[float, ...], ego: tuple[float, ...], place: tuple[float, ...]

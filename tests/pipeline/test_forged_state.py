@@ -45,6 +45,7 @@ from candaemon.tracking.stationary import DriftAnchor
 from tests.fuzz.drawn import Drawn
 from tests.fuzz.fuzz_state import signed, with_other_values
 from tests.support.bound import binding
+from tests.support.memory import PEAK_MIB
 from tests.support.paths import ROOT
 from tests.support.recorded import as_log, highway
 
@@ -159,8 +160,8 @@ BOMBS: dict[str, Callable[[], bytes]] = {
     "zeros": lambda: bytes(MOST_BYTES - 100_000),
 }
 
-IN_A_PROCESS = """
-import resource, sys, time
+IN_A_PROCESS = f"""
+import sys, time
 from pathlib import Path
 from candaemon.errors import InputError
 from candaemon.pipeline.saved_state import begun
@@ -175,7 +176,7 @@ for path in sys.argv[1:]:
         assert "--fresh" in str(error), error
         assert len(str(error)) < 1000
     print(time.process_time() - began_s)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+print({PEAK_MIB})
 """
 
 
