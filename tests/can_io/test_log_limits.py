@@ -229,3 +229,12 @@ def test_a_small_blf_that_unpacks_to_much_takes_little(tmp_path: Path, method: i
     assert frames == 2
     assert megabytes < 250
     assert seconds < 20
+
+
+def test_a_line_that_python_can_skips_is_counted_and_not_told_by_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.trc"
+    path.write_bytes(HEADS[".trc"] + LINES[".trc"] + b"x\n" * 100)
+    code = MEASURED.replace("print(", "print(counts.lines, counts.frames + counts.malformed + counts.other_lines) or (")
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert len(set(done.stdout.split())) == 1
+    assert len(done.stderr.splitlines()) < 10

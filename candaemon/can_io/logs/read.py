@@ -21,6 +21,7 @@ events, and lines that do not look like a frame) are counted in `LogCounts.other
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
@@ -48,6 +49,9 @@ _BATCH = 1024  # frames
 
 _PIECE = 1 << 16  # bytes
 _SHOWN = 500  # bytes of a malformed line, before it is cut for a message
+
+# What python-can's readers say of each line that they skip would flood a terminal; such lines are counted here.
+logging.getLogger("can.io").setLevel(logging.CRITICAL)
 
 _BAD_LINE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """Exceptions of python-can's text readers on a malformed line."""
