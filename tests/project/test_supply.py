@@ -26,14 +26,11 @@ QUICK = (
     "binding",
     "config",
     "dbc",
-    "ego",
     "evaluation",
-    "frames",
     "objects",
     "output",
     "pipeline",
     "protection",
-    "radar",
 )
 """Rooms whose tests are enough to notice a library that is too old; `can_io` beside them."""
 SPDX = {
