@@ -200,7 +200,12 @@ def test_an_interrupted_replay_keeps_what_it_has(short: Path, tmp_path: Path, en
     tracks, part = tmp_path / "t.csv", tmp_path / "t.csv.part"
     tracks.write_text("former\n", encoding="utf-8")
     arguments = ["replay", "esr_ins", str(short / "drive.log"), "--tracks", str(tracks), "--speed", "0.5"]
-    with subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE) as process:
+
+    def heed() -> None:  # what runs the tests may ignore SIGINT, and so would the process
+        signal.signal(ending, signal.SIG_DFL)
+
+    command = [*COMMAND, *arguments]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, preexec_fn=heed) as process:  # noqa: PLW1509 - no threads here
         # Not before it has rows: an interrupt while libraries are still being imported is none of a replay.
         wait_until(lambda: part.exists() and part.read_bytes().count(b"\n") > 5, 60, "rows")
         process.send_signal(ending)
