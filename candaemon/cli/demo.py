@@ -37,7 +37,7 @@ from candaemon.files.outputs import Outputs
 from candaemon.frames.frame import Frame
 from candaemon.output.decoder import FIRST_STATE, DecodedCycle, OutputDecoder
 from candaemon.simulation.drive_files import write_truth
-from candaemon.simulation.scenario import Scenario, load_scenario
+from candaemon.simulation.scenario import LONGEST_DRIVE, Scenario, load_scenario
 from candaemon.simulation.simulate import Simulation, simulate
 from candaemon.tracking.obstacles import STATE_NAMES
 
@@ -46,8 +46,6 @@ if TYPE_CHECKING:
 
 SHORTEST_DRIVE: Final = 0.001
 """Shortest drive, s."""
-LONGEST_DRIVE: Final = 86_400.0
-"""Longest drive, s; the scenario's own duration bounds it, too."""
 
 _SPEED = 4.0
 """Times real time on a terminal."""

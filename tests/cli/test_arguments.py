@@ -10,6 +10,7 @@ import pytest
 
 from candaemon.cli import arguments, demo, papers, replay, run
 from candaemon.cli.main import COMMANDS
+from candaemon.simulation.scenario import LONGEST_DRIVE
 
 ABSURD = (
     *("", " ", "-1", "-0", "nan", "inf", "-inf", "1e300", "1e-300", "-1e300", "9" * 5000, "1e" + "9" * 400),
@@ -50,7 +51,7 @@ def test_whatever_is_typed_is_taken_or_refused_with_what_was_expected(command: s
         ("demo", "--seed", 0, arguments.LARGEST_SEED),
         ("papers", "--seed", 0, arguments.LARGEST_SEED),
         ("papers", "--runs", 1, papers.MOST_RUNS),
-        ("demo", "--duration", demo.SHORTEST_DRIVE, demo.LONGEST_DRIVE),
+        ("demo", "--duration", demo.SHORTEST_DRIVE, LONGEST_DRIVE),
         ("demo", "--speed", arguments.SLOWEST, arguments.FASTEST),
         ("replay", "--speed", arguments.SLOWEST, arguments.FASTEST),
         ("replay", "--smooth", replay.SHORTEST_LAG, replay.LONGEST_LAG),
