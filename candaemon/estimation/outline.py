@@ -1,0 +1,42 @@
+"""The outline of a vehicle: the ellipse inscribed in its box, and the point of it that faces an observer.
+
+The reference point of an obstacle is the point of that ellipse whose outward normal faces the vehicle's own origin. It
+is the ellipse's nearest point, moves steadily as the aspect changes, and is the point itself where the box has no size.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.arrays import Floats
+
+_ROUNDS = 6
+"""Enough for a centimetre on a lorry from a metre away, far less on a car."""
+_LEAST = 1e-6  # m, semi-axes of a point
+
+
+def facing_point(observer: Floats, half_length: Floats, half_width: Floats) -> Floats:
+    """Return the points of ellipses whose outward normals face an observer.
+
+    The ellipse is taken for its circle of curvature at the latest point, and the point of that circle is the next one.
+
+    Args:
+        observer: in each box's own axes, from its centre, x along the length (n, 2), m.
+        half_length: a (n,), m.
+        half_width: b (n,), m.
+
+    Returns:
+        In the same axes (n, 2), m. For an observer inside the ellipse too it is a point of the outline.
+    """
+    axes = np.maximum(np.stack([half_length, half_width], axis=1), _LEAST)
+    eye = np.abs(observer)
+    share = np.full(eye.shape, np.sqrt(0.5))  # cosine and sine of the point's parameter
+    difference = (axes[:, 0] ** 2 - axes[:, 1] ** 2)[:, None] * np.array([1.0, -1.0])
+    for _ in range(_ROUNDS):
+        curvature_centre = difference * share**3 / axes
+        radius = np.linalg.norm(axes * share - curvature_centre, axis=1)
+        away = eye - curvature_centre
+        ratio = radius / np.maximum(np.linalg.norm(away, axis=1), _LEAST)
+        share = np.clip((away * ratio[:, None] + curvature_centre) / axes, 0.0, 1.0)
+        share /= np.maximum(np.linalg.norm(share, axis=1), _LEAST)[:, None]
+    return np.asarray(np.copysign(axes * share, observer))
