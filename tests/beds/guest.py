@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from .crowding import tell_crowding
 from .task import SYSTEM_PATH, BedMissingError, Task
 
 PACKAGES = "user-mode-linux kmod can-utils iproute2"
@@ -94,7 +93,6 @@ def _wait(process: subprocess.Popen[bytes], task: Task) -> None:
     said, since = 0, time.monotonic()
     while process.poll() is None:
         time.sleep(POLL_S)
-        tell_crowding(task.crowding)
         now = sum(path.stat().st_size for path in (task.console, task.output, task.reports) if path.exists())
         if now != said:
             said, since = now, time.monotonic()

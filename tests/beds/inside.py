@@ -12,7 +12,7 @@ import pytest
 
 REPORTS = "CANDAEMON_REPORTS"
 """Environment variable that tells a run of pytest that it is in a bed, and the file for its reports."""
-LIMIT_S = 60.0
+LIMIT_S = 180.0
 """Time that a test may take, unless `@pytest.mark.limit(seconds)` says otherwise."""
 
 

@@ -19,7 +19,8 @@ from .waiting import wait_until
 
 START_S = 40.0
 """Longest start: the imports alone take some seconds in user-mode Linux."""
-STOP_S = 10.0
+STOP_S = 30.0
+"""Longest end after SIGTERM: a second on a machine that does nothing else."""
 
 
 class Service:

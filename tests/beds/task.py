@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .crowding import CROWDING
 from .inside import REPORTS
 
 Report = dict[str, Any]  # as pytest serialises it
@@ -59,11 +58,6 @@ class Task:
         return self.folder / "console.log"
 
     @property
-    def crowding(self) -> Path:
-        """How crowded the machine is around the bed."""
-        return self.folder / "crowding"
-
-    @property
     def scratch(self) -> Path:
         """For the tests' own files: a bed may have a file system of its own there."""
         return self.folder / "tmp"
@@ -83,7 +77,6 @@ class Task:
             "PYTHONDONTWRITEBYTECODE": "1",
             "HYPOTHESIS_STORAGE_DIRECTORY": str(self.scratch / "hypothesis"),
             REPORTS: str(self.reports),
-            CROWDING: str(self.crowding),
         }
         words = ["env", "-i", *(f"{name}={value}" for name, value in environment.items())]
         words += [sys.executable, "-m", "pytest", "-m", "", f"--basetemp={self.scratch / 'pytest'}", f"@{arguments}"]

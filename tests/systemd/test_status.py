@@ -49,7 +49,6 @@ def told_to_nobody(*options: str) -> str:
     )  # fmt: skip
 
 
-@pytest.mark.limit(120)
 def test_every_user_is_told_and_a_killed_service_tells_again(van: Unit) -> None:
     pid = van.show("MainPID")
     plain = told_to_nobody("van", "--once")
@@ -59,7 +58,7 @@ def test_every_user_is_told_and_a_killed_service_tells_again(van: Unit) -> None:
     assert figures["service"]["config"] == "/etc/candaemon/van.yaml"
     assert figures["service"]["memory"] > 10e6
     output("systemctl", "kill", "--signal=SIGKILL", van.name)
-    wait_until(lambda: van.show("MainPID") not in {pid, "0"} and van.show("ActiveState") == "active", 30.0, van.journal)
+    wait_until(lambda: van.show("MainPID") not in {pid, "0"} and van.show("ActiveState") == "active", 60.0, van.journal)
     assert json.loads(told_to_nobody("van", "--json"))["service"]["pid"] == int(van.show("MainPID"))
     van.ask("stop")
     assert not SOCKET.exists()
@@ -67,7 +66,7 @@ def test_every_user_is_told_and_a_killed_service_tells_again(van: Unit) -> None:
 
 
 def test_metrics_are_scraped_on_the_loopback(van: Unit) -> None:
-    with urlopen(f"http://127.0.0.1:{PORT}/metrics", timeout=5.0) as answer:
+    with urlopen(f"http://127.0.0.1:{PORT}/metrics", timeout=30.0) as answer:
         metrics = answer.read().decode()
     assert 'candaemon_bus_up{bus="radar"} 0.0' in metrics
     assert re.search(r"^process_resident_memory_bytes [1-9]", metrics, re.MULTILINE)

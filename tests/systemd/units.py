@@ -37,7 +37,7 @@ class Unit:
         """Return a property, such as ActiveState, SubState, StatusText, MainPID, NRestarts."""
         return output("systemctl", "show", "--value", f"--property={name}", self.name)
 
-    def wait_for(self, name: str, value: str, timeout_s: float = 30.0) -> None:
+    def wait_for(self, name: str, value: str, timeout_s: float = 60.0) -> None:
         """Return as soon as a property has a value.
 
         Raises:

@@ -93,7 +93,7 @@ class Ears:
         end_s = time.monotonic() + seconds
         return list(self._cycles(end_s))
 
-    def wait_for(self, condition: Callable[[Cycle], bool], expected: str, timeout_s: float = 20.0) -> list[Cycle]:
+    def wait_for(self, condition: Callable[[Cycle], bool], expected: str, timeout_s: float = 60.0) -> list[Cycle]:
         """Return the cycles up to the first whole one for which a condition holds."""
         end_s = time.monotonic() + timeout_s
         heard: list[Cycle] = []

@@ -12,7 +12,7 @@ from typing import Any
 from tests.beds.service import Service
 from tests.beds.waiting import wait_until
 
-_PATIENCE_S = 10.0
+_PATIENCE_S = 40.0
 _SETTLING_S = 0.2
 _BUSY_S = 0.3
 
@@ -37,7 +37,7 @@ class Telling:
         return told
 
     def wait_until_told(
-        self, condition: Callable[[dict[str, Any]], bool], expected: str, timeout_s: float = 20.0
+        self, condition: Callable[[dict[str, Any]], bool], expected: str, timeout_s: float = 60.0
     ) -> dict[str, Any]:
         """Return its figures as soon as a condition holds for them."""
         last: dict[str, Any] = {}
@@ -52,7 +52,7 @@ class Telling:
 
     def wait_until_open(self) -> None:
         """Wait until it is up: the socket is made when the buses are open."""
-        wait_until(self._socket.exists, 40.0, lambda: f"the status socket is there; {self.service.said}")
+        wait_until(self._socket.exists, 60.0, lambda: f"the status socket is there; {self.service.said}")
 
     def settled(self) -> dict[str, Any]:
         """Return its figures once all that was sent to it is taken."""
@@ -65,7 +65,7 @@ class Telling:
             time.sleep(_SETTLING_S)
             return counts == last
 
-        return self.wait_until_told(unchanged, "all is taken", timeout_s=40.0)
+        return self.wait_until_told(unchanged, "all is taken")
 
     def _ask(self) -> dict[str, Any]:
         """Return what it tells whoever connects."""

@@ -47,7 +47,6 @@ def told(log: bytes) -> list[str]:
     return [line.split()[2] for line in log.decode().splitlines()]
 
 
-@pytest.mark.limit(150)
 def test_what_went_out_is_what_the_recording_replays_to(
     vcan0: Link, vcan1: Link, vcan2: Link, first_seconds: Path, tmp_path: Path, start: Start
 ) -> None:
@@ -61,7 +60,7 @@ def test_what_went_out_is_what_the_recording_replays_to(
         service.wait_for("frames/s")
         canplayer(first_seconds, {"can0": vcan0.name, "can1": vcan1.name})
         service.signal(signal.SIGUSR1)
-        wait_until((folder / "events").is_dir, 10.0, "an event")
+        wait_until((folder / "events").is_dir, 60.0, "an event")
         assert service.stop()[0] == 0
         of = bind(load_config(config))
         expected = told(replayed(of, folder))
@@ -83,12 +82,12 @@ def test_a_recording_begins_before_the_first_frame_and_survives_a_kill(
     channels = {"car": vcan0.name, "radar": vcan1.name, "obstacles": vcan2.name}
     config, folder = config_on("toyota_rav4", tmp_path, channels), tmp_path / "ring"
     service = start(config, "--record", str(folder), "--status", "1")
-    wait_until(lambda: bool(logs_in(folder)), 40.0, "a recording")
+    wait_until(lambda: bool(logs_in(folder)), 60.0, "a recording")
     (log,) = logs_in(folder)
     cansend(vcan1.name, "210#0011223344556677")
-    wait_until(lambda: b" vcan1 210#0011223344556677\n" in log.read_bytes(), 10.0, "the frame on the disk")
+    wait_until(lambda: b" vcan1 210#0011223344556677\n" in log.read_bytes(), 60.0, "the frame on the disk")
     service.signal(signal.SIGKILL)
-    service.process.wait(5.0)
+    service.process.wait(30.0)
     lines = log.read_bytes().splitlines()
     assert lines[0].endswith(b" tick 000#")
     assert not lines[-1].endswith(b" tick 001#")

@@ -32,7 +32,7 @@ class Whole(Telling):
         self.traffic = traffic
         self.ears = ears
 
-    def track(self, timeout_s: float = 40.0, count: int = len(PLACES)) -> Cycle:
+    def track(self, timeout_s: float = 60.0, count: int = len(PLACES)) -> Cycle:
         """Wait until all that is there is told and nothing is amiss; return that cycle."""
 
         def well(cycle: Cycle) -> bool:
