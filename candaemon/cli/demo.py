@@ -32,7 +32,7 @@ from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.errors import BusError, ConfigError
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.printing import print_sections, sections
-from candaemon.evaluation.tables import TrackWriter
+from candaemon.evaluation.tables import TRUTH_COLUMNS, TrackWriter
 from candaemon.files.outputs import Outputs
 from candaemon.frames.frame import Frame
 from candaemon.output.decoder import FIRST_STATE, DecodedCycle, OutputDecoder
@@ -104,7 +104,7 @@ def run_demo(binding: Binding, scenario: Scenario, *, seed: int, speed: float | 
                 for obstacles in DemoDrive(binding, simulation, speed):
                     table.write_cycle(obstacles.time_ns, obstacles.columns())
                     show.cycle(obstacles)
-            with TrackWriter(outputs.open(truth)) as table:
+            with TrackWriter(outputs.open(truth), TRUTH_COLUMNS) as table:
                 write_truth(simulation, table)
         # The wire rounds standard deviations to 0.1: too coarse for NEES.
         shown = [part for part in sections(evaluate(tracks, truth)) if not part.title.startswith("NEES")]

@@ -17,6 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.evaluation.tables import ACTOR, HIDDEN, NUMBERS, STATIONARY, TrackTable
+from candaemon.frames.bodies import BODY
 from candaemon.tracking.obstacles import TENTATIVE
 
 _SIDES: tuple[Literal["left"], Literal["right"]] = ("left", "right")
@@ -81,9 +82,10 @@ def _between(truth: TrackTable, left: Integers, right: Integers, now: Integers) 
     step = (end.time_ns - begin.time_ns) / 1e9
     share = (now - begin.time_ns) / 1e9 / np.where(step > 0, step, 1.0)
     numbers = {}
-    for name in NUMBERS:
+    for name in (*NUMBERS, *BODY):
         a, b = getattr(begin, name), getattr(end, name)
-        numbers[name] = a + share * (b - a)
+        change = np.remainder(b - a + math.pi, 2 * math.pi) - math.pi if name == "heading" else b - a
+        numbers[name] = a + share * change
     bend = 0.5 * share * (1.0 - share) * step
     numbers["x"] -= bend * np.nan_to_num(end.vx - begin.vx)
     numbers["y"] -= bend * np.nan_to_num(end.vy - begin.vy)

@@ -17,9 +17,21 @@ One row an obstacle (or a true object) a cycle; a path that ends in `.gz` is com
 `objects`          detections used in the cycle, `sensor:object` with `;` between; may be empty in truth.
 =================  ====================================================================================
 
-An empty number is NaN in memory. Further columns are ignored; none of the above may be missing. Where `ego.gnss`
-georeferences the local frame, tracks have two more at the end, `latitude` and `longitude` (deg, WGS 84), empty while
-the georeference is unknown. Tables are written as a stream, with the same bytes on every run.
+None of the above may be missing. A table may have more of these, after them:
+
+=====================  ================================================================================
+`latitude` `longitude` deg, WGS 84: tracks where `ego.gnss` georeferences the local frame; not read.
+`heading`              rad, direction of the body's x axis in vehicle axes; empty where it is unknown or there is none.
+`yaw_rate`             rad/s over ground, positive to the left.
+`length` `width`       m, the body's box; 0 for a point.
+`center_x` `center_y`  m, vehicle axes, of the box.
+`existence`            0 to 1; empty in truth.
+`class`                one of `candaemon.frames.bodies.CLASSES`; empty is the same as `unknown`.
+`sides`                truth: how many sides of the box sensors see at this instant, 0 to 2.
+=====================  ================================================================================
+
+`x`, `y` and what belongs to them are those of the reference point, see `candaemon.estimation.outline`. An empty number
+is NaN in memory. Other columns are ignored. Tables are written as a stream, with the same bytes on every run.
 """
 
 from __future__ import annotations
@@ -46,6 +58,7 @@ from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.ego.georeference import Georeference
 from candaemon.errors import InputError
 from candaemon.files.outputs import OutputFile
+from candaemon.frames.bodies import BODY, CLASSES
 from candaemon.frames.times import LATEST_NS
 from candaemon.tracking.obstacles import MOTION, STATE_NAMES, Obstacles
 
@@ -55,8 +68,15 @@ STATES = (*STATE_NAMES, "actor", "hidden", "stationary")
 
 NUMBERS = ("x", "y", "vx", "vy", "ax", "ay", "east", "north", "ve", "vn", "sx", "sy", "svx", "svy", "age")
 COLUMNS = ("time", "id", "state", *NUMBERS, "objects")
+"""The columns that every table has."""
 EARTH_COLUMNS = ("latitude", "longitude")
-"""Additional columns of georeferenced tracks."""
+"""Further columns of georeferenced tracks."""
+TRUTH_COLUMNS = (*BODY, "class", "sides")
+"""Further columns of truth."""
+BODY_NUMBERS = (*BODY, "existence", "sides")
+"""Further columns that hold a number and are read where they are there."""
+
+_CELLS = (*COLUMNS, *BODY_NUMBERS, "class")
 
 _TRACK_STATES = frozenset(range(ACTOR))
 _TRUTH_STATES = frozenset({ACTOR, HIDDEN, STATIONARY})
@@ -80,6 +100,8 @@ class TrackTable:
         state: index into `STATES`.
         x, y, vx, vy, ax, ay, east, north, ve, vn, sx, sy, svx, svy, age: as in the module's table; NaN where empty.
         objects: detections used, as text.
+        heading, yaw_rate, length, width, center_x, center_y, existence, sides: likewise; NaN where the table has none.
+        kind: `class` as index into `CLASSES`.
     """
 
     time_ns: Integers
@@ -101,6 +123,15 @@ class TrackTable:
     svy: Floats
     age: Floats
     objects: NDArray[np.object_]
+    heading: Floats
+    yaw_rate: Floats
+    length: Floats
+    width: Floats
+    center_x: Floats
+    center_y: Floats
+    existence: Floats
+    sides: Floats
+    kind: NDArray[np.int8]
 
     def __len__(self) -> int:
         return len(self.id)
@@ -208,7 +239,7 @@ class _TableLines:
 
 
 def _cells(path: Path) -> Iterator[tuple[list[int], list[list[str]]]]:
-    """Yield some rows at a time: the line number and the text of each, the cells in the order of `COLUMNS`."""
+    """Yield some rows at a time: the line number and the text of each, the cells in the order of `_CELLS`."""
     lines: list[int] = []
     rows: list[list[str]] = []
     with _reading(path) as stream:
@@ -224,7 +255,8 @@ def _cells(path: Path) -> Iterator[tuple[list[int], list[list[str]]]]:
                 raise InputError(
                     f"{word} {', '.join(missing)} missing; expected {','.join(COLUMNS)}", file=path, line=1
                 )
-            order = [header.index(name) for name in COLUMNS]
+            # the last cell stands for the columns that the table does not have
+            order = [header.index(name) if name in header else -1 for name in _CELLS]
             text.taken = 0
             for row in reader:
                 if not row:  # blank lines are left out; the limit of a row is that of their number, too
@@ -237,6 +269,7 @@ def _cells(path: Path) -> Iterator[tuple[list[int], list[list[str]]]]:
                         line=reader.line_num,
                     )
                 lines.append(reader.line_num)
+                row.append("")
                 rows.append([row[k] for k in order])
                 if len(rows) == _ROWS_AT_ONCE:
                     yield lines, rows
@@ -302,8 +335,8 @@ class _RowParser:
         Raises:
             InputError: a cell is none of its column; names its line.
         """
-        columns: Sequence[Sequence[str]] = list(zip(*rows, strict=True)) if rows else [()] * len(COLUMNS)
-        cells = dict(zip(COLUMNS, columns, strict=True))
+        columns: Sequence[Sequence[str]] = list(zip(*rows, strict=True)) if rows else [()] * len(_CELLS)
+        cells = dict(zip(_CELLS, columns, strict=True))
 
         def convert(name: str, parse: Callable[[str], _T], expected: str) -> list[_T]:
             values = []
@@ -314,7 +347,10 @@ class _RowParser:
                     raise InputError(f"{name} is {text!r}; expected {expected}", file=self._path, line=line) from None
             return values
 
-        numbers = {name: np.array(convert(name, _number, "a number or nothing"), dtype=np.float64) for name in NUMBERS}
+        numbers = {
+            name: np.array(convert(name, _number, "a number or nothing"), dtype=np.float64)
+            for name in (*NUMBERS, *BODY_NUMBERS)
+        }
         table = TrackTable(
             time_ns=np.array(convert("time", self._time, "decimal seconds"), dtype=np.int64),
             id=np.array(convert("id", _identity, "an integer"), dtype=np.int64),
@@ -322,6 +358,7 @@ class _RowParser:
             objects=np.array(
                 convert("objects", _objects, "sensor:object with ; between, or nothing"), dtype=np.object_
             ),
+            kind=np.array(convert("class", _class_code, ", ".join(CLASSES)), dtype=np.int8),
             **numbers,
         )
         for name, values in (("x", table.x), ("y", table.y)):
@@ -346,6 +383,11 @@ def _identity(text: str) -> int:
     return value
 
 
+def _class_code(text: str) -> int:
+    """Return the code of a class; an empty cell is `unknown`."""
+    return CLASSES.index(text) if text else 0
+
+
 def _number(text: str) -> float:
     """Return a finite number, or NaN where the cell is empty."""
     value = float(text) if text else math.nan
@@ -362,12 +404,11 @@ def _objects(text: str) -> str:
 
 
 _DECIMALS = 4
-_DEGREE_DECIMALS = 9  # a tenth of a millimetre
+_FURTHER_DECIMALS = {"latitude": 9, "longitude": 9, "sides": 0}  # 9: a tenth of a millimetre
 _ROW = "%s,%d,%s," + ",".join([f"%.{_DECIMALS}f"] * len(NUMBERS)) + ",%s"
-_EARTH = f",%.{_DEGREE_DECIMALS}f" * len(EARTH_COLUMNS)
 _PREDICTION = f"%s,%s,%d,%s,%.{_DECIMALS}f,%.{_DECIMALS}f\n"
 _STATE_NAMES: Mapping[int | str, str] = {**dict(enumerate(STATES)), **{name: name for name in STATES}}
-_KNOWN = frozenset((*COLUMNS, *EARTH_COLUMNS)) - {"time"}
+_CLASS_NAMES: Mapping[int | str, str] = {**dict(enumerate(CLASSES)), **{name: name for name in CLASSES}}
 _PREDICTION_COLUMNS = ("time", "horizon", "id", "object", "x", "y")
 
 
@@ -399,13 +440,13 @@ class TrackWriter(_TableWriter):
 
     Args:
         file: the table.
-        earth: whether it has columns for latitude and longitude.
+        further: columns after those that every table has: some of `EARTH_COLUMNS`, `BODY_NUMBERS` and `class`.
     """
 
-    def __init__(self, file: OutputFile, *, earth: bool = False) -> None:
-        super().__init__(file, (*COLUMNS, *EARTH_COLUMNS) if earth else COLUMNS)
-        self._known = _KNOWN if earth else _KNOWN - set(EARTH_COLUMNS)
-        self._earth = earth
+    def __init__(self, file: OutputFile, further: Sequence[str] = ()) -> None:
+        super().__init__(file, (*COLUMNS, *further))
+        self._known = frozenset((*COLUMNS, *further)) - {"time"}
+        self._further = tuple(further)
 
     def write_cycle(self, time_ns: int, columns: Mapping[str, Sequence[Any] | NDArray[Any]]) -> None:
         """Write the rows of one cycle.
@@ -414,7 +455,7 @@ class TrackWriter(_TableWriter):
             time_ns: the time they are valid for.
             columns: by column name, each of length n. `id` and `state` (codes or names) are required; a number's
                 column may be absent, and a value that is not finite becomes an empty cell. `objects` holds text
-                or, for each row, its (sensor, object) pairs. `latitude` and `longitude`, deg, where the table has them.
+                or, for each row, its (sensor, object) pairs; `class` codes or names.
 
         Raises:
             ValueError: a column that the table does not have, or columns of different length.
@@ -434,10 +475,8 @@ class TrackWriter(_TableWriter):
                 _listed(columns["id"]), states, numbers.tolist(), objects, strict=True
             )
         ]
-        if self._earth:
-            places = _rounded(_table(columns, EARTH_COLUMNS), _DEGREE_DECIMALS)
-            lines = [line + _EARTH % tuple(place) for line, place in zip(lines, places.tolist(), strict=True)]
-            numbers = np.hstack((numbers, places))
+        for name in self._further:
+            lines = [f"{line},{cell}" for line, cell in zip(lines, _further_cells(columns, name), strict=True)]
         self._text.write(_without_nan("\n".join((*lines, "")), numbers))
 
 
@@ -496,6 +535,15 @@ def _table(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[
         if name in columns:
             table[:, k] = columns[name]
     return table
+
+
+def _further_cells(columns: Mapping[str, Sequence[Any] | NDArray[Any]], name: str) -> list[str]:
+    """Return the cells of one of the columns that a table may have."""
+    if name == "class":
+        return [_CLASS_NAMES[kind] for kind in _listed(columns.get(name, (0,) * len(columns["id"])))]
+    decimals = _FURTHER_DECIMALS.get(name, _DECIMALS)
+    values = _rounded(_table(columns, (name,)), decimals)[:, 0]
+    return ["" if value != value else f"{value:.{decimals}f}" for value in values.tolist()]
 
 
 def _rounded(values: Floats, decimals: int = _DECIMALS) -> Floats:

@@ -1,4 +1,4 @@
-"""What crosses every border: a CAN frame, a tick of time, a block of frames read at once, a batch of frames to send.
+"""What crosses borders: a CAN frame, a tick of time, frames read or to be sent at once, names of a body's quantities.
 
 Knows nothing of DBC files, sockets, sensors and tracks.
 """

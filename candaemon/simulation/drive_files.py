@@ -8,7 +8,7 @@ from pathlib import Path
 
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.write import open_log_writer
-from candaemon.evaluation.tables import TrackWriter
+from candaemon.evaluation.tables import TRUTH_COLUMNS, TrackWriter
 from candaemon.files.outputs import Outputs
 from candaemon.simulation.simulate import Simulation
 
@@ -39,7 +39,7 @@ def record(
     with ExitStack() as files:
         outputs = outputs or files.enter_context(Outputs(binding.files))
         writer = files.enter_context(open_log_writer(outputs.open(log), log_channels(binding)))
-        table = files.enter_context(TrackWriter(outputs.open(truth))) if truth is not None else None
+        table = files.enter_context(TrackWriter(outputs.open(truth), TRUTH_COLUMNS)) if truth is not None else None
         while chunk := list(islice(frames, _CHUNK)):
             writer.write(chunk)
             count += len(chunk)

@@ -30,6 +30,9 @@ MOST_ACTORS: Final = 1000
 MOST_POSTS: Final = 10_000
 """Stationary points in a scenario, those of the rails among them."""
 
+_NARROW, _SHORT, _LONG = 1.2, 1.2, 6.5
+"""m: a two-wheeler is narrower, a pedestrian also shorter, a car is shorter than a truck."""
+
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 """m in the scenario's axes."""
 
@@ -164,6 +167,9 @@ class Size(Settings):
         return self
 
 
+RoadUser = Literal["car", "truck", "two-wheeler", "pedestrian"]
+
+
 class Actor(Settings):
     """Another road user."""
 
@@ -171,6 +177,7 @@ class Actor(Settings):
     start: Start
     segments: tuple[Segment, ...] = ()
     size: Size = Field(default_factory=Size)
+    road_user: RoadUser | None = Field(None, description="its class in the truth; default: what its size suggests")
     reflections: int = Field(2, ge=1, le=8, description="objects it can be reported as; a point is always one")
     reflections_range: float = Field(
         70.0, gt=0, le=500, description="m up to which the second one is seen; the third half as far, …"
@@ -180,6 +187,17 @@ class Actor(Settings):
     def _segments_follow(self) -> Actor:
         _checked(self.segments)
         return self
+
+    @property
+    def kind(self) -> str:
+        """Its class, as in `candaemon.frames.bodies.CLASSES`: that of its settings, or what its size suggests."""
+        if self.road_user is not None:
+            return self.road_user
+        if self.size.length == 0.0:
+            return "unknown"
+        if self.size.width < _NARROW:
+            return "pedestrian" if self.size.length < _SHORT else "two-wheeler"
+        return "car" if self.size.length < _LONG else "truck"
 
 
 class Post(Settings):

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from candaemon.arrays import Booleans
+from candaemon.arrays import Booleans, ComplexPlane, Integers
 from candaemon.config.sensors import SensorSettings
+from candaemon.estimation.outline import facing_point
 from candaemon.simulation.scene import Points, Scene, SceneState
-from candaemon.simulation.visibility import VisibleReflections, hidden, in_view, reference_offsets, seen_from
+from candaemon.simulation.visibility import VisibleReflections, hidden, in_view, seen_from, sides_seen
 
 _MARGIN = 20.0
 """Stationary objects are listed up to this far beyond the longest range of a sensor, m."""
@@ -26,8 +27,8 @@ class TruthCycle:
         time_ns: measurement time, in the log's clock.
         columns: column of `--truth` → values, each of length n. `id` is 1 for the scenario's first actor, …; stationary
             objects follow. `state` is `actor`, `hidden` (an actor that no sensor can see at this instant) or
-            `stationary`. The others describe the reference point, as in `candaemon.evaluation.tables`; `objects`
-            and the columns that only a tracker can fill are absent.
+            `stationary`. The others are as in `candaemon.evaluation.tables`, the motion that of the reference point;
+            `objects` and the columns that only a tracker can fill are absent.
 
     """
 
@@ -68,11 +69,20 @@ class Truth:
             np.logical_or.at(seen, actor, in_sight)
         return seen
 
+    def sides(self, instant: SceneState) -> Integers:
+        """Return how many sides of each actor any sensor sees at an instant, at most 2, shape (actors,)."""
+        seen = np.zeros((len(self._scene.actors), 4), dtype=bool)
+        for settings in self._sensors:
+            sensor = instant.ego.at_mount(settings.mount)
+            seen |= sides_seen(self._scene, instant, sensor, settings.field_of_view, occlusion=self._occlusion)
+        return np.asarray(np.minimum(np.count_nonzero(seen, axis=1), 2), dtype=np.int64)
+
     def references(self, instant: SceneState) -> Points:
         """Return the motion of each actor's reference point, as seen from the origin of the ego's vehicle axes."""
         scene = self._scene
         eye = seen_from(instant, instant.ego.position)
-        offset = reference_offsets(eye, scene.half_length, scene.half_width)
+        facing = facing_point(np.stack([eye.real, eye.imag], axis=1), scene.half_length, scene.half_width)
+        offset = np.where(scene.half_length > 0.0, facing[:, 0] + 1j * facing[:, 1], 0.0)
         return instant.on_actors(np.arange(len(scene.actors), dtype=np.int64), offset)
 
     def cycle(self, instant: SceneState, time_ns: int) -> TruthCycle:
@@ -98,4 +108,26 @@ class Truth:
         local_frame = {"east": position.real, "north": position.imag, "ve": velocity.real, "vn": velocity.imag}
         identity = np.concatenate([np.arange(1, count + 1), count + 1 + near])
         state = np.concatenate([np.where(seen, "actor", "hidden"), np.full(len(near), "stationary")])
-        return TruthCycle(time_ns, {"id": identity, "state": state, **plane, **local_frame})
+        return TruthCycle(
+            time_ns, {"id": identity, "state": state, **plane, **local_frame, **self._bodies(instant, local)}
+        )
+
+    def _bodies(self, instant: SceneState, local: ComplexPlane) -> dict[str, NDArray[Any]]:
+        """Return the columns of the bodies, of the actors and of stationary objects (positions local, vehicle axes)."""
+        ego, actors, scene = instant.ego, instant.actors, self._scene
+        still = len(local) - len(scene.actors)
+        solid = scene.half_length > 0.0
+        heading = np.angle(np.exp(1j * (actors.yaw - ego.yaw)))
+        centre = (actors.position - ego.position) * np.exp(-1j * ego.yaw)
+        centre = np.concatenate([centre, local[len(scene.actors) :]])
+        unknown, zero = np.full(still, np.nan), np.zeros(still)
+        return {
+            "heading": np.concatenate([np.where(solid, heading, np.nan), unknown]),
+            "yaw_rate": np.concatenate([np.where(solid, actors.yaw_rate, np.nan), unknown]),
+            "length": np.concatenate([2 * scene.half_length, zero]),
+            "width": np.concatenate([2 * scene.half_width, zero]),
+            "center_x": centre.real,
+            "center_y": centre.imag,
+            "class": np.array([actor.kind for actor in scene.actors] + ["standing"] * still, dtype=np.str_),
+            "sides": np.concatenate([self.sides(instant), zero]),
+        }

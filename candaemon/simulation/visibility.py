@@ -3,10 +3,9 @@
 An actor is a rectangle in its own axes (x along its length), or a point. A radar sees the sides that face it: an
 end (front or rear), and of a flank the part next to that end, where wheels and corners reflect.
 
-The *reference point* of an actor lies on the side from which the observer is farther away: it is the middle of an end
-(the rear of a preceding vehicle, the front of an oncoming one) or of a car's flank; of a long vehicle's flank the point
-nearest to the observer, but not nearer to the end than the middle of a car's. Truth tables
-report this point, and the first reflection lies there.
+The first reflection lies on the side from which the observer is farther away: in the middle of an end (the rear of a
+preceding vehicle, the front of an oncoming one) or of a car's flank; of a long vehicle's flank at the point nearest to
+the observer, but not nearer to the end than the middle of a car's.
 """
 
 from __future__ import annotations
@@ -21,27 +20,17 @@ from candaemon.simulation.scene import Pose, Scene, SceneState
 _FLANK_REACH = 3.0
 """m of a flank that reflect, from the end that faces the sensor."""
 _FLANK_MARGIN = 2.25
-"""m from the end of a flank to its reference point, half a car's length."""
+"""m from the end of a flank to its first reflection, half a car's length."""
+_GRAZING = np.sin(np.radians(5.0))
+"""Sine of the angle to a side below which its extent cannot be judged."""
+_ALONG_SIDE = np.linspace(-0.8, 0.8, 5)
+"""Where a side is tried, from its middle, in half its extent; it is seen where most of these points are."""
 _CORNERS = np.array([1 + 1j, 1 - 1j, -1 - 1j, -1 + 1j])
 
 
 def seen_from(instant: SceneState, eye: complex) -> ComplexPlane:
     """Return an observer's position (local axes, m) in each actor's own axes, shape (actors,)."""
     return np.asarray((eye - instant.actors.position) * np.exp(-1j * instant.actors.yaw))
-
-
-def reference_offsets(eye: ComplexPlane, half_length: Floats, half_width: Floats) -> ComplexPlane:
-    """Return each actor's reference point in its own axes, m, shape (actors,).
-
-    Args:
-        eye: the observer in each actor's own axes, m, shape (actors,).
-        half_length: of each actor, m, shape (actors,).
-        half_width: of each actor, m, shape (actors,).
-
-    """
-    end = np.copysign(half_length, eye.real) + 0j
-    flank = _along_flank(eye, half_length) + 1j * np.copysign(half_width, eye.imag)
-    return np.where(_sees_end(eye, half_length, half_width), end, flank)
 
 
 def _along_flank(eye: ComplexPlane, half_length: Floats) -> Floats:
@@ -103,6 +92,35 @@ class VisibleReflections:
 def _reflections_of(actor: Actor) -> int:
     """Return how many reflections an actor has; a point has one."""
     return actor.reflections if actor.size.length > 0.0 else 1
+
+
+def sides_seen(scene: Scene, instant: SceneState, sensor: Pose, view: FieldOfView, *, occlusion: bool) -> Booleans:
+    """Return which sides of each actor a sensor sees: front, left, rear and right, shape (actors, 4); a point has none.
+
+    Args:
+        scene: sizes of the actors.
+        instant: poses of the actors.
+        sensor: the sensor's pose.
+        view: its field of view.
+        occlusion: whether actors occlude one another.
+
+    """
+    half = np.stack([scene.half_length, scene.half_width, scene.half_length, scene.half_width], axis=1)
+    normal = np.array([1, 1j, -1, -1j])
+    middle = half * normal
+    beside = np.roll(half, 1, axis=1) * normal * 1j
+    line = seen_from(instant, sensor.position)[:, None] - middle
+    faced = np.real(line * np.conj(normal)) > _GRAZING * np.abs(line)
+    actor, side = np.nonzero(faced & (half > 0.0))
+    tried = middle[actor, side][:, None] + np.multiply.outer(beside[actor, side], _ALONG_SIDE)
+    owner = np.repeat(actor, len(_ALONG_SIDE))
+    point = (instant.on_actors(owner, tried.ravel()).position - sensor.position) * np.exp(-1j * sensor.yaw)
+    clear = in_view(point, view)
+    if occlusion:
+        clear &= ~hidden(scene, instant, sensor, point, owner)
+    seen = np.zeros(faced.shape, dtype=bool)
+    seen[actor, side] = np.count_nonzero(clear.reshape(tried.shape), axis=1) > len(_ALONG_SIDE) / 2
+    return seen
 
 
 def in_view(point: ComplexPlane, view: FieldOfView) -> Booleans:

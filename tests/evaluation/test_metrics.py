@@ -19,7 +19,7 @@ from candaemon.evaluation.matching import assign, gospa, resample
 from candaemon.evaluation.metrics import compare, evaluate
 from candaemon.evaluation.printing import print_evaluation
 from candaemon.evaluation.results import Evaluation, Options
-from candaemon.evaluation.tables import NUMBERS, STATES, TrackTable, TrackWriter
+from candaemon.evaluation.tables import BODY_NUMBERS, NUMBERS, STATES, TrackTable, TrackWriter
 from candaemon.files.outputs import OutputFile
 
 CYCLE = 0.05
@@ -28,12 +28,14 @@ Row = tuple[float, int, str, dict[str, float]]
 
 def table(rows: Iterable[Row]) -> TrackTable:
     ordered = sorted(rows, key=lambda row: (row[0], row[1]))
-    numbers = {name: np.array([row[3].get(name, math.nan) for row in ordered]) for name in NUMBERS}
+    named = (*NUMBERS, *BODY_NUMBERS)
+    numbers = {name: np.array([row[3].get(name, math.nan) for row in ordered]) for name in named}
     return TrackTable(
         time_ns=np.array([round(row[0] * 1e9) for row in ordered], dtype=np.int64),
         id=np.array([row[1] for row in ordered], dtype=np.int64),
         state=np.array([STATES.index(row[2]) for row in ordered], dtype=np.int8),
         objects=np.array([""] * len(ordered), dtype=np.str_),
+        kind=np.zeros(len(ordered), dtype=np.int8),
         **numbers,
     )
 

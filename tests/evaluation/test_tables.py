@@ -15,9 +15,11 @@ from hypothesis import strategies as st
 
 from candaemon.errors import InputError
 from candaemon.evaluation.tables import (
+    BODY_NUMBERS,
     COLUMNS,
     LONGEST_ROW,
     STATES,
+    TRUTH_COLUMNS,
     PredictionWriter,
     TrackWriter,
     format_time,
@@ -26,6 +28,7 @@ from candaemon.evaluation.tables import (
     read_truth,
 )
 from candaemon.files.outputs import OutputFile
+from candaemon.frames.bodies import CLASSES
 from candaemon.frames.times import LATEST_NS
 
 HEADER = ",".join(COLUMNS) + "\n"
@@ -118,6 +121,39 @@ def test_numbers_come_back_within_half_a_digit(tmp_path_factory: pytest.TempPath
     assert np.abs(table.x - values).max() <= 0.5001e-4
     assert "-0.0000" not in path.read_text().replace("\n", ",").split(",")
     np.testing.assert_array_equal(table.x, table.east)
+
+
+def test_further_columns_stand_at_the_end_and_come_back(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    with OutputFile(path) as file, TrackWriter(file, TRUTH_COLUMNS) as writer:
+        body: dict[str, Any] = {
+            "heading": [-1.5, math.nan],
+            "length": [4.5, 0.0],
+            "class": ["car", "standing"],
+            "sides": [2, math.nan],
+        }
+        writer.write_cycle(0, {"id": [1, 2], "state": [3, 5], "x": [1.0, 2.0], "y": [0.0, 0.0], **body})
+    lines = path.read_text().splitlines()
+    assert lines[0].endswith(",objects,heading,yaw_rate,length,width,center_x,center_y,class,sides")
+    assert lines[1].endswith(",,-1.5000,,4.5000,,,,car,2")
+    assert lines[2].endswith(",,,,0.0000,,,,standing,")
+    table = read_truth(path)
+    assert table.heading.tolist() == pytest.approx([-1.5, math.nan], nan_ok=True)
+    assert table.sides.tolist() == pytest.approx([2.0, math.nan], nan_ok=True)
+    assert [CLASSES[code] for code in table.kind] == ["car", "standing"]
+    assert np.isnan(table.existence).all()
+
+
+def test_a_class_that_there_is_not_is_refused(tmp_path: Path) -> None:
+    text = HEADER.strip() + ",class\n" + ROW.strip() + ",tank\n"
+    with pytest.raises(InputError, match=r"t\.csv:2: class is 'tank'; expected unknown, car"):
+        read_tracks(written(tmp_path, text))
+
+
+def test_a_table_without_further_columns_is_read(tmp_path: Path) -> None:
+    table = read_tracks(written(tmp_path, HEADER + ROW))
+    assert all(np.isnan(getattr(table, name)).all() for name in BODY_NUMBERS)
+    assert table.kind.tolist() == [0]
 
 
 def test_an_unknown_column_or_a_wrong_length_is_refused(tmp_path: Path) -> None:

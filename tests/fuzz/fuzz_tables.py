@@ -12,8 +12,9 @@ import numpy as np
 
 from candaemon.errors import InputError
 from candaemon.evaluation.metrics import compare
-from candaemon.evaluation.tables import COLUMNS, NUMBERS, TrackTable, TrackWriter, read_tracks, read_truth
+from candaemon.evaluation.tables import BODY_NUMBERS, COLUMNS, NUMBERS, TrackTable, TrackWriter, read_tracks, read_truth
 from candaemon.files.outputs import OutputFile
+from candaemon.frames.bodies import CLASSES
 
 from .drawn import Drawn
 from .invariants import hold_place
@@ -57,7 +58,7 @@ def _read(text: bytes, name: str, *, packed: bool) -> TrackTable | None:
         hold_place(error)
         return None
     assert all(len(getattr(table, field.name)) == len(table) for field in fields(table))
-    assert not any(np.isinf(getattr(table, number)).any() for number in NUMBERS)
+    assert not any(np.isinf(getattr(table, number)).any() for number in (*NUMBERS, *BODY_NUMBERS))
     assert (np.diff(table.time_ns) >= 0).all()
     _written_again(table, scratch() / f"{name}-again.csv", reader is read_tracks)
     return table
@@ -67,10 +68,10 @@ def _written_again(table: TrackTable, path: Path, tracks: bool) -> None:
     """Hold that what is written is read again, and gives the same bytes."""
     reader, written = read_tracks if tracks else read_truth, []
     for _ in range(2):
-        with OutputFile(path) as file, TrackWriter(file) as writer:
+        with OutputFile(path) as file, TrackWriter(file, (*BODY_NUMBERS, "class")) as writer:
             for time_ns in np.unique(table.time_ns).tolist():
                 rows = table.take(table.time_ns == time_ns)
-                columns = {name: getattr(rows, name) for name in COLUMNS[1:]}
+                columns = {name: getattr(rows, name) for name in (*COLUMNS[1:], *BODY_NUMBERS)} | {"class": rows.kind}
                 writer.write_cycle(time_ns, columns)
         written.append(path.read_bytes())
         table = reader(path)
@@ -83,13 +84,16 @@ def _no_number(constant: str) -> None:
 
 def _sound(states: tuple[str, ...], offset: float) -> bytes:
     """Return a table of some objects that drive side by side."""
-    lines = [",".join(COLUMNS)]
+    lines = [",".join((*COLUMNS, *BODY_NUMBERS, "class"))]
     for k in range(_TIMES):
         for number in range(_IDS):
             x, y = 10.0 * number + 2.0 * k + offset, 3.5 * (number % 3 - 1)
             numbers = (x, y, 20.0, 0.0, 0.0, 0.0, x + 100, y, 20.0, 0.0, 0.3, 0.3, 0.5, 0.5, 0.05 * k)
             cells = ",".join(f"{value:.4f}" for value in numbers)
-            lines.append(f"17000000{k:02d}.050000,{number},{states[number % len(states)]},{cells},front:{number}")
+            body = f"{number - 2}.5,0.01,4.5,1.8,{x + 2},{y},0.9,2,{CLASSES[number]}"
+            lines.append(
+                f"17000000{k:02d}.050000,{number},{states[number % len(states)]},{cells},front:{number},{body}"
+            )
     return "\n".join((*lines, "")).encode()
 
 

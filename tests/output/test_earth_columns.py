@@ -23,7 +23,7 @@ from candaemon.cli.main import main
 from candaemon.config.load import load_config
 from candaemon.errors import ConfigError
 from candaemon.evaluation.metrics import evaluate
-from candaemon.evaluation.tables import COLUMNS, TrackWriter, read_tracks, track_columns
+from candaemon.evaluation.tables import COLUMNS, EARTH_COLUMNS, TRUTH_COLUMNS, TrackWriter, read_tracks, track_columns
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
@@ -80,10 +80,10 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Simulated:
     frames = list(simulation.frames())
     late = [f for f in frames if not (f.can_id == place and f.time_ns < frames[0].time_ns + 1_000_000_000)]
     cycles = list(pipeline.run(late))
-    with OutputFile(folder / "tracks.csv") as file, TrackWriter(file, earth=True) as table:
+    with OutputFile(folder / "tracks.csv") as file, TrackWriter(file, EARTH_COLUMNS) as table:
         for cycle in cycles:
             table.write_cycle(cycle.obstacles.time_ns, track_columns(cycle.obstacles, ["front"], cycle.georeference))
-    with OutputFile(folder / "truth.csv") as file, TrackWriter(file) as table:
+    with OutputFile(folder / "truth.csv") as file, TrackWriter(file, TRUTH_COLUMNS) as table:
         for row in simulation.truth():
             table.write_cycle(row.time_ns, row.columns)
     return Simulated(cycles, pipeline, folder)

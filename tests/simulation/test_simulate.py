@@ -13,8 +13,9 @@ from candaemon.binding.bound import Binding
 from candaemon.ego.factory import make_ego
 from candaemon.ego.motion import EgoMotion
 from candaemon.errors import ConfigError
-from candaemon.evaluation.tables import TrackWriter, read_truth
+from candaemon.evaluation.tables import TRUTH_COLUMNS, TrackWriter, read_truth
 from candaemon.files.outputs import OutputFile
+from candaemon.frames.bodies import CLASSES
 from candaemon.frames.frame import Frame
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.scan import Scan
@@ -174,23 +175,58 @@ def test_a_car_hides_the_one_before_it_and_truth_says_so() -> None:
     assert all(1 in report.owner for _, report in seen.reports(0))
 
 
-def test_the_reference_point_is_the_middle_of_the_side_that_faces_the_ego() -> None:
-    cars = (
-        {"name": "lead", "start": {"x": 40.0, "y": 0.0, "vx": 15.0, "vy": 0.0}},
-        {"name": "oncoming", "start": {"x": 90.0, "y": 3.5, "speed": 10.0, "heading_deg": 180.0}},
-        {"name": "crossing", "start": {"x": 60.0, "y": -8.0, "speed": 5.0, "heading_deg": 90.0}},
-    )
+CARS = (
+    {"name": "lead", "start": {"x": 40.0, "y": 0.0, "vx": 15.0, "vy": 0.0}},
+    {"name": "oncoming", "start": {"x": 90.0, "y": 3.5, "speed": 10.0, "heading_deg": 180.0}},
+    {"name": "crossing", "size": {"length": 12.0, "width": 2.5},
+     "start": {"x": 60.0, "y": -8.0, "speed": 5.0, "heading_deg": 90.0}},
+    {"name": "point", "size": {"length": 0.0, "width": 0.0}, "start": {"x": 30.0, "y": 9.0, "vx": 1.0, "vy": 0.0}},
+)  # fmt: skip
+
+
+def test_the_reference_point_is_the_ellipses_nearest_point() -> None:
     ego = {"start": {"speed": 0.0, "heading_deg": 45.0}}
-    first = next(simulate(drive("automotive_turn", actors=cars, ego=ego), bound("esr_ins")).truth()).columns
-    assert first["x"] == pytest.approx([37.75, 87.75, 59.1])
-    assert first["y"] == pytest.approx([0.0, 3.5, -8.0], abs=1e-9)
-    assert first["vx"] == pytest.approx([15.0, -10.0, 0.0], abs=1e-9)
+    first = next(simulate(drive("automotive_turn", actors=CARS, ego=ego), bound("esr_ins")).truth()).columns
+    angle = np.linspace(0.0, 2 * np.pi, 100_000)
+    for k, (half_length, half_width) in enumerate([(2.25, 0.9), (2.25, 0.9), (1.25, 6.0)]):
+        centre = np.array([first["center_x"][k], first["center_y"][k]])
+        outline = centre[:, None] + np.stack([half_length * np.cos(angle), half_width * np.sin(angle)])
+        nearest = outline[:, np.argmin(np.hypot(*outline))]
+        assert (first["x"][k], first["y"][k]) == pytest.approx(nearest, abs=0.01)
+    assert (first["x"][3], first["y"][3]) == pytest.approx((30.0, 9.0))
+    assert first["vx"] == pytest.approx([15.0, -10.0, 0.0, 1.0], abs=1e-9)
     assert first["ve"][0] == pytest.approx(15.0 * math.sin(math.radians(45.0)))
+
+
+def test_the_truth_tells_the_body() -> None:
+    ego = {"start": {"speed": 0.0, "heading_deg": 45.0}}
+    first = next(simulate(drive("automotive_turn", actors=CARS, ego=ego), bound("esr_ins")).truth()).columns
+    assert first["heading"] == pytest.approx([0.0, math.pi, math.pi / 2, math.nan], abs=1e-9, nan_ok=True)
+    assert first["length"].tolist() == [4.5, 4.5, 12.0, 0.0]
+    assert first["width"].tolist() == [1.8, 1.8, 2.5, 0.0]
+    assert first["center_x"] == pytest.approx([40.0, 90.0, 60.0, 30.0])
+    assert first["center_y"] == pytest.approx([0.0, 3.5, -8.0, 9.0])
+    assert first["class"].tolist() == ["car", "car", "truck", "unknown"]
+    assert first["yaw_rate"] == pytest.approx([0.0, 0.0, 0.0, math.nan], abs=1e-12, nan_ok=True)
+
+
+def test_sides_count_where_their_extent_can_be_judged() -> None:
+    def box(name: str, x: float, y: float, heading: float) -> dict[str, Any]:
+        return {"name": name, "start": {"x": x, "y": y, "speed": 0.0, "heading_deg": heading}}
+
+    cars = (
+        box("askew", 30.0, -6.0, 30.0),
+        box("straight ahead", 40.0, 0.0, 0.0),
+        box("behind it", 55.0, 0.5, 30.0),
+        box("behind us", -30.0, 0.0, 0.0),
+    )
+    scenario = drive("automotive_turn", actors=cars, ego={"start": {"speed": 0.0}})
+    assert next(simulate(scenario, bound("esr_ins")).truth()).columns["sides"].tolist() == [2, 1, 0, 0]
 
 
 def test_truth_is_a_table_that_evaluate_reads(tmp_path: Path) -> None:
     simulation = simulate(drive("guard_rail", duration=1.0), bound("esr_ins"))
-    with OutputFile(tmp_path / "truth.csv") as file, TrackWriter(file) as writer:
+    with OutputFile(tmp_path / "truth.csv") as file, TrackWriter(file, TRUTH_COLUMNS) as writer:
         for cycle in simulation.truth():
             writer.write_cycle(cycle.time_ns, cycle.columns)
     table = read_truth(tmp_path / "truth.csv")
@@ -199,6 +235,10 @@ def test_truth_is_a_table_that_evaluate_reads(tmp_path: Path) -> None:
     still = table.state == 5
     assert np.count_nonzero(still) > 20 * 50
     assert not table.vx[still].any()
+    assert np.isnan(table.heading[still]).all()
+    assert {CLASSES[code] for code in table.kind[still]} == {"standing"}
+    assert set(table.sides[table.state == 3].tolist()) <= {0.0, 1.0, 2.0}
+    assert np.isfinite(table.heading[table.state == 3]).all()
 
 
 def _moved(name: str, scenario: Scenario) -> tuple[EgoMotion, Simulation]:

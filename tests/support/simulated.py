@@ -7,7 +7,7 @@ from pathlib import Path
 
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.results import Evaluation
-from candaemon.evaluation.tables import TrackWriter, track_columns
+from candaemon.evaluation.tables import TRUTH_COLUMNS, TrackWriter, track_columns
 from candaemon.files.outputs import OutputFile
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario, load_scenario
@@ -31,7 +31,7 @@ def drive(config: str, drama: Scenario, seed: int) -> tuple[Evaluation, Pipeline
         with OutputFile(tracks) as file, TrackWriter(file) as table:
             for cycle in pipeline.run(simulation.frames()):
                 table.write_cycle(cycle.obstacles.time_ns, track_columns(cycle.obstacles, names))
-        with OutputFile(truth) as file, TrackWriter(file) as table:
+        with OutputFile(truth) as file, TrackWriter(file, TRUTH_COLUMNS) as table:
             for row in simulation.truth():
                 table.write_cycle(row.time_ns, row.columns)
         return evaluate(tracks, truth), pipeline
