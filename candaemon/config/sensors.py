@@ -189,6 +189,20 @@ class FieldOfView(Settings):
     azimuth_deg: float = Field(45.0, gt=0, le=180, description="deg, half the opening angle")
 
 
+class DetectionSettings(Settings):
+    """How well a sensor detects, as far as it has not been learnt from its scans."""
+
+    probability: float = Field(
+        0.95, ge=0.1, le=0.99, description="of detecting what is in sight and was detected by the scan before"
+    )
+    gap: float = Field(
+        0.15, ge=0.01, le=10, description="s, mean time for which the sensor does not detect an obstacle in sight"
+    )
+    clutter: float = Field(
+        1e-5, ge=1e-9, le=1, description="detections of a scan that belong to nothing, per m² of the field of view"
+    )
+
+
 class LfmFskSettings(Settings):
     """A radar front end with two intertwined chirps (LFM-FSK, Avatirak et al. 2012); used by the simulation only.
 
@@ -239,6 +253,7 @@ class SensorSettings(Settings):
         "of_position", description="vx and vy are rates of x and y in the turning sensor axes, or velocity differences"
     )
     field_of_view: FieldOfView = Field(default_factory=FieldOfView)
+    detection: DetectionSettings = Field(default_factory=DetectionSettings)
     protection: SensorProtectionSettings = Field(default_factory=SensorProtectionSettings)
     plausibility: PlausibilitySettings = Field(default_factory=PlausibilitySettings)
     front_end: LfmFskSettings | None = Field(

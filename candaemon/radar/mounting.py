@@ -31,13 +31,30 @@ class SensorView:
     mount: Mount
     field: FieldOfView
 
+    @property
+    def yaw(self) -> float:
+        """Direction of its middle from the vehicle's x axis, rad."""
+        return radians(self.mount.yaw_deg)
+
+    @property
+    def area(self) -> float:
+        """Area of the field of view, m²."""
+        return radians(self.field.azimuth_deg) * (
+            self.field.range**2 - min(self.field.min_range, self.field.range) ** 2
+        )
+
     def sees(self, points: Floats) -> Booleans:
         """Return which points in vehicle axes (n, 2) it sees."""
         x, y = points[:, 0] - self.mount.x, points[:, 1] - self.mount.y
-        azimuth = np.remainder(np.arctan2(y, x) - radians(self.mount.yaw_deg) + np.pi, 2 * np.pi) - np.pi
+        azimuth = np.remainder(np.arctan2(y, x) - self.yaw + np.pi, 2 * np.pi) - np.pi
         distance = np.hypot(x, y)
         near_enough = (distance > self.field.min_range) & (distance < self.field.range)
         return np.asarray(near_enough & (np.abs(azimuth) < radians(self.field.azimuth_deg)))
+
+
+def sensor_views(settings: SensorSettings) -> dict[int, SensorView]:
+    """Return what a sensor can see, by the number of its look; −1 where a scan has none."""
+    return {-1: SensorView(settings.mount, settings.field_of_view)}
 
 
 class Mounting:

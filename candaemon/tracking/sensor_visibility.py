@@ -1,0 +1,288 @@
+"""How probable it is that a sensor detects an obstacle, and how many detections belong to nothing.
+
+The probability of detection is a product. Its first factor, the share in sight, is geometry: the part of the angle an
+obstacle subtends that lies in the field of view and that no nearer obstacle hides. The second, the rate with which the
+sensor detects what is in sight, is learnt for each range, and apart for obstacles that the sensor detected when it last
+could and for those it missed then: object radars lose an obstacle for several scans at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import exp, pi, radians
+from typing import Final
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats
+from candaemon.config.sensors import SensorSettings
+from candaemon.radar.mounting import SensorView, sensor_views
+
+LEAST_PROBABILITY: Final = 0.01
+"""Of detection, whatever hides an obstacle: a field of view is only known approximately, and radars see below cars."""
+GREATEST_PROBABILITY: Final = 0.99
+"""Of detection, however well a sensor has seen so far."""
+RANGE_BINS: Final = 8
+"""Parts of a sensor's range whose detection rates are learnt apart."""
+_ANGLE_MARGIN = radians(0.5)  # on either side of an obstacle: a field of view ends within a degree
+_RANGE_MARGIN = 2.0  # m over which it ends; the least range within half of it
+_POINT = 1.0  # m, length and width of an obstacle whose size is not known
+_CLEAR = 0.9  # share in sight from which a detection is expected without doubt
+_PRIOR_WEIGHT = 40.0  # opportunities that the setting counts as
+_MEMORY = 1000.0  # opportunities of a bin, or scans, after which what was learnt has faded to 1/e
+_CLUTTER_SPREAD = 100.0  # factor by which the learnt density of clutter differs from the setting at most
+
+
+def _unlearnt() -> Floats:
+    return np.zeros((2, RANGE_BINS))
+
+
+@dataclass(slots=True)
+class LearntDetection:
+    """What was learnt of the detections of one sensor; older experience counts less.
+
+    Attributes:
+        expected: opportunities by range, of obstacles detected (row 0) and missed (row 1) the time before.
+        detected: those of them that were taken.
+        scans: scans whose clutter was counted.
+        false: detections that belonged to nothing.
+    """
+
+    expected: Floats = field(default_factory=_unlearnt)
+    detected: Floats = field(default_factory=_unlearnt)
+    scans: float = 0.0
+    false: float = 0.0
+
+    def validate(self) -> None:
+        """Refuse counts that cannot be.
+
+        Raises:
+            ValueError: a count is negative, or more was detected than expected.
+        """
+        counts = (self.expected, self.detected)
+        if any(each.dtype != np.float64 or each.shape != (2, RANGE_BINS) for each in counts):
+            raise ValueError(f"detection rates of other than 2 times {RANGE_BINS} parts")
+        possible = (self.detected >= 0.0) & (self.detected <= self.expected) & (self.expected <= 2.0 * _MEMORY)
+        if not (possible.all() and 0.0 <= self.scans <= 2.0 * _MEMORY and 0.0 <= self.false < np.inf):
+            raise ValueError("detections were counted that cannot be")
+
+
+@dataclass(slots=True)
+class VisibilityState:
+    """What was learnt of each sensor, by its number."""
+
+    sensors: dict[int, LearntDetection] = field(default_factory=dict)
+
+
+class Visibility:
+    """Says what sensors should see, and learns how well they do.
+
+    Args:
+        sensors: settings of each sensor by its number.
+    """
+
+    def __init__(self, sensors: Mapping[int, SensorSettings]) -> None:
+        self._models = {number: _DetectionModel(settings) for number, settings in sensors.items()}
+        self._state = VisibilityState({number: LearntDetection() for number in sensors})
+
+    @property
+    def state(self) -> VisibilityState:
+        """All that it has learnt.
+
+        Raises:
+            ValueError: a state that is set is of other sensors, or holds what cannot be.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: VisibilityState) -> None:
+        if state.sensors.keys() != self._models.keys():
+            raise ValueError("detection rates of other sensors than the configuration's")
+        for learnt in state.sensors.values():
+            learnt.validate()
+        self._state = state
+
+    def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
+        """Give what was learnt to the sensors' other numbers, and forget those left out.
+
+        Args:
+            sensors: number of a sensor from here on, by the number it had.
+        """
+        self._models = {sensors[old]: each for old, each in self._models.items() if old in sensors}
+        learnt = self._state.sensors
+        self._state.sensors = {sensors[old]: each for old, each in learnt.items() if old in sensors}
+
+    def detection_probability(
+        self,
+        centre: Floats,
+        reference: Floats,
+        heading: Floats,
+        length: Floats,
+        width: Floats,
+        sensor: int,
+        look: int = -1,
+        missed: Booleans | None = None,
+    ) -> Floats:
+        """Return the probability (k,) with which a scan of a sensor holds a detection of each obstacle.
+
+        Args:
+            centre: of the obstacles' boxes (k, 2), vehicle axes, m.
+            reference: their points that face the vehicle (k, 2), vehicle axes, m.
+            heading: of the boxes from the vehicle's x axis (k,), rad; NaN where it is not known.
+            length: (k,), m; NaN where it is not known.
+            width: (k,), m; NaN where it is not known.
+            sensor: its number.
+            look: which of its looks the scan is; −1: it has none.
+            missed: whether the sensor's last scan that should have held it did not (k,); None: held by all.
+        """
+        model = self._models[sensor]
+        sight, distance = model.sight(centre, reference, heading, length, width, look)
+        rate = model.rate(self._state.sensors[sensor], distance, missed)
+        return np.minimum(np.maximum(sight * rate, LEAST_PROBABILITY), GREATEST_PROBABILITY)
+
+    def in_sight(
+        self,
+        centre: Floats,
+        reference: Floats,
+        heading: Floats,
+        length: Floats,
+        width: Floats,
+        sensor: int,
+        look: int = -1,
+    ) -> tuple[Floats, Floats]:
+        """Return the share of each obstacle in a sensor's sight (k,), 0 to 1, and its distance from it (k,), m.
+
+        The arguments are those of `detection_probability`.
+        """
+        return self._models[sensor].sight(centre, reference, heading, length, width, look)
+
+    def learn(
+        self, sensor: int, expected: Floats, detected: Booleans, distance: Floats, missed: Booleans | None = None
+    ) -> None:
+        """Learn from a scan which obstacles the sensor detected; to be given those that surely exist.
+
+        Args:
+            sensor: its number.
+            expected: share in sight (k,), 0 to 1; only those clearly in sight count.
+            detected: whether the scan held it (k,).
+            distance: from the sensor (k,), m.
+            missed: as in `detection_probability`.
+        """
+        clear = (expected > _CLEAR) & np.isfinite(distance)
+        if not clear.any():
+            return
+        learnt = self._state.sensors[sensor]
+        part = self._models[sensor].part(distance[clear]).astype(np.intp)
+        row = np.zeros(len(part), np.intp) if missed is None else missed[clear].astype(np.intp)
+        cell = row * RANGE_BINS + part
+        opportunities = np.bincount(cell, minlength=2 * RANGE_BINS).reshape(2, RANGE_BINS)
+        taken = np.bincount(cell, weights=detected[clear], minlength=2 * RANGE_BINS).reshape(2, RANGE_BINS)
+        fading = np.exp(-opportunities / _MEMORY)
+        learnt.expected *= fading
+        learnt.detected *= fading
+        learnt.expected += np.minimum(opportunities, _MEMORY / 2)
+        learnt.detected += taken * np.minimum(1.0, _MEMORY / 2 / np.maximum(opportunities, 1))
+
+    def learn_clutter(self, sensor: int, false: int, scans: int = 1) -> None:
+        """Learn how many detections belonged to nothing.
+
+        Args:
+            sensor: its number.
+            false: detections of tracks that have died unconfirmed since it was last told.
+            scans: of the sensor since then.
+        """
+        learnt = self._state.sensors[sensor]
+        fading = exp(-scans / _MEMORY)
+        learnt.scans = learnt.scans * fading + min(scans, _MEMORY / 2)
+        learnt.false = learnt.false * fading + false * min(1.0, _MEMORY / 2 / max(scans, 1))
+
+    def clutter_density(self, sensor: int) -> float:
+        """Return how many detections of a scan belong to nothing, per m² of the field of view."""
+        return self._models[sensor].clutter_density(self._state.sensors[sensor])
+
+
+class _DetectionModel:
+    """What one sensor should see: its views, and what its settings say of it before it is learnt.
+
+    Args:
+        settings: of the sensor.
+    """
+
+    def __init__(self, settings: SensorSettings) -> None:
+        self._views: Mapping[int, SensorView] = sensor_views(settings)
+        detection = settings.detection
+        prior = np.array([detection.probability, 1.0 - exp(-settings.cycle_time / detection.gap)])
+        self._prior = prior[:, None] * _PRIOR_WEIGHT
+        self._clutter = detection.clutter
+        self._bin = max(view.field.range for view in self._views.values()) / RANGE_BINS
+        self._middle = (np.arange(RANGE_BINS) + 0.5) * self._bin
+        self._area = float(np.mean([view.area for view in self._views.values()]))
+
+    def sight(
+        self, centre: Floats, reference: Floats, heading: Floats, length: Floats, width: Floats, look: int
+    ) -> tuple[Floats, Floats]:
+        """Return the share of each obstacle in sight (k,), and its distance (k,), m."""
+        view = self._views.get(look) or self._views[-1]
+        x, y = centre[:, 0] - view.mount.x, centre[:, 1] - view.mount.y
+        away = np.hypot(x, y)
+        distance = np.hypot(reference[:, 0] - view.mount.x, reference[:, 1] - view.mount.y)
+        bearing = np.arctan2(y, x) - view.yaw
+        half = _half_angle(bearing, away, heading - view.yaw, length, width) + _ANGLE_MARGIN
+        azimuth = np.remainder(bearing + pi, 2 * pi) - pi
+        low, high = azimuth - half, azimuth + half
+        opening = radians(view.field.azimuth_deg)
+        share = 1.0 - _hidden(low, high, away, distance, behind=opening > pi / 2)
+        if opening < pi:
+            inside = np.minimum(high, opening) - np.maximum(low, -opening)
+            share -= 1.0 - np.maximum(inside, 0.0) / np.minimum(2.0 * half, 2.0 * opening)
+        within = np.minimum(distance - view.field.min_range, view.field.range - distance) / _RANGE_MARGIN + 0.5
+        return np.maximum(share, 0.0) * np.minimum(np.maximum(within, 0.0), 1.0), distance
+
+    def part(self, distance: Floats) -> Floats:
+        """Return in which part of the range each distance lies (k,)."""
+        return np.asarray(np.minimum(distance // self._bin, RANGE_BINS - 1))
+
+    def rate(self, learnt: LearntDetection, distance: Floats, missed: Booleans | None) -> Floats:
+        """Return with which probability what is in sight is detected (k,), linear between the parts' middles."""
+        rates = (learnt.detected + self._prior) / (learnt.expected + _PRIOR_WEIGHT)
+        rate: Floats = np.interp(distance, self._middle, rates[0])
+        return rate if missed is None else np.where(missed, np.interp(distance, self._middle, rates[1]), rate)
+
+    def clutter_density(self, learnt: LearntDetection) -> float:
+        """Return the detections of a scan that belong to nothing, per m²."""
+        found = learnt.false / self._area
+        density = (found + self._clutter * _PRIOR_WEIGHT) / (learnt.scans + _PRIOR_WEIGHT)
+        return float(np.clip(density, self._clutter / _CLUTTER_SPREAD, self._clutter * _CLUTTER_SPREAD))
+
+
+def _half_angle(bearing: Floats, away: Floats, heading: Floats, length: Floats, width: Floats) -> Floats:
+    """Return half the angle that each box subtends (k,), rad, by its extent across the line of sight."""
+    sized = (length > 0.0) & (width > 0.0) & np.isfinite(heading)
+    turn = heading - bearing
+    across = np.abs(np.sin(turn)) * length + np.abs(np.cos(turn)) * width
+    return np.asarray(np.arctan2(np.where(sized, across, _POINT), 2.0 * away))
+
+
+def _hidden(low: Floats, high: Floats, away: Floats, distance: Floats, *, behind: bool) -> Floats:
+    """Return the share of each obstacle's angle that others hide, whose centres are nearer than its reference point.
+
+    Args:
+        low: least azimuth of each obstacle (k,), rad.
+        high: greatest (k,), rad.
+        away: distance of its centre (k,), m.
+        distance: of its reference point (k,), m.
+        behind: whether the sensor sees to where azimuths change their sign, in its back.
+    """
+    hiding_low, hiding_high, hiding_away = low + _ANGLE_MARGIN, high - _ANGLE_MARGIN, away
+    if behind:
+        turn = np.where(low + high > 0.0, -2 * pi, 2 * pi)
+        hiding_low = np.concatenate([hiding_low, hiding_low + turn])
+        hiding_high = np.concatenate([hiding_high, hiding_high + turn])
+        hiding_away = np.concatenate([away, away])
+    shared = np.minimum(high[:, None], hiding_high)
+    shared -= np.maximum(low[:, None], hiding_low)
+    np.maximum(shared, 0.0, out=shared)
+    shared *= hiding_away < distance[:, None]
+    shared.flat[:: shared.shape[1] + 1] = 0.0  # nobody hides itself
+    return np.asarray(shared.sum(axis=1) / (high - low))
