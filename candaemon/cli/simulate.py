@@ -21,15 +21,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
     parser.add_argument("-o", "--output", type=output_path, required=True, metavar="LOG", help=LOG_FORMATS)
     parser.add_argument("--truth", type=output_path, metavar="CSV", help="table of the truth")
+    parser.add_argument(
+        "--origins", type=output_path, metavar="CSV", help="table of what each reported object is in the truth"
+    )
     parser.add_argument("--seed", type=seed, metavar="N", help="of all random numbers; default: the scenario's")
 
 
 def execute(arguments: argparse.Namespace) -> None:
-    """Write the frames, and the truth if requested."""
+    """Write the frames, and the truth and the objects' origins if requested."""
     path = find_scenario(arguments.scenario)
     scenario = load_scenario(path)
     binding = bind(load_config(find_config(arguments.config)))
     with Outputs([path, *binding.files]) as outputs:
         simulation = simulate(scenario, binding, arguments.seed)
-        frames = record(simulation, binding, arguments.output, arguments.truth, outputs)
+        frames = record(simulation, binding, arguments.output, arguments.truth, outputs, origins=arguments.origins)
     console.print_figures(arguments.output.name, {"frames": frames, "seconds": scenario.duration})

@@ -1,4 +1,4 @@
-"""The table that `--tracks` and `--truth` share, and the table of predictions: read and written as CSV.
+"""The table that `--tracks` and `--truth` share, and those of predictions and origins: read and written as CSV.
 
 One row an obstacle (or a true object) a cycle; a path that ends in `.gz` is compressed. Columns, in this order:
 
@@ -409,6 +409,7 @@ _ROW = "%s,%d,%s," + ",".join([f"%.{_DECIMALS}f"] * len(NUMBERS)) + ",%s"
 _PREDICTION = f"%s,%s,%d,%s,%.{_DECIMALS}f,%.{_DECIMALS}f\n"
 _STATE_NAMES: Mapping[int | str, str] = {**dict(enumerate(STATES)), **{name: name for name in STATES}}
 _CLASS_NAMES: Mapping[int | str, str] = {**dict(enumerate(CLASSES)), **{name: name for name in CLASSES}}
+_ORIGIN_COLUMNS = ("time", "measured", "sensor", "object", "source")
 _PREDICTION_COLUMNS = ("time", "horizon", "id", "object", "x", "y")
 
 
@@ -521,6 +522,26 @@ class PredictionWriter(_TableWriter):
             for identity, used, place in zip(_listed(ids), _listed(objects), places.tolist(), strict=True)
         ]
         self._text.write(_without_nan("".join(lines), places))
+
+
+class OriginWriter(_TableWriter):
+    """Writes the table of origins: `time,measured,sensor,object,source`, what a simulated sensor's objects are.
+
+    `time` is the scan's as the frames tell it, `measured` the true instant, to which the truth belongs, s; `sensor` the
+    sensor's name, `object` its id as in the tracks' `objects`, `source` an `id` of the truth, 0 for a false object.
+
+    Args:
+        file: the table.
+    """
+
+    def __init__(self, file: OutputFile) -> None:
+        super().__init__(file, _ORIGIN_COLUMNS)
+
+    def write_scan(self, time_ns: int, measured_ns: int, sensor: str, objects: Integers, sources: Integers) -> None:
+        """Write the objects of one scan, `objects` and `sources` each of length n."""
+        start = f"{format_time(time_ns)},{format_time(measured_ns)},{sensor}"
+        pairs = zip(objects.tolist(), sources.tolist(), strict=True)
+        self._text.write("".join(f"{start},{number},{source}\n" for number, source in pairs))
 
 
 def _listed(values: Sequence[Any] | NDArray[Any]) -> Sequence[Any]:

@@ -80,6 +80,10 @@ class SensorEncoder:
             if keep
         ]
 
+    def identities(self, report: SlotReport) -> Indices:
+        """Return the object id with which each occupied slot is read, shape (n,)."""
+        return report.slot + 1 if self._packed else report.slot
+
     def _objects(self, report: SlotReport, index: int) -> list[tuple[int, bytes]]:
         """Return the object messages, in order of the message layout's parts."""
         held = report.slot

@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from operator import itemgetter
 from typing import Final
 
@@ -25,6 +26,26 @@ from candaemon.simulation.truth import Truth, TruthCycle
 
 MOST_SCANS: Final = 5_000_000
 """Scans of all sensors in a simulation: a day of two radars at 25 Hz."""
+
+
+@dataclass(frozen=True, slots=True)
+class Origins:
+    """What the objects of one scan really are, n of them.
+
+    Attributes:
+        time_ns: the scan's time as a reader of its frames gives it, in the log's clock.
+        measured_ns: the instant of the measurement, in the log's clock; the truth has this time.
+        sensor: index of the sensor.
+        object_id: of each object, as a reader of the frames identifies it (n,).
+        source: `id` in the truth of what each object is of; 0 for a false one (n,).
+
+    """
+
+    time_ns: int
+    measured_ns: int
+    sensor: int
+    object_id: Indices
+    source: Indices
 
 
 class Simulation:
@@ -67,11 +88,16 @@ class Simulation:
 
     def frames(self) -> Iterator[Frame]:
         """Yield all frames of all buses in order of time, made scan by scan."""
-        streams = [self._scans(sensor) for sensor in self._binding.sensors]
+        streams = [self._frames(sensor) for sensor in self._binding.sensors]
         if self._binding.ego is not None:
             ego = EgoEncoder(self._binding.ego, self.scenario, seed=self.seed, source=len(self._binding.sensors))
             streams.append(ego.frames(self._scene))
         return heapq.merge(*streams, key=itemgetter(0))
+
+    def origins(self) -> Iterator[Origins]:
+        """Yield what the objects of each scan of which a frame is left are, of all sensors, in order of time."""
+        streams = [self._origins(sensor) for sensor in self._binding.sensors]
+        return heapq.merge(*streams, key=lambda scan: scan.time_ns)
 
     def reports(self, sensor: int) -> Iterator[tuple[int, SlotReport]]:
         """Yield the reports of one sensor: measurement time (ns, log clock) and occupied slots."""
@@ -101,14 +127,30 @@ class Simulation:
         where = SettingLocation(self._binding.loaded, ("sensors", sensor.name))
         return SensorEncoder(sensor, self.scenario.frames, seed=self.seed, where=where)
 
-    def _scans(self, sensor: BoundSensor) -> Iterator[Frame]:
-        """Yield one sensor's frames in order of time."""
-        encoder, last = self._encoder(sensor), -(1 << 62)
+    def _scans(self, sensor: BoundSensor, encoder: SensorEncoder) -> Iterator[tuple[int, SlotReport, list[Frame]]]:
+        """Yield one sensor's measurement times, reports and frames, these in order of time."""
+        last = -(1 << 62)
         for index, (time_ns, report) in enumerate(self.reports(sensor.index)):
+            frames = []
             for frame in encoder.frames(report, index, time_ns):
                 # a delayed frame delays those behind it: a bus keeps their order
                 last = max(last, frame.time_ns)
-                yield frame if frame.time_ns == last else frame._replace(time_ns=last)
+                frames.append(frame if frame.time_ns == last else frame._replace(time_ns=last))
+            yield time_ns, report, frames
+
+    def _frames(self, sensor: BoundSensor) -> Iterator[Frame]:
+        """Yield one sensor's frames in order of time."""
+        for _, _, frames in self._scans(sensor, self._encoder(sensor)):
+            yield from frames
+
+    def _origins(self, sensor: BoundSensor) -> Iterator[Origins]:
+        """Yield what one sensor's objects are, scan by scan."""
+        encoder, settings = self._encoder(sensor), sensor.settings
+        latency_ns, stamping = round(settings.latency * 1e9), -1 if settings.time_from == "last" else 0
+        for time_ns, report, frames in self._scans(sensor, encoder):
+            if frames:
+                read_ns = frames[stamping].time_ns - latency_ns
+                yield Origins(read_ns, time_ns, sensor.index, encoder.identities(report), report.owner + 1)
 
 
 def simulate(scenario: Scenario, binding: Binding, seed: int | None = None) -> Simulation:

@@ -67,7 +67,7 @@ CASES = {
 }
 OPTIONS = {
     "replay": {"--output": "o.log", "--tracks": "t.csv", "--predictions": "p.csv.gz", "--summary": "s.json"},
-    "simulate": {"--output": "o.log", "--truth": "t.csv"},
+    "simulate": {"--output": "o.log", "--truth": "t.csv", "--origins": "s.csv"},
     "evaluate": {"--json": "e.json"},
     "papers": {"--json": "p.json"},
 }

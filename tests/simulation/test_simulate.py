@@ -241,6 +241,33 @@ def test_truth_is_a_table_that_evaluate_reads(tmp_path: Path) -> None:
     assert np.isfinite(table.heading[table.state == 3]).all()
 
 
+@pytest.mark.parametrize("name", ["esr_ins", "gm_lrr", "ars408", "tesla_continental"])
+def test_the_origin_of_each_object_is_known_by_its_scans_time_and_its_id(name: str) -> None:
+    binding = bound(name)
+    simulation = simulate(drive("highway", duration=3.0, frames={"loss": 0.05, "jitter": 0.002}), binding)
+    origins = {scan.time_ns: scan for scan in simulation.origins()}
+    truth = {cycle.time_ns: cycle.columns for cycle in simulation.truth()}
+    mount, far, found = binding.sensors[0].settings.mount, 0, 0
+    for scan in scans(simulation.frames(), binding):
+        if scan.time_ns not in origins:  # of an incomplete scan, closed before its last frames came
+            continue
+        origin, row = origins[scan.time_ns], dict(zip(scan.object_id.tolist(), range(len(scan.object_id)), strict=True))
+        columns = truth[origin.measured_ns]
+        for number, source in zip(origin.object_id.tolist(), origin.source.tolist(), strict=True):
+            if source == 0 or number not in row:
+                continue
+            k = int(np.flatnonzero(columns["id"] == source)[0])
+            values = dict(zip(binding.sensors[0].reader.quantities, scan.values[:, row[number]], strict=True))
+            if "range" in values:
+                x, y = values["range"] * np.cos(values["azimuth"]), values["range"] * np.sin(values["azimuth"])
+            else:
+                x, y = values["x"], values["y"]
+            found += 1
+            far += math.hypot(x + mount.x - columns["x"][k], y + mount.y - columns["y"][k]) > 8.0
+    assert found > 60
+    assert far == 0
+
+
 def _moved(name: str, scenario: Scenario) -> tuple[EgoMotion, Simulation]:
     binding = bound(name)
     simulation = simulate(scenario, binding)
