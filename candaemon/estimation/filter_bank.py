@@ -13,7 +13,7 @@ from candaemon.estimation.estimator_state import EstimatorState, MomentBankState
 from candaemon.estimation.kalman import propagated, symmetrise
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct
-from candaemon.estimation.motion_models import VELOCITY, CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel
+from candaemon.estimation.motion_models import VELOCITY, CoordinatedTurn, CurrentStatistical, MotionModel
 from candaemon.estimation.output_state import REPORTED, OutputState
 from candaemon.estimation.sensor_noise import SensorNoise, SensorNoiseState
 from candaemon.estimation.smoothing import Link, smoothing_gain
@@ -208,11 +208,6 @@ class FilterBank(ABC):
     def adapting(self) -> bool:
         """Whether each track estimates how noisy the sensors are."""
         return self._noise is not None
-
-    @property
-    def directional(self) -> bool:
-        """Whether any model treats the directions along and across the travel differently."""
-        return any(isinstance(model, LinearModel) and not model.isotropic for model in self._models)
 
     def retrodict(self, dt: float) -> None:
         """Take all tracks back by a short dt (s), for a measurement that comes late; what was learnt since is kept."""

@@ -66,7 +66,8 @@ class ObstacleTable(Table):
         confirmed: whether it ever was.
         leader: row of the reflection that carries the reference point.
         offset: reference point minus leader, along and across the travel, m.
-        direction: unit vector of travel, local frame.
+        direction: unit vector along which it travels, one way or the other, local frame.
+        forward: 1 where it last drove that way, −1 the other way, 0 where it has not driven yet.
         alongside_ns: time for which it has been a merge candidate: alongside of an older obstacle.
         sensors: bit k set where sensor k detected it.
     """
@@ -80,6 +81,7 @@ class ObstacleTable(Table):
     leader: Integers = field(default_factory=_integers)
     offset: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     direction: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    forward: Floats = field(default_factory=lambda: np.zeros(0))
     alongside_ns: Integers = field(default_factory=_integers)
     sensors: Integers = field(default_factory=_integers)
 

@@ -13,6 +13,8 @@ from candaemon.arrays import Floats, Integers
 
 TENTATIVE, CONFIRMED, COASTING = 0, 1, 2
 STATE_NAMES = ("tentative", "confirmed", "coasting")
+UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(6)
+CLASS_NAMES = ("unknown", "car", "truck", "two-wheeler", "pedestrian", "standing")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +34,15 @@ class Obstacles:
         ve, vn: velocity over ground in the local frame, m/s.
         sx, sy, svx, svy: one standard deviation each, vehicle axes.
         age: s since the first detection.
-        existence: 0 to 1, the share of recent scans in which it was seen.
+        existence: 0 to 1; of the point tracker the share of recent scans in which it was seen.
         sensors: bit k set where sensor k has ever contributed.
+        heading: of its front, in vehicle axes, positive to the left, −π to π rad; NaN where unknown.
+        yaw_rate: over ground, positive to the left, rad/s; NaN where unknown.
+        length, width: of its box, m; NaN where unknown.
+        center_x, center_y: centre of its box in vehicle axes, m; the reference point where the size is unknown.
+        kind: its class, an index into `CLASS_NAMES`.
+        kind_likelihood: of its class, 0 to 1; NaN where unknown.
+        covariance: of [x, y, vx, vy] in vehicle axes (n, 4, 4).
         used_row, used_sensor, used_object: the detections used in this cycle, (m,): row of the obstacle, index of the
             sensor, object id of the sensor.
     """
@@ -58,6 +67,15 @@ class Obstacles:
     age: Floats
     existence: Floats
     sensors: Integers
+    heading: Floats
+    yaw_rate: Floats
+    length: Floats
+    width: Floats
+    center_x: Floats
+    center_y: Floats
+    kind: NDArray[np.int8]
+    kind_likelihood: Floats
+    covariance: Floats
     used_row: Integers
     used_sensor: Integers
     used_object: Integers
@@ -66,6 +84,7 @@ class Obstacles:
         return len(self.id)
 
 
+BODY = ("heading", "yaw_rate", "length", "width", "center_x", "center_y")
 MOTION = ("x", "y", "vx", "vy", "ax", "ay", "east", "north", "ve", "vn", "sx", "sy", "svx", "svy")
 
 
@@ -86,4 +105,5 @@ def no_obstacles(time_ns: int) -> Obstacles:
     empty: dict[str, Any] = dict.fromkeys((field.name for field in fields(Obstacles)), np.empty(0))
     for name in ("id", "sensors", "used_row", "used_sensor", "used_object"):
         empty[name] = np.empty(0, dtype=np.int64)
-    return Obstacles(**empty | {"time_ns": time_ns, "state": np.empty(0, dtype=np.int8)})
+    codes = np.empty(0, dtype=np.int8)
+    return Obstacles(**empty | {"time_ns": time_ns, "state": codes, "kind": codes, "covariance": np.empty((0, 4, 4))})

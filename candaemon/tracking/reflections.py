@@ -9,7 +9,7 @@ well each knows its velocity: a vehicle is rigid, and its reflections' noise is 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp
+from math import exp, expm1
 
 import numpy as np
 
@@ -158,15 +158,15 @@ def align_with_course(obstacles: ObstacleTable, velocity: Floats, dt: float, set
         dt: s since the last turn.
         settings: how fast, and from which speed on.
     """
-    vx, vy = velocity[:, 0], velocity[:, 1]
-    speed = np.sqrt(vx * vx + vy * vy)
+    plane, axis = (vectors.view(np.complex128)[:, 0] for vectors in (velocity, obstacles.direction))
+    speed = np.abs(plane)
     moving = speed > settings.min_speed
     if dt == 0.0 or not moving.any():
         return
-    dx, dy = obstacles.direction[:, 0], obstacles.direction[:, 1]
+    along = (plane * axis.conj()).real
+    obstacles.forward = np.where(moving, np.copysign(1.0, along), obstacles.forward)
     # an axis has no sign: what drives towards us turns the same axis
-    share = moving * -np.expm1(-dt / settings.time_constant)
-    towards = np.copysign(share / np.maximum(speed, settings.min_speed), vx * dx + vy * dy)
-    dx, dy = dx + towards * vx - share * dx, dy + towards * vy - share * dy
-    norm = np.sqrt(dx * dx + dy * dy)
-    obstacles.direction = np.stack([dx / norm, dy / norm], axis=1)
+    towards = np.copysign(1.0 / np.maximum(speed, settings.min_speed), along)
+    turned = axis + moving * -expm1(-dt / settings.time_constant) * (plane * towards - axis)
+    turned /= np.abs(turned)
+    obstacles.direction = turned.view(np.float64).reshape(-1, 2)

@@ -55,7 +55,7 @@ def concatenated(histories: Sequence[SmootherHistory]) -> SmootherHistory:
 
 
 def with_motion(obstacles: Obstacles, smoothed: Smoothed, pose: EgoPose) -> Obstacles:
-    """Return obstacles with smoothed motion in place of their own; identity, state, age and detections stay.
+    """Return obstacles with smoothed motion in place of their own; identity, state, age, heading and detections stay.
 
     Args:
         obstacles: of one cycle.
@@ -65,7 +65,9 @@ def with_motion(obstacles: Obstacles, smoothed: Smoothed, pose: EgoPose) -> Obst
     state, turn = smoothed.mean, pose.rotation
     place = pose.to_vehicle(state[:, :2])
     velocity, acceleration = state[:, 2:4] @ turn, state[:, 4:] @ turn
-    spread, speed_spread = (_deviation(smoothed.covariance[:, at, at], turn) for at in (slice(0, 2), slice(2, 4)))
+    turn_both = np.kron(np.eye(2), turn)
+    covariance = turn_both.T @ smoothed.covariance[:, :4, :4] @ turn_both
+    deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
     return replace(
         obstacles,
         x=place[:, 0],
@@ -78,14 +80,11 @@ def with_motion(obstacles: Obstacles, smoothed: Smoothed, pose: EgoPose) -> Obst
         north=state[:, 1],
         ve=state[:, 2],
         vn=state[:, 3],
-        sx=spread[:, 0],
-        sy=spread[:, 1],
-        svx=speed_spread[:, 0],
-        svy=speed_spread[:, 1],
+        sx=deviation[:, 0],
+        sy=deviation[:, 1],
+        svx=deviation[:, 2],
+        svy=deviation[:, 3],
+        center_x=obstacles.center_x + (place[:, 0] - obstacles.x),
+        center_y=obstacles.center_y + (place[:, 1] - obstacles.y),
+        covariance=covariance,
     )
-
-
-def _deviation(covariance: Floats, turn: Floats) -> Floats:
-    """Return standard deviations along the axes of `turn` (n, 2) of covariances (n, 2, 2)."""
-    turned = turn.T @ covariance @ turn
-    return np.sqrt(np.maximum(np.diagonal(turned, axis1=1, axis2=2), 0.0))

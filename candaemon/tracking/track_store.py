@@ -213,6 +213,7 @@ class TrackStore:
             leader=np.array([len(self.reflections)]),
             offset=np.zeros((1, 2)),
             direction=direction[None],
+            forward=np.zeros(1),
             alongside_ns=zero,
             sensors=zero,
         )
@@ -270,6 +271,7 @@ class TrackStore:
             leader=splitting.astype(np.int64),
             offset=np.zeros((len(splitting), 2)),
             direction=obstacles.direction[owner],
+            forward=obstacles.forward[owner],
             alongside_ns=np.zeros(len(splitting), dtype=np.int64),
             sensors=obstacles.sensors[owner],
         )

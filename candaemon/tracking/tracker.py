@@ -79,7 +79,6 @@ class Tracker:
         self._slack_ns = slack_ns
         self._initiation = TrackInitiation(settings)
         self._tracks = TrackStore(settings, identities or Identities())
-        self._uses_direction = settings.reflections.merge or self._tracks.estimator.directional
         self._state = TrackerState(0, TrackerCounts(), self._tracks.state)
         self._dt = 0.0
         self.update: Update | None = None
@@ -147,11 +146,11 @@ class Tracker:
         if detections is not None and self.settings.reflections.merge and len(self):
             self._merge_and_split()
         motion = self._tracks.motion()
-        if self._uses_direction:
-            align_with_course(self._tracks.obstacles, motion.velocity, self._dt, self.settings.travel)
+        align_with_course(self._tracks.obstacles, motion.velocity, self._dt, self.settings.travel)
         if link is not None:
             self.smoother_history = SmootherHistory(self._tracks.obstacles.id, motion.state, motion.covariance, *link)
-        return report(self._tracks, motion, pose, self._used(detections), self._slack_ns)
+        used, travel = self._used(detections), self.settings.travel
+        return report(self._tracks, motion, pose, used, self._slack_ns, travel.min_speed)
 
     def expected_positions(self, horizon: float) -> Floats:
         """Return where each detection of the latest update is expected after a time: (m, 2), local frame, m."""

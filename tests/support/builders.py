@@ -16,7 +16,7 @@ from candaemon.estimation.measurement import Measurement
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView
 from candaemon.tracking.identities import Identities
-from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.obstacles import CLASS_NAMES, Obstacles
 from candaemon.tracking.tracker import Tracker
 
 AT_REST: Floats = np.zeros(2)
@@ -197,17 +197,30 @@ def place(told: Obstacles, identity: int) -> tuple[float, float]:
 
 
 def assert_sane(obstacles: Obstacles) -> None:
-    """Hold that every column is finite and of one length, ids are unique and deviations not negative."""
+    """Hold that columns are of one length, all but a body's finite, ids unique and covariances positive."""
+    unknown = {"heading", "yaw_rate", "length", "width", "kind_likelihood"}
     for field in fields(Obstacles):
         column = getattr(obstacles, field.name)
         if isinstance(column, np.ndarray):
-            assert np.isfinite(column).all(), field.name
+            assert field.name in unknown or np.isfinite(column).all(), field.name
             if not field.name.startswith("used_"):
-                assert column.shape == (len(obstacles),), field.name
+                row = (4, 4) if field.name == "covariance" else ()
+                assert column.shape == (len(obstacles), *row), field.name
     assert len(set(obstacles.id.tolist())) == len(obstacles)
     assert obstacles.used_row.shape == obstacles.used_sensor.shape == obstacles.used_object.shape
     assert ((obstacles.used_row >= 0) & (obstacles.used_row < max(len(obstacles), 1))).all()
     for name in ("sx", "sy", "svx", "svy", "age", "existence"):
         assert (getattr(obstacles, name) >= 0).all(), name
     assert (obstacles.existence <= 1).all()
+    assert not (np.abs(obstacles.heading) > np.pi).any()
+    assert not ((obstacles.length <= 0.0) | (obstacles.width <= 0.0)).any()
+    assert ((obstacles.kind >= 0) & (obstacles.kind < len(CLASS_NAMES))).all()
+    assert not ((obstacles.kind_likelihood < 0.0) | (obstacles.kind_likelihood > 1.0)).any()
+    if len(obstacles):
+        np.testing.assert_allclose(
+            np.sqrt(np.diagonal(obstacles.covariance, axis1=1, axis2=2)),
+            np.column_stack([obstacles.sx, obstacles.sy, obstacles.svx, obstacles.svy]),
+            rtol=1e-6,
+        )
+        assert np.linalg.eigvalsh(obstacles.covariance).min() > -1e-9
     assert np.isin(obstacles.state, (0, 1, 2)).all()
