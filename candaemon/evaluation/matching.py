@@ -102,6 +102,7 @@ class MatchedCycle:
         tracks: rows of confirmed and coasting tracks in the tracks' table, shape (n,).
         actors: rows of actors, hidden ones too, in the truth's table, shape (m,).
         distance: m between actor and track in the plane, shape (m, n).
+        outside: m from the actor's box to the track, 0 within; `distance` where the truth has no box, shape (m, n).
         visible: which actors some sensor can see, shape (m,).
         still_distance: m from each track to the nearest stationary object, infinite where there is none, shape (n,).
     """
@@ -110,6 +111,7 @@ class MatchedCycle:
     tracks: Integers
     actors: Integers
     distance: Floats
+    outside: Floats
     visible: Booleans
     still_distance: Floats
 
@@ -130,6 +132,7 @@ def cycles(tracks: TrackTable, truth: TrackTable, times_ns: Integers) -> Iterato
             time_ns,
             mine,
             actors,
+            distance[~still],
             distance[~still],
             truth.state[actors] == ACTOR,
             distance[still].min(axis=0, initial=np.inf),

@@ -21,6 +21,7 @@ class Options:
         max_gap: s; longest step of truth that is bridged by interpolation.
         gospa_cutoff: c of GOSPA, m.
         gospa_order: p of GOSPA.
+        patience: s for which an actor has been visible without a break until a cycle without a track counts as missed.
     """
 
     gate: float = 4.0
@@ -28,6 +29,7 @@ class Options:
     max_gap: float = 0.2
     gospa_cutoff: float = 4.0
     gospa_order: float = 2.0
+    patience: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,130 @@
+"""Runs jobs, in a pool of processes, and adds their scores up."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+
+from candaemon.errors import CandaemonError
+from tests.accuracy.scores import Score, scored
+from tests.accuracy.simulated_runs import Job, cycles_of, simulated, track_rows, truth_rows
+from tests.accuracy.slot_filters import GRID, SlotFilters, with_simulated_noise
+
+DEFAULT = "candaemon"
+ORACLE = "O"
+
+
+def naive_name(density: float) -> str:
+    """Return the name of reference N with one process noise."""
+    return f"N {density:g}"
+
+
+def run(job: Job) -> dict[str, Score]:
+    """Return the scores of one run: the project's, and those of the references."""
+    simulation, pipeline = simulated(job)
+    sensors = [sensor.settings for sensor in pipeline.binding.sensors]
+    filters = SlotFilters(tuple(each.cycle_time for each in sensors))
+    noise = simulation.scenario.measurement.noise
+    obstacles = []
+    for cycle in cycles_of(simulation, pipeline):
+        obstacles.append(cycle.obstacles)
+        detections = cycle.detections
+        if detections is not None:
+            told = with_simulated_noise(detections, sensors[detections.sensor], noise, cycle.pose)
+            filters.step(told, cycle.pose)
+    truth = truth_rows(simulation)
+    scores = {DEFAULT: scored(track_rows(obstacles), truth)}
+    scores |= {naive_name(density): scored(filters.rows_of(k), truth) for k, density in enumerate(GRID)}
+    return scores
+
+
+@dataclass(slots=True)
+class Measured:
+    """The scores of all runs.
+
+    Attributes:
+        scores: (scenario, configuration) → tracker → score.
+        refused: (scenario, configuration) → why there is none.
+    """
+
+    scores: dict[tuple[str, str], dict[str, Score]] = field(default_factory=dict)
+    refused: dict[tuple[str, str], str] = field(default_factory=dict)
+
+    def add(self, job: Job, found: dict[str, Score]) -> None:
+        """Add the scores of a run."""
+        known = self.scores.setdefault((job.scenario.stem, job.config.stem), {})
+        for name, score in found.items():
+            known[name] = known[name] + score if name in known else score
+
+    def total(self, tracker: str, *, scenario: str | None = None, config: str | None = None) -> Score | None:
+        """Return the sum of a tracker's scores, of one scenario or configuration or of all; None without any."""
+        chosen = [
+            found[tracker]
+            for (one, other), found in sorted(self.scores.items())
+            if scenario in (None, one) and config in (None, other) and tracker in found
+        ]
+        if not chosen:
+            return None
+        total = chosen[0]
+        for score in chosen[1:]:
+            total = total + score
+        return total
+
+    def best_density(self) -> float:
+        """Return the process noise of N with the least product of position and velocity error over the whole set."""
+
+        def cost(density: float) -> float:
+            total = self.total(naive_name(density))
+            return float("inf") if total is None else total.value("position") * total.value("velocity")
+
+        return min(GRID, key=cost)
+
+
+def measured(jobs: Sequence[Job], processes: int, tell: Callable[[str], None]) -> Measured:
+    """Run all jobs.
+
+    Args:
+        jobs: what to run.
+        processes: at once; 1: in this one.
+        tell: takes lines of progress.
+    """
+    result = Measured()
+    begun = time.monotonic()
+    for count, (job, found) in enumerate(_results(jobs, processes), start=1):
+        name = f"{job.scenario.stem} {job.config.stem} {job.seed}"
+        if isinstance(found, CandaemonError):
+            result.refused[job.scenario.stem, job.config.stem] = found.message
+        else:
+            # in order of arrival: sums of floats differ in their last digit, no more
+            result.add(job, found)
+        left = (time.monotonic() - begun) / count * (len(jobs) - count)
+        tell(f"{count} of {len(jobs)}  {name}  {left:.0f} s left")
+    return result
+
+
+def _results(jobs: Sequence[Job], processes: int) -> Iterator[tuple[Job, dict[str, Score] | CandaemonError]]:
+    """Yield each job with its scores, or with why it cannot run."""
+    if processes == 1:
+        for job in jobs:
+            yield job, _attempt(job)
+        return
+    with ProcessPoolExecutor(processes) as pool:
+        waiting = {pool.submit(_attempt, job): job for job in jobs}
+        for done in as_completed(waiting):
+            yield waiting[done], done.result()
+
+
+def _attempt(job: Job) -> dict[str, Score] | CandaemonError:
+    try:
+        return run(job)
+    except CandaemonError as error:
+        return error
+
+
+def to_stderr(line: str) -> None:
+    """Write a line of progress: over the one before on a terminal."""
+    end = "\n" if not sys.stderr.isatty() else "\x1b[K\r"
+    print(line, end=end, file=sys.stderr, flush=True)

@@ -1,0 +1,132 @@
+"""The score of a run, which adds up over runs: sums of measures of pairs, and counts of the drive."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from candaemon.evaluation.pair_errors import (
+    ALL,
+    MOVING,
+    SIZE_TOLERANCE,
+    SIZED_AFTER,
+    TWO_SIDES_FOR,
+    MeasureSums,
+    measure,
+)
+from candaemon.evaluation.pairing import histories, pair
+from candaemon.evaluation.results import Options
+from candaemon.evaluation.tables import TrackTable
+from tests.accuracy.simulated_runs import TrackRows
+
+OPTIONS: Final = Options(settle=0.0, gospa_cutoff=10.0, gospa_order=2.0)
+
+LEGEND: Final = (
+    ("position, velocity", "2-D RMSE of confirmed obstacles paired with an actor that some sensor can see, m and m/s"),
+    ("along, across", "of the target's course over ground (of its heading while it stands)"),
+    ("paired", f"at most {OPTIONS.gate:g} m apart, one to one, the pairs of the cycle before first"),
+    ("GOSPA", f"c = {OPTIONS.gospa_cutoff:g} m, p = {OPTIONS.gospa_order:g}, α = 2, mean over the cycles, m"),
+    ("switches", "changes of the id that an actor's obstacle has, a minute"),
+    ("duplicates", "confirmed samples within the gate of an actor that another obstacle is paired with, share of all"),
+    ("false", f"confirmed obstacles that come to lie more than {OPTIONS.gate:g} m from every true object, a minute"),
+    ("missed", f"cycles without an obstacle of an actor visible for {OPTIONS.patience:g} s without a break, share"),
+    ("moving", f"a target faster than {MOVING:g} m/s over ground"),
+    ("heading", "RMS over moving targets that have an outline, deg; known: share of their samples with a heading"),
+    (
+        "length, width",
+        f"RMS of the relative error from {SIZED_AFTER:g} s after confirmation on, where two sides were seen",
+    ),
+    (
+        "length_right, width_right",
+        f"JSON: share of those samples within {SIZE_TOLERANCE:.0%}",
+    ),
+    ("two sides seen", f"some sensor could see two sides of the box for {TWO_SIDES_FOR:g} s of the obstacle's life"),
+    ("NEES", "eᵀ P⁻¹ e of [x, y, vx, vy] with the whole covariance, 4 expected; 95 %: share within its 95 % bound"),
+    ("age", "s since the obstacle's confirmation"),
+    ("hidden", "the actor is in no field of view, or covered; counts in no other line"),
+    ("manoeuvre", "the target's acceleration over ground"),
+    ("N", "a constant-velocity Kalman filter with range rate for each slot of the radar, every live slot an obstacle"),
+    ("O", "the project's default estimator, given the true association"),
+)
+"""What the figures mean: name and text."""
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """What a tracker did in some runs.
+
+    Attributes:
+        sums: of the measures of its pairs.
+        runs: how many.
+        cycles: compared.
+        seconds: of the drives.
+        gospa: sum over the cycles, m.
+        switches: of ids.
+        fragments: tracks regained.
+        confirmed: samples of confirmed obstacles.
+        surplus: those that are duplicates.
+        false: ids that were false.
+        awaited, missed: cycles of visible actors, those without an obstacle.
+    """
+
+    sums: MeasureSums
+    runs: int
+    cycles: int
+    seconds: float
+    gospa: float
+    switches: int
+    fragments: int
+    confirmed: int
+    surplus: int
+    false: int
+    awaited: int
+    missed: int
+
+    def __add__(self, other: Score) -> Score:
+        return Score(*(getattr(self, name) + getattr(other, name) for name in Score.__slots__))
+
+    def value(self, name: str, group: tuple[str, str] = ALL) -> float:
+        """Return a measure's mean (its root, where it is a square) over a group of pairs."""
+        return self.sums.value(group, name)
+
+    def figures(self) -> dict[str, float]:
+        """Return the figures of the drives, by name."""
+        minutes = self.seconds / 60.0
+        return {
+            **{name: self.value(name) for name in PAIR_FIGURES},
+            "gospa": self.gospa / self.cycles if self.cycles else math.nan,
+            "switches": self.switches / minutes,
+            "duplicates": self.surplus / self.confirmed if self.confirmed else 0.0,
+            "false": self.false / minutes,
+            "missed": self.missed / self.awaited if self.awaited else math.nan,
+        }
+
+
+PAIR_FIGURES: Final = (
+    "position", "along", "across", "velocity", "v_along", "v_across", "heading", "heading_known", "length",
+    "length_right", "width", "width_right", "center", "nees_state", "within_state", "nees_position", "within_position",
+    "nees_velocity", "within_velocity", "nees_x", "nees_y", "nees_vx", "nees_vy",
+)  # fmt: skip
+"""Measures told of all pairs and of each group."""
+
+
+def scored(rows: TrackRows, truth: TrackTable) -> Score:
+    """Return the score of one run's tracks."""
+    pairing = pair(rows.table, truth, OPTIONS)
+    history = histories(pairing)
+    times = pairing.times_ns
+    return Score(
+        sums=measure(pairing, rows.covariance),
+        runs=1,
+        cycles=len(times),
+        seconds=float(times[-1] - times[0]) / 1e9 if len(times) else 0.0,
+        gospa=float(pairing.gospa_values.sum()),
+        switches=int(history.switches.sum()),
+        fragments=int(history.fragments.sum()),
+        confirmed=int(pairing.confirmed.sum()),
+        surplus=int(pairing.surplus.sum()),
+        false=len(set(rows.table.id[pairing.false].tolist())),
+        awaited=int(history.awaited.sum()),
+        missed=int(history.missed.sum()),
+    )

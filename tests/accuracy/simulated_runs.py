@@ -1,0 +1,171 @@
+"""One run: a scenario, simulated and replayed in this process, as tables of tracks and of truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from candaemon.arrays import Floats, Integers
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.config.load import load_config
+from candaemon.config.tracker import TrackerSettings
+from candaemon.evaluation.tables import STATES, TrackTable
+from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.simulation.scenario import Scenario, load_scenario
+from candaemon.simulation.simulate import Simulation
+from candaemon.simulation.slot_reports import SlotReport
+from candaemon.tracking.obstacles import Obstacles
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What to run.
+
+    Attributes:
+        config: YAML of the configuration.
+        scenario: YAML of the scenario.
+        seed: of the simulation.
+        tracker: settings of the tracker that replace those of the configuration, as (dotted key, value).
+    """
+
+    config: Path
+    scenario: Path
+    seed: int
+    tracker: tuple[tuple[str, Any], ...] = ()
+
+
+class OriginSimulation(Simulation):
+    """A simulation that notes which object each reported slot shows.
+
+    Attributes:
+        origins: of each sensor: measurement time → slots and their owners (index of the actor, number of actors + index
+            of the stationary object, or `slot_reports.FALSE`).
+    """
+
+    def __init__(self, scenario: Scenario, binding: Binding, seed: int) -> None:
+        super().__init__(scenario, binding, seed)
+        self.origins: list[dict[int, tuple[Integers, Integers]]] = [{} for _ in binding.sensors]
+
+    def reports(self, sensor: int) -> Iterator[tuple[int, SlotReport]]:
+        """Yield the reports of one sensor, each noted."""
+        for time_ns, report in super().reports(sensor):
+            self.origins[sensor][time_ns] = report.slot.copy(), report.owner.copy()
+            yield time_ns, report
+
+
+@dataclass(frozen=True, slots=True)
+class TrackRows:
+    """A table of tracks, with the whole covariance where the tracker tells it.
+
+    Attributes:
+        table: n rows, ordered by time, then id.
+        covariance: of x, y, vx, vy, vehicle axes (n, 4, 4), or None.
+    """
+
+    table: TrackTable
+    covariance: Floats | None
+
+
+@lru_cache(maxsize=32)
+def bound(config: Path, tracker: tuple[tuple[str, Any], ...]) -> Binding:
+    """Bind a configuration without output, with other settings of its tracker."""
+    loaded = load_config(config)
+    settings = with_settings(loaded.config.tracker, tracker)
+    return bind(replace(loaded, config=loaded.config.model_copy(update={"output": None, "tracker": settings})))
+
+
+def with_settings(settings: TrackerSettings, changes: Sequence[tuple[str, Any]]) -> TrackerSettings:
+    """Return settings of a tracker with some replaced.
+
+    Args:
+        settings: of the configuration.
+        changes: (dotted key, value); one that ends in `.kind` drops what its section had; the key `default` drops all.
+    """
+    data: dict[str, Any] = settings.model_dump(exclude_unset=True)
+    for key, value in changes:
+        if key == "default":
+            data = {}
+            continue
+        *path, last = key.split(".")
+        section = data
+        for step in path:
+            section = section.setdefault(step, {})
+        if last == "kind":
+            section.clear()
+        section[last] = value
+    return TrackerSettings.model_validate(data)
+
+
+@lru_cache(maxsize=64)
+def scenario_of(path: Path) -> Scenario:
+    """Load a scenario."""
+    return load_scenario(path)
+
+
+def simulated(job: Job) -> tuple[OriginSimulation, Pipeline]:
+    """Return the simulation of a job and a fresh pipeline for its frames."""
+    binding = bound(job.config, job.tracker)
+    return OriginSimulation(scenario_of(job.scenario), binding, job.seed), Pipeline(binding)
+
+
+def cycles_of(simulation: Simulation, pipeline: Pipeline) -> Iterator[Cycle]:
+    """Yield the cycles of a simulation's frames, up to its last frame."""
+    yield from pipeline.run(simulation.frames())
+    yield from pipeline.finish()
+
+
+def track_rows(obstacles: Sequence[Obstacles]) -> TrackRows:
+    """Return the obstacles of many cycles as one table."""
+    parts = [{name: getattr(one, name, None) for name in _names(one)} for one in obstacles]
+    covariances = [part.pop("covariance", None) for part in parts]
+    times = np.repeat([one.time_ns for one in obstacles], [len(one) for one in obstacles])
+    table, order = _table(times, parts)
+    if any(one is None for one in covariances) or not covariances:
+        return TrackRows(table, None)
+    return TrackRows(table, np.concatenate([np.asarray(one) for one in covariances])[order])
+
+
+def truth_rows(simulation: Simulation) -> TrackTable:
+    """Return the truth of a simulation."""
+    parts, times = [], []
+    for cycle in simulation.truth():
+        codes = np.array([STATES.index(str(name)) for name in cycle.columns["state"]], dtype=np.int8)
+        parts.append({**cycle.columns, "state": codes})
+        times.append(np.full(len(codes), cycle.time_ns))
+    return _table(np.concatenate([np.empty(0, np.int64), *times]), parts)[0]
+
+
+def _names(obstacles: Obstacles) -> set[str]:
+    """Return the columns that obstacles share with the table, and their covariance."""
+    return {each.name for each in fields(obstacles)} & {*(each.name for each in fields(TrackTable)), "covariance"}
+
+
+def _table(times: Integers, parts: Sequence[Mapping[str, Any]]) -> tuple[TrackTable, Integers]:
+    """Return columns of many cycles as a table, and which of their rows it holds; NaN where there is no such column."""
+    columns: dict[str, Any] = {}
+    rows = len(times)
+    for each in fields(TrackTable):
+        known = [part[each.name] for part in parts if each.name != "time_ns" and part.get(each.name) is not None]
+        if known and len(known) == len(parts):
+            columns[each.name] = np.concatenate(known)
+        else:
+            columns[each.name] = np.full(rows, np.nan if each.name not in _TEXTS else "", dtype=None)
+    columns["time_ns"] = times.astype(np.int64)
+    columns["id"] = np.asarray(columns["id"]).astype(np.int64)
+    columns["state"] = np.asarray(columns["state"]).astype(np.int8)
+    # of two cycles at one time the later one counts
+    order = np.lexsort((-np.arange(rows), columns["id"], columns["time_ns"]))
+    twice = np.zeros(rows, dtype=bool)
+    twice[1:] = (np.diff(columns["time_ns"][order]) == 0) & (np.diff(columns["id"][order]) == 0)
+    order = order[~twice]
+    return TrackTable(**{name: column[order] for name, column in columns.items()}), order
+
+
+_TEXTS = frozenset({"objects", "kind", "class"})
