@@ -133,10 +133,22 @@ def cycles(tracks: TrackTable, truth: TrackTable, times_ns: Integers) -> Iterato
             mine,
             actors,
             distance[~still],
-            distance[~still],
+            _outside(tracks, truth, mine, actors),
             truth.state[actors] == ACTOR,
             distance[still].min(axis=0, initial=np.inf),
         )
+
+
+def _outside(tracks: TrackTable, truth: TrackTable, mine: Integers, actors: Integers) -> Floats:
+    """Return how far tracks lie from the boxes of actors, 0 within; from their reference points where there is none."""
+    boxed = np.isfinite(truth.heading[actors]) & (truth.length[actors] > 0.0) & np.isfinite(truth.center_x[actors])
+    turn = np.where(boxed, truth.heading[actors], 0.0)
+    x = np.where(boxed, truth.center_x[actors], truth.x[actors])
+    y = np.where(boxed, truth.center_y[actors], truth.y[actors])
+    offset = (tracks.x[mine] - x[:, None] + 1j * (tracks.y[mine] - y[:, None])) * np.exp(-1j * turn)[:, None]
+    half_length, half_width = (np.where(boxed, size[actors], 0.0) / 2 for size in (truth.length, truth.width))
+    beyond = np.maximum(np.abs(offset.real) - half_length[:, None], 0.0)
+    return np.asarray(np.hypot(beyond, np.maximum(np.abs(offset.imag) - half_width[:, None], 0.0)))
 
 
 def assign(

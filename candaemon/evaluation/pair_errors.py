@@ -122,12 +122,6 @@ def measure(pairing: Pairing, covariance: Floats | None = None) -> MeasureSums:
     )
 
 
-def _column(table: TrackTable, name: str, rows: Integers) -> Floats:
-    """Return a column at some rows, NaN where the table does not have it."""
-    values = getattr(table, name, None)
-    return np.full(len(rows), np.nan) if values is None else np.asarray(values[rows], dtype=np.float64)
-
-
 class _PairSamples:
     """Pairs of rows of tracks and rows of truth, n of them.
 
@@ -146,9 +140,9 @@ class _PairSamples:
     def __init__(self, pairing: Pairing, reported: Integers, true: Integers) -> None:
         tracks, truth = pairing.tracks, pairing.truth
         names = ("x", "y", "vx", "vy", "ax", "ay", "yaw_rate", "length", "width", "center_x", "center_y")
-        self.error = {name: _column(tracks, name, reported) - _column(truth, name, true) for name in names}
-        heading = _column(truth, "heading", true)
-        turned = _column(tracks, "heading", reported) - heading
+        self.error = {name: getattr(tracks, name)[reported] - getattr(truth, name)[true] for name in names}
+        heading = truth.heading[true]
+        turned = tracks.heading[reported] - heading
         self.error["heading"] = np.arctan2(np.sin(turned), np.cos(turned))
         x, y, vx, vy = (getattr(truth, name)[true] for name in ("x", "y", "vx", "vy"))
         self.range, self.speed = np.hypot(x, y), np.hypot(vx, vy)
@@ -164,10 +158,9 @@ class _PairSamples:
         self.since = pairing.since_confirmed(reported)
         self.coasting = np.asarray(tracks.state[reported] == COASTING)
         self.length, self.width = (
-            np.where(size > 0.0, size, np.nan)
-            for size in (_column(truth, "length", true), _column(truth, "width", true))
+            np.where(size > 0.0, size, np.nan) for size in (truth.length[true], truth.width[true])
         )
-        two = _column(truth, "sides", true) >= 2
+        two = truth.sides[true] >= 2
         who = np.stack([tracks.id[reported], truth.id[true]])
         self.sized = (self.since >= SIZED_AFTER) & (_seen_for(two, who, truth.time_ns[true]) >= TWO_SIDES_FOR)
 

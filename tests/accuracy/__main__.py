@@ -35,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         default=(),
         metavar="KEY=VALUE",
-        help="settings of the tracker, such as estimator.kind=cs or lifecycle.confirm=4; default: drop the YAML's own",
+        help="settings of the tracker, such as lifecycle.confirm=4; the word default drops those of the YAML",
     )
     shown.add_argument("--estimator", metavar="KIND", help="short for --tracker estimator.kind=KIND")
     shown.add_argument("--processes", type=int, default=os.cpu_count() or 1, metavar="N", help="default: one a core")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
@@ -16,11 +17,11 @@ from candaemon.binding.bound import Binding
 from candaemon.config.load import load_config
 from candaemon.config.tracker import TrackerSettings
 from candaemon.evaluation.tables import STATES, TrackTable
+from candaemon.frames.bodies import CLASSES
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import Simulation
-from candaemon.simulation.slot_reports import SlotReport
 from candaemon.tracking.obstacles import Obstacles
 
 
@@ -39,25 +40,6 @@ class Job:
     scenario: Path
     seed: int
     tracker: tuple[tuple[str, Any], ...] = ()
-
-
-class OriginSimulation(Simulation):
-    """A simulation that notes which object each reported slot shows.
-
-    Attributes:
-        origins: of each sensor: measurement time → slots and their owners (index of the actor, number of actors + index
-            of the stationary object, or `slot_reports.FALSE`).
-    """
-
-    def __init__(self, scenario: Scenario, binding: Binding, seed: int) -> None:
-        super().__init__(scenario, binding, seed)
-        self.origins: list[dict[int, tuple[Integers, Integers]]] = [{} for _ in binding.sensors]
-
-    def reports(self, sensor: int) -> Iterator[tuple[int, SlotReport]]:
-        """Yield the reports of one sensor, each noted."""
-        for time_ns, report in super().reports(sensor):
-            self.origins[sensor][time_ns] = report.slot.copy(), report.owner.copy()
-            yield time_ns, report
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,10 +91,10 @@ def scenario_of(path: Path) -> Scenario:
     return load_scenario(path)
 
 
-def simulated(job: Job) -> tuple[OriginSimulation, Pipeline]:
+def simulated(job: Job) -> tuple[Simulation, Pipeline]:
     """Return the simulation of a job and a fresh pipeline for its frames."""
     binding = bound(job.config, job.tracker)
-    return OriginSimulation(scenario_of(job.scenario), binding, job.seed), Pipeline(binding)
+    return Simulation(scenario_of(job.scenario), binding, job.seed), Pipeline(binding)
 
 
 def cycles_of(simulation: Simulation, pipeline: Pipeline) -> Iterator[Cycle]:
@@ -123,7 +105,7 @@ def cycles_of(simulation: Simulation, pipeline: Pipeline) -> Iterator[Cycle]:
 
 def track_rows(obstacles: Sequence[Obstacles]) -> TrackRows:
     """Return the obstacles of many cycles as one table."""
-    parts = [{name: getattr(one, name, None) for name in _names(one)} for one in obstacles]
+    parts = [{name: getattr(one, name) for name in _names(one)} for one in obstacles]
     covariances = [part.pop("covariance", None) for part in parts]
     times = np.repeat([one.time_ns for one in obstacles], [len(one) for one in obstacles])
     table, order = _table(times, parts)
@@ -137,29 +119,31 @@ def truth_rows(simulation: Simulation) -> TrackTable:
     parts, times = [], []
     for cycle in simulation.truth():
         codes = np.array([STATES.index(str(name)) for name in cycle.columns["state"]], dtype=np.int8)
-        parts.append({**cycle.columns, "state": codes})
+        kinds = np.array([CLASSES.index(str(name)) for name in cycle.columns["class"]], dtype=np.int8)
+        parts.append({**cycle.columns, "state": codes, "kind": kinds})
         times.append(np.full(len(codes), cycle.time_ns))
     return _table(np.concatenate([np.empty(0, np.int64), *times]), parts)[0]
 
 
 def _names(obstacles: Obstacles) -> set[str]:
     """Return the columns that obstacles share with the table, and their covariance."""
-    return {each.name for each in fields(obstacles)} & {*(each.name for each in fields(TrackTable)), "covariance"}
+    shared = {*(each.name for each in fields(TrackTable)), "covariance"} - {"time_ns"}
+    return {each.name for each in fields(obstacles)} & shared
 
 
 def _table(times: Integers, parts: Sequence[Mapping[str, Any]]) -> tuple[TrackTable, Integers]:
     """Return columns of many cycles as a table, and which of their rows it holds; NaN where there is no such column."""
-    columns: dict[str, Any] = {}
     rows = len(times)
+    columns: dict[str, Any] = {"time_ns": times.astype(np.int64)}
     for each in fields(TrackTable):
-        known = [part[each.name] for part in parts if each.name != "time_ns" and part.get(each.name) is not None]
+        dtype, empty = _FORMS.get(each.name, (np.float64, math.nan))
+        known = [part[each.name] for part in parts if part.get(each.name) is not None]
+        if each.name in columns:
+            continue
         if known and len(known) == len(parts):
-            columns[each.name] = np.concatenate(known)
+            columns[each.name] = np.concatenate(known).astype(dtype)
         else:
-            columns[each.name] = np.full(rows, np.nan if each.name not in _TEXTS else "", dtype=None)
-    columns["time_ns"] = times.astype(np.int64)
-    columns["id"] = np.asarray(columns["id"]).astype(np.int64)
-    columns["state"] = np.asarray(columns["state"]).astype(np.int8)
+            columns[each.name] = np.full(rows, empty, dtype=dtype)
     # of two cycles at one time the later one counts
     order = np.lexsort((-np.arange(rows), columns["id"], columns["time_ns"]))
     twice = np.zeros(rows, dtype=bool)
@@ -168,4 +152,10 @@ def _table(times: Integers, parts: Sequence[Mapping[str, Any]]) -> tuple[TrackTa
     return TrackTable(**{name: column[order] for name, column in columns.items()}), order
 
 
-_TEXTS = frozenset({"objects", "kind", "class"})
+_FORMS: Mapping[str, tuple[Any, Any]] = {
+    "id": (np.int64, 0),
+    "state": (np.int8, 0),
+    "kind": (np.int8, 0),
+    "objects": (np.object_, ""),
+}
+"""Type of the columns that are no numbers, and what stands where there is none."""

@@ -86,6 +86,7 @@ class SlotFilters:
                 "time_ns": times[order],
                 "id": identity[order],
                 "state": np.full(rows, CONFIRMED, dtype=np.int8),
+                "kind": np.zeros(rows, dtype=np.int8),
                 "objects": np.full(rows, "", dtype=np.object_),
             }
         )

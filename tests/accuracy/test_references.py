@@ -1,0 +1,93 @@
+"""That reference N is what filterpy's filter gives, and that the accuracy command scores a drive."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+
+from candaemon.evaluation.pair_errors import ALL
+from tests.accuracy.__main__ import main
+from tests.accuracy.simulated_runs import Job, cycles_of, simulated
+from tests.accuracy.slot_filters import FIRST_PLACE, FIRST_SPEED, SlotFilters, constant_velocity
+from tests.support.paths import ROOT
+
+SCENARIO = """
+duration: 4
+ego: {start: {speed: 20}}
+actors:
+  - {name: lead, start: {x: 30, y: 0, vx: 22, vy: 0}, reflections: 1}
+  - {name: beside, start: {x: 15, y: 3.5, vx: 21, vy: 0}, reflections: 1}
+measurement: {clutter: 0, detection_probability: 1}
+"""
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Path:
+    path = tmp_path / "tiny.yaml"
+    path.write_text(SCENARIO)
+    return path
+
+
+@pytest.mark.parametrize("config", ["esr_ins", "ars408"])
+def test_n_is_filterpys_filter(config: str, scenario: Path) -> None:
+    density = 3.0
+    simulation, pipeline = simulated(Job(ROOT / "config" / f"{config}.yaml", scenario, 1))
+    ours = SlotFilters((pipeline.binding.sensors[0].settings.cycle_time,), (0.3, density))
+    theirs: dict[int, KalmanFilter] = {}
+    time_ns = 0
+    for cycle in cycles_of(simulation, pipeline):
+        detections = cycle.detections
+        if detections is None:
+            continue
+        ours.step(detections, cycle.pose)
+        f, q = constant_velocity((cycle.pose.time_ns - time_ns) * 1e-9)
+        time_ns = cycle.pose.time_ns
+        for k, key in enumerate(detections.object_id.tolist()):
+            one = detections.measurement.take(np.array([k]))
+            if key in theirs:
+                theirs[key].predict(F=f, Q=density * q)
+            else:
+                theirs[key] = KalmanFilter(dim_x=4, dim_z=one.degrees_of_freedom)
+                theirs[key].x = np.array([*one.position[0], 0.0, 0.0])
+                theirs[key].P = np.diag([FIRST_PLACE**2] * 2 + [FIRST_SPEED**2] * 2)
+            kf = theirs[key]
+            innovation, h, r = one.linearised(kf.x[None])
+            kf.update(innovation[0] + h[0] @ kf.x, R=r[0], H=h[0])
+    assert len(theirs) == 2
+    for row, kf in enumerate(theirs.values()):
+        np.testing.assert_allclose(ours.mean[row, 1], kf.x, rtol=1e-9)
+        np.testing.assert_allclose(ours.covariance[row, 1], kf.P, rtol=1e-6, atol=1e-9)
+
+
+def test_the_command_tells_figures_and_writes_them(
+    scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = tmp_path / "figures.json"
+    words = ["--scenarios", str(scenario), "--configs", "esr_ins", "--seeds", "1", "--processes", "1"]
+    assert main([*words, "--json", str(told)]) == 0
+    printed = capsys.readouterr()
+    assert "1 of 1  tiny esr_ins 1" in printed.err
+    lines = printed.out.splitlines()
+    assert any(line.split()[:1] == ["tiny"] for line in lines)
+    assert "legend" in lines
+    figures = json.loads(told.read_text())
+    ours, naive = figures["all"]["candaemon"], figures["all"]["N"]
+    assert figures["grid"][f"{figures['naive_density']:g}"] == naive
+    assert 0.0 < ours["position"] < 1.5
+    assert 0.0 < naive["position"] < 1.5
+    samples = {by: sum(group["samples"] for group in groups.values()) for by, groups in ours["groups"].items()}
+    assert samples["age"] == samples["range"] == samples["manoeuvre"] == samples["motion"] == samples[ALL[0]] > 50
+    assert ours["missed"] == 0.0
+
+
+def test_settings_of_the_tracker_are_replaced_and_checked(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--configs", "esr_ins", "--tracker", "lifecycle.confirm=0"])
+    assert "lifecycle.confirm" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["--tracker", "confirm"])
+    assert "expected KEY=VALUE" in capsys.readouterr().err
