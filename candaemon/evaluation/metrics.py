@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -15,18 +16,31 @@ from candaemon.evaluation.pair_errors import ALL, DEGREES_OF_FREEDOM, MeasureSum
 from candaemon.evaluation.pairing import ActorHistory, Pairing, histories, pair
 from candaemon.evaluation.results import (
     ActorResult,
+    BoxErrors,
     Consistency,
     Duplicates,
     Errors,
     Evaluation,
     FalseTracks,
     GospaSummary,
+    GroupErrors,
+    Missed,
     Options,
+    Surplus,
     TimeToConfirm,
 )
 from candaemon.evaluation.tables import ACTOR, TrackTable, read_tracks, read_truth
 
 _COMPARED = ("x", "y", "vx", "vy", "ax", "ay")
+_PLANE = {
+    "position": "position",
+    "along": "along",
+    "across": "across",
+    "velocity": "velocity",
+    "velocity_along": "v_along",
+    "velocity_across": "v_across",
+}
+"""Field of `GroupErrors` → measure."""
 _DEFAULTS = Options()
 
 
@@ -82,7 +96,28 @@ def compare(tracks: TrackTable, truth: TrackTable, options: Options = _DEFAULTS)
         false_tracks=FalseTracks(*_marked(pairing, pairing.false)),
         duplicates=Duplicates(*_marked(pairing, pairing.alike)),
         actors=actors,
+        nees_of={name: _consistency(sums, name) for name in DEGREES_OF_FREEDOM if name != "state"},
+        surplus=Surplus(*_marked(pairing, pairing.surplus)),
+        missed=_missed(history),
+        groups=tuple(_groups(sums)),
     )
+
+
+def _missed(history: ActorHistory) -> Missed:
+    """Return how many cycles of visible actors had no track; a share of 0 of none."""
+    awaited, samples = int(history.awaited.sum()), int(history.missed.sum())
+    return Missed(awaited, samples, samples / max(awaited, 1))
+
+
+def _groups(sums: MeasureSums) -> Iterator[GroupErrors]:
+    """Yield the errors of each group of pairs that has any, that of all pairs in any case."""
+    for group, pairs in zip(sums.groups, sums.pairs.tolist(), strict=True):
+        if pairs or group == ALL:
+            by, which = group
+            plane = {field: sums.value(group, name) for field, name in _PLANE.items()}
+            box = BoxErrors(**{field.name: sums.value(group, field.name) for field in fields(BoxErrors)})
+            nees, coverage = (sums.value(group, name("state")) for name in (nees_name, within_name))
+            yield GroupErrors(by, which, pairs, **plane, box=box, nees=nees, coverage=coverage)
 
 
 def _settled_errors(pairing: Pairing) -> tuple[Integers, Floats]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.table import Table
 
-from candaemon.evaluation.results import ActorResult, Evaluation
+from candaemon.evaluation.results import ActorResult, BoxErrors, Evaluation, GroupErrors
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,8 @@ def sections(evaluation: Evaluation) -> Iterator[Section]:
             ("acceleration (m/s²)", *_numbers(errors.acceleration, errors.ax, errors.ay)),
         ),
     )
-    score, nees = one.gospa, one.nees
+    yield _groups(one.groups)
+    score = one.gospa
     yield Section(
         f"GOSPA (c = {score.cutoff:g} m, p = {score.order:g}, α = {score.alpha:g})",
         ("", "value"),
@@ -66,14 +67,10 @@ def sections(evaluation: Evaluation) -> Iterator[Section]:
             ("  false", _number(score.false)),
         ),
     )
-    yield Section(
-        f"NEES (x, y, vx, vy; covariance's diagonal; {nees.samples} samples)",
-        ("", "value", "expected"),
-        (
-            ("mean", _number(nees.mean), f"{nees.expected:g} ({_number(nees.lower)} to {_number(nees.upper)})"),
-            ("within 95 %", _percent(nees.coverage), "95.0 %"),
-        ),
-    )
+    yield _consistency(one)
+    box = one.groups[0].box
+    if any(not math.isnan(value) for value in (box.heading, box.length, box.width, box.center)):
+        yield _box(box)
     delay, false, alike = one.time_to_confirm, one.false_tracks, one.duplicates
     yield Section(
         "tracks",
@@ -86,6 +83,14 @@ def sections(evaluation: Evaluation) -> Iterator[Section]:
                 f"{false.ids} ({false.samples} samples, {_percent(false.share)})",
             ),
             ("duplicates", f"{alike.ids} ({alike.samples} samples, {_percent(alike.share)})"),
+            (
+                "surplus (its actor has another)",
+                f"{one.surplus.ids} ({one.surplus.samples} samples, {_percent(one.surplus.share)})",
+            ),
+            (
+                f"missed (visible for {one.options.patience:g} s)",
+                f"{one.missed.samples} of {one.missed.awaited} samples, {_percent(one.missed.share)}",
+            ),
             ("id switches", str(one.id_switches)),
             ("fragments", str(one.fragments)),
             ("time to confirm (s)", f"mean {_number(delay.mean)}, max {_number(delay.max)}"),
@@ -96,6 +101,56 @@ def sections(evaluation: Evaluation) -> Iterator[Section]:
         "actors",
         ("id", "visible", "tracked", "confirmed after (s)", "switches", "fragments", "position (m)", "velocity (m/s)"),
         tuple(_actor(actor) for actor in one.actors),
+    )
+
+
+def _groups(groups: Sequence[GroupErrors]) -> Section:
+    """Return the errors of each group of pairs, to see what is worst."""
+    header = ("samples", "position (m)", "along", "across", "velocity (m/s)", "along", "across", "NEES", "within 95 %")
+    rows = (
+        (
+            one.by if one.by == one.group else f"{one.by}: {one.group}",
+            str(one.samples),
+            *_numbers(one.position, one.along, one.across),
+            *_numbers(one.velocity, one.velocity_along, one.velocity_across),
+            _number(one.nees),
+            _percent(one.coverage),
+        )
+        for one in groups
+    )
+    return Section("errors by group (RMSE; along and across the actor's course)", ("", *header), tuple(rows))
+
+
+def _consistency(evaluation: Evaluation) -> Section:
+    """Return the NEES of the state and of each of its quantities."""
+    every = {"x, y, vx, vy": evaluation.nees, **evaluation.nees_of}
+    return Section(
+        f"NEES (covariance's diagonal; {evaluation.nees.samples} samples)",
+        ("", "mean", "expected", "within 95 %"),
+        tuple(
+            (
+                name,
+                _number(nees.mean),
+                f"{nees.expected:g} ({_number(nees.lower)} to {_number(nees.upper)})",
+                _percent(nees.coverage),
+            )
+            for name, nees in every.items()
+        ),
+    )
+
+
+def _box(box: BoxErrors) -> Section:
+    """Return the errors of the body."""
+    return Section(
+        "box (RMSE)",
+        ("", "value", "share"),
+        (
+            ("heading of what moves (deg; share that has one)", _number(box.heading), _percent(box.heading_known)),
+            ("yaw rate (rad/s)", _number(box.yaw_rate), ""),
+            ("length (share of it; share within a quarter)", _percent(box.length), _percent(box.length_right)),
+            ("width (share of it; share within a quarter)", _percent(box.width), _percent(box.width_right)),
+            ("centre (m)", _number(box.center), ""),
+        ),
     )
 
 

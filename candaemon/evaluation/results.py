@@ -63,16 +63,16 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class Consistency:
-    """NEES of x, y, vx, vy from `sx`, `sy`, `svx`, `svy`: the table holds only the covariance's diagonal.
+    """NEES of some of x, y, vx, vy from `sx`, `sy`, `svx`, `svy`: the table holds only the covariance's diagonal.
 
     Attributes:
-        samples: pairs with all four standard deviations.
+        samples: pairs with the standard deviations.
         mean: mean NEES.
-        expected: degrees of freedom, 4: the mean of a consistent filter.
+        expected: degrees of freedom: the mean of a consistent filter.
         lower: lower 95 % bound of the mean of `samples` independent samples; a track's errors are not independent
             from cycle to cycle, so the true bounds are wider.
         upper: upper 95 % bound of the same.
-        coverage: share of samples within the 95 % quantile of χ² with 4 degrees of freedom; 0.95 if consistent.
+        coverage: share of samples within the 95 % quantile of χ² with these degrees of freedom; 0.95 if consistent.
     """
 
     samples: int
@@ -139,6 +139,95 @@ class Duplicates:
 
 
 @dataclass(frozen=True, slots=True)
+class Surplus:
+    """Confirmed samples within the gate of an actor that another track is paired with, its box where truth has one.
+
+    Attributes:
+        ids: tracks with one such sample or more.
+        samples: such samples.
+        share: of all confirmed samples.
+    """
+
+    ids: int
+    samples: int
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Missed:
+    """Cycles without a track of an actor that had been visible for `Options.patience` without a break.
+
+    Attributes:
+        awaited: cycles of actors visible for so long, one an actor a cycle.
+        samples: those of them without a track.
+        share: of all awaited.
+    """
+
+    awaited: int
+    samples: int
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class BoxErrors:
+    """RMSE of what only a body has, over settled pairs with a visible actor; null where a table lacks the columns.
+
+    Attributes:
+        heading: deg, of actors that move at more than 2 m/s.
+        heading_known: share of their samples in which the track has a heading.
+        yaw_rate: rad/s.
+        length: relative, of tracks that are 3 s old and have seen two sides of the actor for half a second.
+        width: likewise.
+        length_right: share of those samples in which the length is right within a quarter.
+        width_right: likewise.
+        center: of the box, in the plane, m.
+    """
+
+    heading: float
+    heading_known: float
+    yaw_rate: float
+    length: float
+    width: float
+    length_right: float
+    width_right: float
+    center: float
+
+
+@dataclass(frozen=True, slots=True)
+class GroupErrors:
+    """Errors of a group of pairs.
+
+    Attributes:
+        by: what the pairs are grouped by: `all`, `age` (s since confirmation, settling included), `range`,
+            `visibility` (`hidden` pairs are in no other group), `manoeuvre` (the actor's acceleration) or `motion`.
+        group: which group of these.
+        samples: pairs.
+        position: RMSE in the plane, m.
+        along: RMSE along the actor's course over ground, or along its heading while it stands, m.
+        across: RMSE across it, m.
+        velocity: RMSE in the plane, m/s.
+        velocity_along: RMSE along the course, m/s.
+        velocity_across: RMSE across it, m/s.
+        box: RMSE of the body.
+        nees: mean NEES of x, y, vx, vy.
+        coverage: share of samples within its 95 % bound.
+    """
+
+    by: str
+    group: str
+    samples: int
+    position: float
+    along: float
+    across: float
+    velocity: float
+    velocity_along: float
+    velocity_across: float
+    box: BoxErrors
+    nees: float
+    coverage: float
+
+
+@dataclass(frozen=True, slots=True)
 class ActorResult:
     """Result of one actor that was visible at least once.
 
@@ -187,7 +276,7 @@ class Evaluation:
         confirmed_ids: confirmed tracks at the times compared.
         confirmed_samples: their samples, one a track a cycle.
         errors: RMSE over all actors.
-        nees: consistency of the standard deviations.
+        nees: consistency of the standard deviations of x, y, vx, vy.
         gospa: GOSPA and its parts.
         id_switches: sum over the actors.
         fragments: sum over the actors.
@@ -195,6 +284,10 @@ class Evaluation:
         false_tracks: tracks far from every true object.
         duplicates: several tracks of one object.
         actors: one entry per actor that was visible.
+        nees_of: consistency of x, y, vx, vy, position and velocity, each alone.
+        surplus: further tracks of actors that have one.
+        missed: actors in sight without a track.
+        groups: errors by age, range, visibility, manoeuvre and motion; the first is of all pairs.
     """
 
     options: Options
@@ -211,6 +304,10 @@ class Evaluation:
     false_tracks: FalseTracks
     duplicates: Duplicates
     actors: tuple[ActorResult, ...]
+    nees_of: dict[str, Consistency]
+    surplus: Surplus
+    missed: Missed
+    groups: tuple[GroupErrors, ...]
 
     def to_json(self) -> str:
         """Return it as JSON text; the keys are the fields' names."""

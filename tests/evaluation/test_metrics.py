@@ -18,7 +18,7 @@ from candaemon.errors import InputError
 from candaemon.evaluation.matching import assign, gospa, resample
 from candaemon.evaluation.metrics import compare, evaluate
 from candaemon.evaluation.printing import print_evaluation
-from candaemon.evaluation.results import Evaluation, Options
+from candaemon.evaluation.results import Evaluation, GroupErrors, Options
 from candaemon.evaluation.tables import BODY_NUMBERS, NUMBERS, STATES, TrackTable, TrackWriter
 from candaemon.files.outputs import OutputFile
 
@@ -265,3 +265,113 @@ def test_tables_that_do_not_belong_together_are_told(tmp_path: Path) -> None:
     assert caught.value.file == str(truth)
     with pytest.raises(InputError, match="is this the truth"):
         evaluate(truth, tracks)
+
+
+def body(x: float, y: float, **more: float) -> dict[str, float]:
+    box = {"heading": 0.0, "yaw_rate": 0.0, "length": 4.0, "width": 2.0, "center_x": x + 2.0, "center_y": y}
+    return still(x, y, **{**box, "sides": 2.0, **more})
+
+
+def group(result: Evaluation, by: str, which: str) -> GroupErrors:
+    return next(one for one in result.groups if (one.by, one.group) == (by, which))
+
+
+def test_errors_are_split_along_the_course_and_by_group() -> None:
+    # drives to the left at 10 m/s: what is off in y is off along
+    truth = rows(range(60), 1, "actor", still(30.0, 0.0, vy=10.0)) + rows(range(60, 80), 1, "hidden", still(30.0, 0.0))
+    told = still(30.3, 0.4, vx=1.0, vy=12.0, sx=0.3, sy=0.2, svx=1.0, svy=1.0)
+    tracks = rows(range(50), 5, "confirmed", told) + rows(range(50, 80), 5, "coasting", told)
+    result = straight(tracks, truth)
+    whole = group(result, "all", "all")
+    assert whole.samples == 60
+    assert (whole.along, whole.across) == pytest.approx((0.4, 0.3))
+    assert (whole.velocity_along, whole.velocity_across) == pytest.approx((2.0, 1.0))
+    ages = [one.samples for one in result.groups if one.by == "age"]
+    assert ages == [10, 10, 20, 20]
+    assert group(result, "visibility", "coasting").samples == 10
+    assert group(result, "visibility", "hidden").samples == 20
+    assert group(result, "motion", "crossing").samples == 60
+    assert group(result, "range", "20 to 40 m").samples == 60
+    assert group(result, "manoeuvre", "0 to 0.5 m/s²").position == pytest.approx(0.5)
+    assert {name: nees.mean for name, nees in result.nees_of.items()} == pytest.approx(
+        {"x": 1.0, "y": 4.0, "vx": 1.0, "vy": 4.0, "position": 5.0, "velocity": 5.0}
+    )
+    assert result.nees_of["y"].coverage == 0.0
+    assert result.nees_of["position"].coverage == 1.0
+    # settling is left out of all groups but those of age
+    settled = compare(table(tracks), table(truth), Options(settle=1.0))
+    assert group(settled, "all", "all").samples == settled.errors.samples == 40
+    assert [one.samples for one in settled.groups if one.by == "age"] == [10, 10, 20, 20]
+
+
+def test_the_box_is_judged_where_two_sides_were_seen() -> None:
+    truth = rows(range(40), 1, "actor", body(20.0, 0.0, vx=5.0, sides=1.0))
+    truth += rows(range(40, 100), 1, "actor", body(20.0, 0.0, vx=5.0))
+    told = body(20.0, 0.0, vx=5.0, length=5.0, width=1.9, heading=2 * math.pi + 0.1, center_y=0.3)
+    box = straight(rows(range(100), 5, "confirmed", told), truth).groups[0].box
+    assert box.heading == pytest.approx(math.degrees(0.1))
+    assert box.heading_known == 1.0
+    assert (box.length, box.width) == pytest.approx((0.25, 0.05))
+    assert (box.length_right, box.width_right) == (1.0, 1.0)
+    assert box.center == pytest.approx(0.3)
+    # one side only: nothing is said of sizes; at rest nothing of the heading
+    aside = straight(
+        rows(range(100), 5, "confirmed", told), rows(range(100), 1, "actor", body(20.0, 0.0, vx=1.0, sides=1.0))
+    )
+    assert math.isnan(aside.groups[0].box.length)
+    assert math.isnan(aside.groups[0].box.heading)
+    assert json.loads(aside.to_json())["groups"][0]["box"]["length"] is None
+    # too young
+    young = straight(rows(range(50), 5, "confirmed", told), rows(range(50), 1, "actor", body(20.0, 0.0, vx=5.0)))
+    assert math.isnan(young.groups[0].box.length)
+
+
+def test_a_second_track_on_a_long_body_is_surplus_and_not_false() -> None:
+    long = body(10.0, 0.0, length=14.0, width=2.5, center_x=17.0)
+    tracks = rows(range(10), 5, "confirmed", still(10.0, 0.0)) + rows(range(10), 6, "confirmed", still(22.0, 0.5))
+    result = straight(tracks, rows(range(10), 1, "actor", long))
+    assert (result.false_tracks.samples, result.surplus.samples, result.surplus.ids) == (0, 10, 1)
+    assert result.surplus.share == pytest.approx(0.5)
+    # without a box its end is out of the gate; alone it is no surplus
+    bare = straight(tracks, rows(range(10), 1, "actor", still(10.0, 0.0)))
+    assert (bare.false_tracks.samples, bare.surplus.samples) == (10, 0)
+    alone = straight(rows(range(10), 6, "confirmed", still(22.0, 0.5)), rows(range(10), 1, "actor", long))
+    assert (alone.false_tracks.samples, alone.surplus.samples) == (0, 0)
+
+
+def test_an_actor_is_missed_from_a_second_of_sight_on() -> None:
+    truth = rows(range(30), 1, "actor", still(10.0, 0.0)) + rows(range(30, 40), 1, "hidden", still(10.0, 0.0))
+    truth += rows(range(40, 65), 1, "actor", still(10.0, 0.0))
+    result = straight(rows(range(25), 5, "confirmed", still(10.0, 0.0)), truth)
+    # visible for a second at cycles 20 to 29, and, after the break, at 60 to 64
+    assert (result.missed.awaited, result.missed.samples) == (15, 10)
+    assert result.missed.share == pytest.approx(10 / 15)
+    assert straight([], []).missed.share == 0.0
+
+
+points_of_time = st.lists(st.sampled_from(["none", "seen", "tracked", "other", "hidden"]), min_size=1, max_size=30)
+
+
+@given(points_of_time)
+@settings(deadline=None)
+def test_histories_are_those_of_a_walk_through_the_cycles(states: list[str]) -> None:
+    truth = [(k * CYCLE, 1, "hidden" if state == "hidden" else "actor", still(10, 0)) for k, state in enumerate(states)]
+    tracks = [
+        (k * CYCLE, 5 + (state == "other"), "confirmed", still(10, 0))
+        for k, state in enumerate(states)
+        if state in {"tracked", "other"}
+    ]
+    # one far away gives every cycle its time
+    result = straight(tracks + rows(range(len(states)), 9, "confirmed", still(90.0, 0.0)), truth)
+    visible = [state for state in states if state != "hidden"]
+    tracked = [state in {"tracked", "other"} for state in visible]
+    ids = [state for state in states if state in {"tracked", "other"}]
+    fragments = sum(
+        here and not before and any(tracked[:k])
+        for k, (before, here) in enumerate(itertools.pairwise(tracked), start=1)
+    )
+    assert result.id_switches == (sum(a != b for a, b in itertools.pairwise(ids)) if visible else 0)
+    assert result.fragments == fragments
+    assert sum(actor.visible for actor in result.actors) == len(visible)
+    if any(tracked):
+        assert result.actors[0].tracked == pytest.approx(sum(tracked) / len(visible))
