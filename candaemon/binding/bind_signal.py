@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Final, Literal, TypeAlias
 
 from candaemon.binding.location import SettingLocation
-from candaemon.config.base import UNIT_FACTORS, SignalRef
+from candaemon.config.base import UNIT_FACTORS, ObjectSignalRef, SignalRef
+from candaemon.dbc.bits import has_value, representable_values
 from candaemon.dbc.types import SignalSpec
 from candaemon.objects.signals import SignalBinding
 
@@ -95,4 +96,11 @@ def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, location: Set
         factor = known[1]
     elif dimension != "number" and not (ref.unit is None and known == ("number", 1.0)):
         raise location.error(f"signal '{signal.name}' has the unit '{unit}' ({known[0]}) by {source}, {expected}")
-    return SignalBinding(quantity, signal, factor * ref.scale, factor * ref.offset)
+    unknown = ref.unknown if isinstance(ref, ObjectSignalRef) else None
+    if unknown is not None and not has_value(signal, unknown):
+        low, high = representable_values(signal)
+        raise location.error(
+            f"'unknown' is {unknown:g}, which signal '{signal.name}' cannot be; expected a value from {low:g} to "
+            f"{high:g} in steps of {abs(signal.scale):g}"
+        )
+    return SignalBinding(quantity, signal, factor * ref.scale, factor * ref.offset, unknown)

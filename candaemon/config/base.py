@@ -65,6 +65,14 @@ class SignalRef(Settings):
         return self
 
 
+class ObjectSignalRef(SignalRef):
+    """A signal of an object, one value of which may say that the quantity is not known."""
+
+    unknown: SignalValue | None = Field(
+        None, description="value of the signal, in the DBC's unit, that says that the quantity is not known"
+    )
+
+
 def _signal_from_text(value: Any) -> Any:
     """Convert the short text form of a signal to its fields."""
     if not isinstance(value, str):
@@ -76,6 +84,11 @@ def _signal_from_text(value: Any) -> Any:
 Signal = Annotated[SignalRef, BeforeValidator(_signal_from_text, json_schema_input_type=DbcName | SignalRef)]
 
 
+ObjectSignal = Annotated[
+    ObjectSignalRef, BeforeValidator(_signal_from_text, json_schema_input_type=DbcName | ObjectSignalRef)
+]
+
+
 def _listed(value: Any) -> Any:
     """Convert a single signal to a list of one."""
     return (value,) if isinstance(value, str | dict | SignalRef) else value
@@ -83,6 +96,10 @@ def _listed(value: Any) -> Any:
 
 Signals = Annotated[tuple[Signal, ...], BeforeValidator(_listed, json_schema_input_type=tuple[Signal, ...] | Signal)]
 """One signal or a list of them."""
+ListedObjectSignals = Annotated[
+    tuple[ObjectSignal, ...], BeforeValidator(_listed, json_schema_input_type=tuple[ObjectSignal, ...] | ObjectSignal)
+]
+"""Likewise, of an object."""
 
 
 class Condition(Settings):

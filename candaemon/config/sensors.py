@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from candaemon.config.base import Condition, Settings, Signal
+from candaemon.config.base import Condition, ObjectSignal, Settings
 from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.numbers import SignalValue
 from candaemon.config.protection import InputProtectionSettings, PlausibilitySettings, SensorProtectionSettings
@@ -139,17 +139,18 @@ ScanSettings = Annotated[CounterScan | TriggerScan | HeaderScan | TimeoutScan, F
 class ObjectSignals(Settings):
     """Which signal is which quantity of an object, in sensor axes (x ahead, y left), relative to the sensor."""
 
-    x: Signal | None = Field(None, description="position ahead, m")
-    y: Signal | None = Field(None, description="position to the left, m")
-    range: Signal | None = Field(None, description="distance, m")
-    azimuth: Signal | None = Field(None, description="direction, positive to the left")
-    range_rate: Signal | None = Field(None, description="speed along the line of sight, positive away")
-    vx: Signal | None = Field(None, description="relative velocity along x")
-    vy: Signal | None = Field(None, description="relative velocity along y (lateral rate)")
-    ax: Signal | None = Field(None, description="relative acceleration along x, or along the line of sight")
-    width: Signal | None = Field(None, description="width, m")
-    length: Signal | None = Field(None, description="length, m")
-    score: Signal | None = Field(None, description="the sensor's own confidence")
+    x: ObjectSignal | None = Field(None, description="position ahead, m")
+    y: ObjectSignal | None = Field(None, description="position to the left, m")
+    range: ObjectSignal | None = Field(None, description="distance, m")
+    azimuth: ObjectSignal | None = Field(None, description="direction, positive to the left")
+    range_rate: ObjectSignal | None = Field(None, description="speed along the line of sight, positive away")
+    vx: ObjectSignal | None = Field(None, description="relative velocity along x")
+    vy: ObjectSignal | None = Field(None, description="relative velocity along y (lateral rate)")
+    ax: ObjectSignal | None = Field(None, description="relative acceleration along x, or along the line of sight")
+    width: ObjectSignal | None = Field(None, description="width, m; 0 where it is not known")
+    length: ObjectSignal | None = Field(None, description="length, m; 0 where it is not known")
+    heading: ObjectSignal | None = Field(None, description="direction of its front from the sensor's x, to the left")
+    score: ObjectSignal | None = Field(None, description="the sensor's own confidence")
 
     @model_validator(mode="after")
     def _has_a_position(self) -> ObjectSignals:

@@ -191,6 +191,14 @@ def as_decoded(signal: SignalSpec, value: float) -> float:
     return nearest if abs(nearest - value) <= NEARLY * abs(signal.scale) else value
 
 
+def has_value(signal: SignalSpec, value: float) -> bool:
+    """Tell whether a number is one of the values that a signal's bits can hold."""
+    if signal.is_float or signal.scale == 0:
+        return signal.is_float or value == signal.offset
+    raw, (low, high) = to_raw(signal, value), representable_raw(signal)
+    return low <= round(raw) <= high and abs(raw - round(raw)) <= NEARLY
+
+
 def same_layout(a: MessageSpec, b: MessageSpec, signals: Iterable[str]) -> bool:
     """Return whether two messages carry the named signals identically, so that one batch codec serves both.
 

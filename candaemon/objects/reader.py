@@ -40,6 +40,7 @@ class LayoutReader:
         gain: (quantities, 1) SI units per unit of the signal.
         bias: (quantities, 1) in SI, None where all are 0.
         uncertain: whether a quantity may be NaN, as floats and multiplexed signals can.
+        unknown: row of each signal with a value that says nothing, that value, and how near it is as good.
 
     """
 
@@ -58,6 +59,11 @@ class LayoutReader:
         self.gain: Floats = np.array([[binding.gain] for binding in bindings])
         bias = np.array([[binding.bias] for binding in bindings])
         self.bias: Floats | None = bias if bias.any() else None
+        self.unknown = tuple(
+            (row, each.unknown, abs(each.signal.scale) / 2)
+            for row, each in enumerate(bindings)
+            if each.unknown is not None
+        )
         self.uncertain = any(each.signal.is_float or each.signal.multiplexer_signal for each in bindings)
 
 
@@ -116,7 +122,8 @@ class ObjectReader:
 
         Args:
             columns: per layout n payloads, each of the layout's length or longer, or None where it did not come.
-                Without a required message an object is not valid; without an optional one its quantities are NaN.
+                Without a required message an object is not valid; without an optional one its quantities are NaN, as
+                one is whose signal says that it is not known.
 
         """
         n = len(columns[0])
@@ -144,6 +151,8 @@ class ObjectReader:
                     rows += reader.bias
                 if reader.uncertain:
                     finite.append(np.logical_and.reduce(np.isfinite(rows)))
+                for row, unknown, near in reader.unknown:
+                    rows[row, np.abs(raw[row] - unknown) < near] = np.nan
                 if missing is not None:
                     rows[:, missing] = np.nan
             # Where some objects lack a message, nothing is known of those.

@@ -17,6 +17,7 @@ class SignalBinding:
         signal: the DBC's signal.
         gain: SI units of the quantity per DBC unit of the signal.
         bias: quantity where the signal's value is 0.
+        unknown: value of the signal, in the DBC's unit, that says that the quantity is not known; None: no value does.
 
     """
 
@@ -24,6 +25,7 @@ class SignalBinding:
     signal: SignalSpec
     gain: float
     bias: float
+    unknown: float | None = None
 
 
 def dbc_range(binding: SignalBinding) -> tuple[float, float] | None:

@@ -19,6 +19,8 @@ class Detections:
         new: the sensor says that the id names another object than before (n,).
         measurement: positions and speeds in the local frame.
         x, y: positions in vehicle axes (n,), m.
+        length, width: as the sensor says (n,), m; NaN where it does not, None where it never does.
+        heading: likewise, of the front in the local frame, positive to the left from east, −π to π rad.
     """
 
     time_ns: int
@@ -28,6 +30,9 @@ class Detections:
     measurement: Measurement
     x: Floats
     y: Floats
+    length: Floats | None = None
+    width: Floats | None = None
+    heading: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.object_id)

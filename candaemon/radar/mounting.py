@@ -75,6 +75,7 @@ class Mounting:
         self._first, self._second = row[first], row[second]
         self._first_variance = (noise.range or noise.x or 0.0) ** 2
         self._second_variance = (radians(noise.azimuth_deg) if noise.azimuth_deg else noise.y or 0.0) ** 2
+        self._length, self._width, self._heading = (row.get(name) for name in ("length", "width", "heading"))
         self._range_rate = row.get("range_rate")
         self._range_rate_variance = (noise.range_rate or 0.0) ** 2
         self._velocity = [
@@ -112,7 +113,18 @@ class Mounting:
             scan.sensor,
         )
         place = (position - complex(pose.east, pose.north)) * exp(-1j * pose.heading)
-        return Detections(scan.time_ns, scan.sensor, scan.object_id, scan.new, measurement, place.real, place.imag)
+        return Detections(
+            scan.time_ns,
+            scan.sensor,
+            scan.object_id,
+            scan.new,
+            measurement,
+            place.real,
+            place.imag,
+            None if self._length is None else values[self._length],
+            None if self._width is None else values[self._width],
+            None if self._heading is None else np.remainder(values[self._heading] + (yaw + np.pi), 2 * np.pi) - np.pi,
+        )
 
     def _projections(
         self, scan: Scan, pose: EgoPose, offset: Floats, velocity: Floats, yaw: float

@@ -19,7 +19,7 @@ class Scan:
         slot: (n,) slot from 0; the id in the payload where all objects share their messages. Ascending.
         new: (n,) the sensor says that the slot holds another object than before.
         values: (quantities, n) in SI and sensor axes, rows as the sensor's `reader.quantities`; NaN where an optional
-            message did not come.
+            message did not come, or said that it is not known, and where a size cannot be.
         missing: frames that should have been in it and were not.
 
     """
@@ -58,6 +58,7 @@ class ScanCounts(FrameFaults):
         not_finite: valid objects left out because a value is no number.
         out_of_range: objects left out because a value is outside the DBC's range.
         impossible: objects left out because they moved as nothing can.
+        odd_sizes: lengths and widths not used because no body has them.
         scans: scans made.
         distrusted: scans discarded whole because too many of their frames failed.
         incomplete: scans with frames missing.
@@ -77,6 +78,7 @@ class ScanCounts(FrameFaults):
     not_finite: int = 0
     out_of_range: int = 0
     impossible: int = 0
+    odd_sizes: int = 0
     scans: int = 0
     distrusted: int = 0
     incomplete: int = 0

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
-from candaemon.arrays import Integers
+from candaemon.arrays import Floats, Integers
 from candaemon.binding.bound import BoundSensor
 from candaemon.objects.object_batch import ObjectBatch
 from candaemon.radar.plausibility import ObjectPlausibility
 from candaemon.radar.scan import Scan, ScanCounts
 
 POSITION = ("x", "y", "range", "azimuth")
+LONGEST_BODY: Final = 40.0
+"""m; a greater length is none."""
+WIDEST_BODY: Final = 6.0
+"""m; a greater width is none."""
 
 
 class Selection:
@@ -30,7 +36,11 @@ class Selection:
         self.counts, self._sensor = counts, sensor.index
         self._has_identity = form.identity is not None
         self._has_pairs = len(form.pair) > 1
-        self._may_lack = any(part.optional for part in reader.layouts)
+        self._may_lack = any(part.optional for part in reader.layouts) or any(
+            binding.unknown is not None for binding in reader.bindings
+        )
+        largest = {"length": LONGEST_BODY, "width": WIDEST_BODY}
+        self._sizes = [(row, largest[name]) for row, name in enumerate(reader.quantities) if name in largest]
         self._position = [row for row, name in enumerate(reader.quantities) if name in POSITION]
         self.plausibility = ObjectPlausibility(sensor, counts)
 
@@ -64,4 +74,17 @@ class Selection:
             if kept is not None:
                 slot, object_id, new = slot.take(kept), object_id.take(kept), new.take(kept)
                 values = values.take(kept, axis=1)
+        for row, most in self._sizes:
+            values = self._with_sizes(values, row, most)
         return Scan(time_ns, self._sensor, object_id, slot, new, values, missing)
+
+    def _with_sizes(self, values: Floats, row: int, most: float) -> Floats:
+        """Return the quantities with NaN for what is no size; count it unless nothing was said."""
+        sizes = values[row]
+        possible = (sizes > 0.0) & (sizes <= most)
+        if np.count_nonzero(possible) == len(sizes):
+            return values
+        self.counts.odd_sizes += int(np.count_nonzero(~possible & ~np.isnan(sizes)))
+        values = values.copy()
+        values[row, ~possible] = np.nan
+        return values

@@ -17,8 +17,8 @@ from candaemon.simulation.visibility import VisibleReflections, hidden, in_view,
 
 NOISY = ("x", "y", "range", "azimuth", "range_rate", "vx", "vy", "ax")
 """Quantities with measurement noise."""
-QUANTITIES = (*NOISY, "width", "length", "score")
-"""Quantities an object can have, as `ObjectSignals` names them."""
+QUANTITIES = (*NOISY, "width", "length", "score", "heading")
+"""Quantities an object can have, as `ObjectSignals` names them; no noise is drawn for the last."""
 
 _DRIFT_TIME = 2.0
 """s, correlation time of a reflection's movement along its actor's outline."""
@@ -121,7 +121,9 @@ class SensorModel:
         self._scene, self._settings, self._measurement = scene, settings, measurement
         self._reflections = VisibleReflections(scene)
         self.quantities = tuple(name for name in QUANTITIES if getattr(settings.signals, name) is not None)
-        self._noise = np.array([[_deviation(name, settings, measurement)] for name in self.quantities])
+        self._noise = np.array(
+            [[_deviation(name, settings, measurement)] for name in self.quantities if name != "heading"]
+        )
         self._detection = stream(seed, source, "detection")
         self._draw = stream(seed, source, "noise")
         self._drift_random = stream(seed, source, "drift")
@@ -146,10 +148,12 @@ class SensorModel:
         sensor = instant.ego.at_mount(self._settings.mount)
         motion, detectable = self._motion(instant, sensor)
         chance = self._detection.random(len(self._owner))
-        noise = self._draw.standard_normal((len(self.quantities), len(self._owner))) * self._noise
+        noise = self._draw.standard_normal((len(self._noise), len(self._owner))) * self._noise
         seen = np.flatnonzero(detectable & (chance < self._measurement.detection_probability))
         seen_motion = RelativeMotion(motion.position[seen], motion.velocity[seen], motion.acceleration[seen])
-        values = self._values(seen_motion, self._width[seen], self._length[seen], score=0.95) + noise[:, seen]
+        heading = np.append(instant.actors.yaw, 0.0)[self._owner[seen]] - sensor.yaw
+        values = self._values(seen_motion, self._width[seen], self._length[seen], heading, score=0.95)
+        values[: len(noise)] += noise[:, seen]
         if self._receiver is not None:
             strongest, values = self._received(self._receiver, seen, seen_motion, values)
             seen = seen[strongest]
@@ -192,7 +196,9 @@ class SensorModel:
         spread = self._measurement.drift * math.sqrt(1 - keep**2)
         self._drift = keep * self._drift + spread * self._drift_random.standard_normal(len(self._drift))
 
-    def _values(self, motion: RelativeMotion, width: Floats, length: Floats, *, score: float) -> Floats:
+    def _values(
+        self, motion: RelativeMotion, width: Floats, length: Floats, heading: Floats, *, score: float
+    ) -> Floats:
         """Return exact quantities, shape (quantities, n)."""
         rows = np.empty((len(self.quantities), len(width)))
         for row, name in zip(rows, self.quantities, strict=True):
@@ -205,6 +211,8 @@ class SensorModel:
                     row[:] = length
                 case "score":
                     row[:] = score
+                case "heading":
+                    row[:] = np.remainder(heading + np.pi, 2 * np.pi) - np.pi
                 case _:
                     row[:] = motion.quantity(name)
         return rows
@@ -245,7 +253,7 @@ class SensorModel:
         direction = np.exp(1j * random.uniform(-1.0, 1.0, count) * math.radians(view.azimuth_deg))
         velocity = random.uniform(-_CLUTTER_SPEED, _CLUTTER_SPEED, count) * direction
         motion = RelativeMotion(distance * direction, velocity, np.zeros(count, dtype=np.complex128))
-        fresh = self._values(motion, np.zeros(count), np.zeros(count), score=0.2)
+        fresh = self._values(motion, np.zeros(count), np.zeros(count), np.zeros(count), score=0.2)
         keys = np.arange(self._next_false, self._next_false + count)
         self._next_false += count
         self._clutter_key = np.concatenate([self._clutter_key[stay], keys])

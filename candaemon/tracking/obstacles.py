@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from candaemon.arrays import Floats, Integers
+from candaemon.frames.bodies import CLASSES
 
 TENTATIVE, CONFIRMED, COASTING = 0, 1, 2
 STATE_NAMES = ("tentative", "confirmed", "coasting")
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(6)
-CLASS_NAMES = ("unknown", "car", "truck", "two-wheeler", "pedestrian", "standing")
+CLASS_NAMES = CLASSES
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +85,6 @@ class Obstacles:
         return len(self.id)
 
 
-BODY = ("heading", "yaw_rate", "length", "width", "center_x", "center_y")
 MOTION = ("x", "y", "vx", "vy", "ax", "ay", "east", "north", "ve", "vn", "sx", "sy", "svx", "svy")
 
 

@@ -87,7 +87,7 @@ def test_what_a_sensor_reports_is_what_its_frames_say(name: str) -> None:
             assert scan.new.tolist() == report.new.tolist()
         limits = np.array([[_limits(b.quantity, b.signal, b.gain, b.bias)] for b in reader.bindings])[:, 0]
         exact = np.clip(report.values[rows], limits[:, :1], limits[:, 1:])
-        assert np.all(np.abs(scan.values - exact) <= 0.5001 * step + 1e-9)
+        assert np.all(np.abs(np.nan_to_num(scan.values) - exact) <= 0.5001 * step + 1e-9)  # a size of 0 is none
 
 
 def _limits(quantity: str, signal: Any, gain: float, bias: float) -> tuple[float, float]:
