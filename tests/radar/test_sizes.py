@@ -59,6 +59,7 @@ def test_a_size_has_a_largest() -> None:
 
 def test_a_heading_is_turned_to_the_local_frame() -> None:
     told, _ = seen(Mount(yaw_deg=90.0), heading=[0.0, -3.0, math.nan, 3.0])
+    assert told.heading is not None
     turned = 1.0 + math.pi / 2
     expected = [turned, turned - 3.0, math.nan, turned + 3.0 - 2 * math.pi]
     np.testing.assert_allclose(told.heading, expected, atol=1e-12)
@@ -67,9 +68,9 @@ def test_a_heading_is_turned_to_the_local_frame() -> None:
 def test_a_sensor_that_never_tells_has_none() -> None:
     sensor = binding("acura_ilx").sensors[0]
     mounting = Mounting(sensor.settings, sensor.reader.quantities)
-    batch = ObjectBatch(*(np.ones(1, kind) for kind in (np.int64, np.bool_, np.bool_, np.bool_)), np.ones((9, 1)))
-    batch = replace(batch, values=np.ones((len(sensor.reader.quantities), 1)))
-    told = mounting.detections(Selection(sensor, ScanCounts()).scan(0, batch, np.zeros(1, np.int64), 0), pose())
+    zero, one = np.zeros(1, np.int64), np.ones(1, np.bool_)
+    batch = ObjectBatch(zero, one, one, one, np.ones((len(sensor.reader.quantities), 1)))
+    told = mounting.detections(Selection(sensor, ScanCounts()).scan(0, batch, zero, 0), pose())
     assert (told.length, told.width, told.heading) == (None, None, None)
 
 
