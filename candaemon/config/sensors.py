@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from candaemon.config.base import Condition, ObjectSignal, Settings
+from candaemon.config.directions import Pair
 from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.numbers import SignalValue
 from candaemon.config.protection import InputProtectionSettings, PlausibilitySettings, SensorProtectionSettings
@@ -180,6 +181,11 @@ class ObjectNoise(Settings):
     range_rate: float | None = Field(None, gt=0, le=20, description="m/s")
     vx: float | None = Field(None, gt=0, le=20, description="m/s")
     vy: float | None = Field(None, gt=0, le=20, description="m/s")
+    walk: Pair | None = Field(
+        None,
+        description="m²/s, random walk of reflections along and across the travel, of a sensor that filters by itself; "
+        "default: learnt",
+    )
 
 
 class FieldOfView(Settings):
