@@ -32,7 +32,7 @@ from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.errors import BusError, ConfigError
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.printing import print_sections, sections
-from candaemon.evaluation.tables import TRUTH_COLUMNS, TrackWriter
+from candaemon.evaluation.tables import TRACK_COLUMNS, TRUTH_COLUMNS, TrackWriter
 from candaemon.files.outputs import Outputs
 from candaemon.frames.frame import Frame
 from candaemon.output.decoder import FIRST_STATE, DecodedCycle, OutputDecoder
@@ -100,7 +100,10 @@ def run_demo(binding: Binding, scenario: Scenario, *, seed: int, speed: float | 
     with tempfile.TemporaryDirectory() as folder:
         tracks, truth = Path(folder, "tracks.csv"), Path(folder, "truth.csv")
         with Outputs() as outputs:
-            with TrackWriter(outputs.open(tracks)) as table, LiveTable() if watched else LinePrinter() as show:
+            with (
+                TrackWriter(outputs.open(tracks), TRACK_COLUMNS) as table,
+                LiveTable() if watched else LinePrinter() as show,
+            ):
                 for obstacles in DemoDrive(binding, simulation, speed):
                     table.write_cycle(obstacles.time_ns, obstacles.columns())
                     show.cycle(obstacles)

@@ -27,6 +27,7 @@ None of the above may be missing. A table may have more of these, after them:
 `center_x` `center_y`  m, vehicle axes, of the box.
 `existence`            0 to 1; empty in truth.
 `class`                one of `candaemon.frames.bodies.CLASSES`; empty is the same as `unknown`.
+`class_likelihood`     of that class, 0 to 1; empty where it is unknown, and in truth; not read.
 `sides`                truth: how many sides of the box sensors see at this instant, 0 to 2.
 =====================  ================================================================================
 
@@ -71,6 +72,8 @@ COLUMNS = ("time", "id", "state", *NUMBERS, "objects")
 """The columns that every table has."""
 EARTH_COLUMNS = ("latitude", "longitude")
 """Further columns of georeferenced tracks."""
+TRACK_COLUMNS = (*BODY, "existence", "class", "class_likelihood")
+"""Further columns of tracks."""
 TRUTH_COLUMNS = (*BODY, "class", "sides")
 """Further columns of truth."""
 BODY_NUMBERS = (*BODY, "existence", "sides")
@@ -441,7 +444,7 @@ class TrackWriter(_TableWriter):
 
     Args:
         file: the table.
-        further: columns after those that every table has: some of `EARTH_COLUMNS`, `BODY_NUMBERS` and `class`.
+        further: columns after those that every table has: some of `EARTH_COLUMNS`, `TRACK_COLUMNS`, `TRUTH_COLUMNS`.
     """
 
     def __init__(self, file: OutputFile, further: Sequence[str] = ()) -> None:
@@ -476,8 +479,9 @@ class TrackWriter(_TableWriter):
                 _listed(columns["id"]), states, numbers.tolist(), objects, strict=True
             )
         ]
-        for name in self._further:
-            lines = [f"{line},{cell}" for line, cell in zip(lines, _further_cells(columns, name), strict=True)]
+        if self._further:
+            cells = (_further_cells(columns, name) for name in self._further)
+            lines = [",".join(row) for row in zip(lines, *cells, strict=True)]
         self._text.write(_without_nan("\n".join((*lines, "")), numbers))
 
 
@@ -600,8 +604,9 @@ def track_columns(
     return {
         "id": obstacles.id,
         "state": obstacles.state,
-        **{name: getattr(obstacles, name) for name in MOTION},
-        "age": obstacles.age,
+        **{name: getattr(obstacles, name) for name in (*MOTION, "age", *BODY, "existence")},
+        "class": obstacles.kind,
+        "class_likelihood": obstacles.kind_likelihood,
         "objects": used,
         **earth,
     }

@@ -20,7 +20,7 @@ from candaemon.can_io.stray_times import StrayTimes
 from candaemon.config.ego import InsSettings
 from candaemon.errors import InputError
 from candaemon.evaluation.drive_score import DriveScore
-from candaemon.evaluation.tables import EARTH_COLUMNS, PredictionWriter, TrackWriter, track_columns
+from candaemon.evaluation.tables import EARTH_COLUMNS, TRACK_COLUMNS, PredictionWriter, TrackWriter, track_columns
 from candaemon.files.outputs import Outputs
 from candaemon.frames.frame import Frame, Tick
 from candaemon.frames.frame_block import FrameBlock
@@ -241,7 +241,7 @@ class _Writers:
             self.log = files.enter_context(open_log_writer(outputs.open(request.output), channels))
         if request.tracks is not None:
             self.tracks = files.enter_context(
-                TrackWriter(outputs.open(request.tracks), EARTH_COLUMNS if georeferenced else ())
+                TrackWriter(outputs.open(request.tracks), (*(EARTH_COLUMNS if georeferenced else ()), *TRACK_COLUMNS))
             )
         if request.predictions is not None:
             self.predictions = files.enter_context(PredictionWriter(outputs.open(request.predictions)))

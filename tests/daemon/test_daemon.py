@@ -22,7 +22,7 @@ from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.errors import ConfigError
 from candaemon.evaluation.metrics import evaluate
-from candaemon.evaluation.tables import TrackWriter
+from candaemon.evaluation.tables import TRACK_COLUMNS, TRUTH_COLUMNS, TrackWriter
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame
 from candaemon.output.decoder import DecodedCycle, OutputDecoder
@@ -104,11 +104,11 @@ class Fed:
 
 def test_a_drive_through_the_buses_meets_its_truth(binding: Binding, tmp_path: Path) -> None:
     simulation = drive(binding, 5.0)
-    with OutputFile(tmp_path / "tracks.csv") as file, TrackWriter(file) as table:
+    with OutputFile(tmp_path / "tracks.csv") as file, TrackWriter(file, TRACK_COLUMNS) as table:
         told = list(DemoDrive(binding, simulation))
         for cycle in told:
             table.write_cycle(cycle.time_ns, cycle.columns())
-    with OutputFile(tmp_path / "truth.csv") as file, TrackWriter(file) as table:
+    with OutputFile(tmp_path / "truth.csv") as file, TrackWriter(file, TRUTH_COLUMNS) as table:
         write_truth(simulation, table)
     judged = evaluate(tmp_path / "tracks.csv", tmp_path / "truth.csv")
     assert [cycle.number for cycle in told] == list(range(100))

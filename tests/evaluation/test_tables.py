@@ -5,6 +5,7 @@ import math
 import tracemalloc
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from candaemon.evaluation.tables import (
     COLUMNS,
     LONGEST_ROW,
     STATES,
+    TRACK_COLUMNS,
     TRUTH_COLUMNS,
     PredictionWriter,
     TrackWriter,
@@ -26,10 +28,12 @@ from candaemon.evaluation.tables import (
     parse_time,
     read_tracks,
     read_truth,
+    track_columns,
 )
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.bodies import CLASSES
 from candaemon.frames.times import LATEST_NS
+from tests.support.builders import HandFed, Seen
 
 HEADER = ",".join(COLUMNS) + "\n"
 ROW = "1533226488.434433,7,confirmed,10.5,-1,20,0,0,0,,,,,0.1,0.1,0.2,0.2,1.5,0:3;1:12\n"
@@ -142,6 +146,36 @@ def test_further_columns_stand_at_the_end_and_come_back(tmp_path: Path) -> None:
     assert table.sides.tolist() == pytest.approx([2.0, math.nan], nan_ok=True)
     assert [CLASSES[code] for code in table.kind] == ["car", "standing"]
     assert np.isnan(table.existence).all()
+
+
+def test_a_tracks_body_stands_at_the_end_and_what_is_unknown_is_empty(tmp_path: Path) -> None:
+    fed = HandFed(lifecycle={"confirm": 1, "window": 2})
+    for k in range(40):
+        time = 0.05 * k
+        told = fed.scan(time, [Seen(1, 20.0 + 10.0 * time, 0.0, 10.0), Seen(2, 30.0, 8.0)])
+    told = replace(
+        told,
+        length=np.array([4.5, np.nan]),
+        kind=np.array([CLASSES.index("truck"), 0], np.int8),
+        kind_likelihood=np.array([0.75, np.nan]),
+    )
+    path = tmp_path / "t.csv"
+    with OutputFile(path) as file, TrackWriter(file, TRACK_COLUMNS) as writer:
+        writer.write_cycle(0, track_columns(told, ["front"]))
+    ends = [line.split(",objects,")[-1].split(",")[-9:] for line in path.read_text().splitlines()]
+    assert tuple(ends[0][-9:]) == TRACK_COLUMNS
+    first, second = (dict(zip(TRACK_COLUMNS, end, strict=True)) for end in ends[1:])
+    assert float(first["heading"]) == pytest.approx(0.0, abs=0.01)
+    assert abs(float(first["yaw_rate"])) < 0.01
+    assert (first["length"], first["width"], first["class"], first["class_likelihood"]) == (
+        "4.5000", "", "truck", "0.7500"
+    )  # fmt: skip
+    assert (second["heading"], second["yaw_rate"], second["length"], second["class"], second["class_likelihood"]) == (
+        "", "", "", "unknown", ""
+    )  # fmt: skip
+    table = read_tracks(path)
+    np.testing.assert_array_equal(table.center_x, table.x)
+    assert table.existence.tolist() == [1.0, 1.0]
 
 
 def test_a_class_that_there_is_not_is_refused(tmp_path: Path) -> None:

@@ -23,7 +23,15 @@ from candaemon.cli.main import main
 from candaemon.config.load import load_config
 from candaemon.errors import ConfigError
 from candaemon.evaluation.metrics import evaluate
-from candaemon.evaluation.tables import COLUMNS, EARTH_COLUMNS, TRUTH_COLUMNS, TrackWriter, read_tracks, track_columns
+from candaemon.evaluation.tables import (
+    COLUMNS,
+    EARTH_COLUMNS,
+    TRACK_COLUMNS,
+    TRUTH_COLUMNS,
+    TrackWriter,
+    read_tracks,
+    track_columns,
+)
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
@@ -80,7 +88,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Simulated:
     frames = list(simulation.frames())
     late = [f for f in frames if not (f.can_id == place and f.time_ns < frames[0].time_ns + 1_000_000_000)]
     cycles = list(pipeline.run(late))
-    with OutputFile(folder / "tracks.csv") as file, TrackWriter(file, EARTH_COLUMNS) as table:
+    with OutputFile(folder / "tracks.csv") as file, TrackWriter(file, (*EARTH_COLUMNS, *TRACK_COLUMNS)) as table:
         for cycle in cycles:
             table.write_cycle(cycle.obstacles.time_ns, track_columns(cycle.obstacles, ["front"], cycle.georeference))
     with OutputFile(folder / "truth.csv") as file, TrackWriter(file, TRUTH_COLUMNS) as table:
@@ -96,7 +104,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 def test_the_tables_last_columns_are_empty_until_the_place_is_known(simulated: Simulated) -> None:
     rows = rows_of(simulated.folder / "tracks.csv")
-    assert tuple(rows[0]) == (*COLUMNS, "latitude", "longitude")
+    assert tuple(rows[0]) == (*COLUMNS, "latitude", "longitude", *TRACK_COLUMNS)
     known = [bool(row["latitude"]) for row in rows]
     assert known == sorted(known)
     assert 10 < known.index(True) < len(known) / 4

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.results import Evaluation
-from candaemon.evaluation.tables import TRUTH_COLUMNS, TrackWriter, track_columns
+from candaemon.evaluation.tables import TRACK_COLUMNS, TRUTH_COLUMNS, TrackWriter, track_columns
 from candaemon.files.outputs import OutputFile
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario, load_scenario
@@ -28,7 +28,7 @@ def drive(config: str, drama: Scenario, seed: int) -> tuple[Evaluation, Pipeline
     names = [sensor.name for sensor in binding.sensors]
     with tempfile.TemporaryDirectory() as folder:
         tracks, truth = Path(folder) / "tracks.csv", Path(folder) / "truth.csv"
-        with OutputFile(tracks) as file, TrackWriter(file) as table:
+        with OutputFile(tracks) as file, TrackWriter(file, TRACK_COLUMNS) as table:
             for cycle in pipeline.run(simulation.frames()):
                 table.write_cycle(cycle.obstacles.time_ns, track_columns(cycle.obstacles, names))
         with OutputFile(truth) as file, TrackWriter(file, TRUTH_COLUMNS) as table:
