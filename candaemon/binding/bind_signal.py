@@ -34,7 +34,7 @@ UNITS: Final[dict[str, tuple[Dimension, float]]] = {
 
 DIMENSIONS: Final[dict[str, Dimension]] = {
     **dict.fromkeys(("x", "y", "range", "width", "length", "sx", "sy"), "length"),
-    **dict.fromkeys(("azimuth", "heading", "latitude", "longitude"), "angle"),
+    **dict.fromkeys(("azimuth", "heading", "slip", "latitude", "longitude"), "angle"),
     **dict.fromkeys(("vx", "vy", "range_rate", "rel_vx", "rel_vy", "svx", "svy", "speed"), "speed"),
     **dict.fromkeys(("velocity_north", "velocity_east", "left_wheels", "right_wheels"), "speed"),
     **dict.fromkeys(("ax", "ay", "rel_ax"), "acceleration"),

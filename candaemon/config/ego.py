@@ -51,6 +51,11 @@ class InsSignals(Settings):
     curvature: Signal | None = Field(
         None, description="of the path, 1/m, positive to the left; times speed is yaw rate"
     )
+    slip: Signal | None = Field(
+        None, description="from the heading to the velocity, positive to the left; for a source that gives speed"
+    )
+    ax: Signal | None = Field(None, description="acceleration over ground, forward")
+    ay: Signal | None = Field(None, description="acceleration over ground, to the left")
     valid: DbcName | None = Field(None, description="MESSAGE.SIGNAL that is not 0 while the solution is valid")
 
     @model_validator(mode="after")
@@ -93,14 +98,23 @@ class OdometrySignals(Settings):
         (), description="wheel speeds on the left; with the right ones, their mean is the speed"
     )
     right_wheels: Signals = Field((), description="wheel speeds on the right")
-    yaw_rate: Signal = Field(description="positive to the left")
+    yaw_rate: Signal | None = Field(
+        None, description="positive to the left; default: from the curvature or the wheels of both sides"
+    )
+    curvature: Signal | None = Field(
+        None, description="of the path, 1/m, positive to the left; gives the yaw rate while that does not come"
+    )
 
     @model_validator(mode="after")
-    def _has_speed(self) -> OdometrySignals:
+    def _has_speed_and_turn(self) -> OdometrySignals:
         if len(self.left_wheels) != len(self.right_wheels):
             raise ValueError("as many left_wheels as right_wheels are needed")
         if bool(self.speed) == bool(self.left_wheels):
             raise ValueError("own speed needs one source; give left_wheels and right_wheels, or speed")
+        if self.yaw_rate is None and self.curvature is None and not self.left_wheels:
+            raise ValueError(
+                "no yaw rate; give yaw_rate or curvature, or left_wheels and right_wheels instead of speed"
+            )
         return self
 
 

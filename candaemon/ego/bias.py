@@ -37,12 +37,13 @@ class MotionBias:
 
     Args:
         settings: initial standard deviations and noise.
+        yaw_rate_noise: standard deviation of what the yaw rate sensor reads, rad/s.
 
     Attributes:
         state: the estimate.
     """
 
-    def __init__(self, settings: BiasSettings) -> None:
+    def __init__(self, settings: BiasSettings, yaw_rate_noise: float = radians(0.3)) -> None:
         self._settings = settings
         deviations = (
             settings.speed_scale_sd,
@@ -54,6 +55,7 @@ class MotionBias:
         self._learnt = settings.learnt**2 * covariance.diagonal()[:_MISMATCH]
         self._drift = radians(settings.yaw_rate_drift_deg) ** 2
         self._wheel_variance = radians(settings.wheel_noise_deg) ** 2
+        self._rest_variance = settings.shared_returns * yaw_rate_noise**2
         self._return_variance = settings.shared_returns * settings.stationary_noise**2
 
     @property
@@ -65,6 +67,11 @@ class MotionBias:
     def yaw_rate(self) -> float:
         """Bias of the yaw rate sensor, rad/s."""
         return float(self.state.mean[_BIAS])
+
+    @property
+    def mismatch(self) -> float:
+        """Bias of the yaw rate that the wheels' difference gives, rad/s."""
+        return float(self.state.mean[_MISMATCH])
 
     @property
     def learnt(self) -> bool:
@@ -81,13 +88,24 @@ class MotionBias:
         """Learn from one difference of yaw rates, wheels minus sensor, rad/s."""
         self._update(np.array([0.0, -1.0, 1.0]), difference, self._wheel_variance)
 
-    def learn_from_returns(self, returns: StationaryReturns, wheel_speed: float) -> None:
-        """Learn from what stands still: the speed over ground that it implies, and its drift to the side."""
+    def learn_at_rest(self, yaw_rate: float) -> None:
+        """Learn from what the yaw rate sensor reads while the vehicle stands, rad/s."""
+        self._update(np.array([0.0, 1.0, 0.0]), yaw_rate, self._rest_variance)
+
+    def learn_from_returns(self, returns: StationaryReturns, wheel_speed: float, *, by_wheels: bool = False) -> None:
+        """Learn from what stands still: the speed over ground that it implies, and its drift to the side.
+
+        Args:
+            returns: what stands still.
+            wheel_speed: m/s.
+            by_wheels: whether the yaw rate is that of the wheels' difference, and the sensor is silent.
+        """
         for speed, cosine in returns.speeds:
             self._update(np.array([wheel_speed * cosine, 0.0, 0.0]), speed, self._return_variance)
+        row = np.array([0.0, 0.0, 1.0]) if by_wheels else np.array([0.0, 1.0, 0.0])
         for moved, swept in returns.drifts:
             variance = 2 * (self._settings.drift_noise / swept) ** 2
-            self._update(np.array([0.0, 1.0, 0.0]), self.yaw_rate + moved / swept, variance)
+            self._update(row, float(row @ self.state.mean) + moved / swept, variance)
 
     def _update(self, row: Floats, value: float, variance: float) -> None:
         """Update with one scalar measurement: value = row · state + noise."""

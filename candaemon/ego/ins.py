@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from math import cos, hypot, pi, remainder, sin, tau
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import asin, atan2, copysign, cos, hypot, pi, remainder, sin, tau
+from typing import Final
 
 from candaemon.config.ego import BiasSettings, InsSettings
-from candaemon.ego.ins_epoch import InsEpoch, InsEpochState
-from candaemon.ego.motion import MotionHistory, MotionHistoryState, StationaryReturns
+from candaemon.ego.motion import MotionHistory, MotionHistoryState, SampleCounts, StationaryReturns
+from candaemon.ego.motion_epoch import MotionEpoch, MotionEpochState
 from candaemon.ego.pose import EgoPose
+from candaemon.frames.times import LONG_AGO_NS
+
+STANDING_SPEED: Final = 0.2
+"""m/s; a vehicle that is slower keeps its heading while none comes."""
+LEAST_COURSE_SPEED: Final = 2.0
+"""m/s; the course of a vehicle that is faster tells its heading while none comes."""
+FASTEST_TURN: Final = 2.0
+"""rad/s; a heading that turns faster has been set, and tells nothing of the yaw rate."""
+_COURSE_SMOOTHING = 2.0
+"""Times the smoothing of headings: a course is as much noisier."""
+_SIDEWAYS_SHARE = 0.05
+"""Of a sample in the smoothed velocity sideways."""
 
 
 @dataclass(slots=True)
@@ -17,24 +30,36 @@ class InsMotionState:
     """What is remembered of an INS.
 
     Attributes:
-        epoch: the quantities of the current burst.
+        epoch: the quantities of the current instant.
         history: the samples.
-        heading: of the latest sample, not wrapped, rad from east, positive to the left; None before the first.
+        heading: the latest, not wrapped, rad from east, positive to the left; None before the first.
         heading_ns: its time.
-        yaw_rate: derivative of the heading, smoothed, rad/s; only for an INS that gives no yaw rate.
+        yaw_rate: derivative of the heading, smoothed, rad/s.
+        heard_ns: when the INS sent it last.
+        bridged: s driven since without another measure of it.
+        curvature: of the path, 1/m, while the vehicle was last fast enough to show it.
+        sideways: velocity of the rear axle to the left, m/s, smoothed: an error of the INS, for an axle does not slip.
+        counts: of samples, and what was derived in them.
     """
 
-    epoch: InsEpochState
+    epoch: MotionEpochState
     history: MotionHistoryState
     heading: float | None = None
     heading_ns: int = 0
     yaw_rate: float = 0.0
+    heard_ns: int = LONG_AGO_NS
+    bridged: float = 0.0
+    curvature: float = 0.0
+    sideways: float = 0.0
+    counts: SampleCounts = field(default_factory=SampleCounts)
 
 
 class InsMotion:
     """Ego motion from velocity and heading over ground; GNSS positions are left to the georeferencer.
 
-    A sample is made when every quantity it needs has arrived afresh, at the time of the velocity.
+    A sample is made with each velocity, at its time. The heading comes with it, or from the yaw rate, the course or
+    standing still since the last one. Yaw rate, curvature, slip and accelerations are used while they come; otherwise
+    they are derived.
 
     Args:
         settings: of the INS.
@@ -46,16 +71,15 @@ class InsMotion:
     def __init__(self, settings: InsSettings) -> None:
         self._settings = settings
         self.teaching: BiasSettings | None = None
-        signals = settings.signals
-        self._components = signals.velocity_north is not None
-        self._turn = (
-            "yaw_rate" if signals.yaw_rate is not None else "curvature" if signals.curvature is not None else None
-        )
+        given = {name for name, signal in settings.signals if signal is not None} - {"latitude", "longitude"}
+        self._components = "velocity_north" in given
+        if self._components:
+            given.discard("speed")
         clock = "velocity_north" if self._components else "speed"
-        needed = {"heading", clock} | ({self._turn} if self._turn is not None else set())
-        self._epoch = InsEpoch(needed | ({"velocity_east"} if self._components else set()), clock, settings.age_limit)
+        self._epoch = MotionEpoch(clock, given - {clock, "valid"}, settings.age_limit)
         self._latency_ns = round(settings.latency * 1e9)
-        self.wanted = self._epoch.needed | {"valid"}
+        self._age_limit_ns = round(settings.age_limit * 1e9)
+        self.wanted = frozenset(given)
         self.history = MotionHistory(
             age_limit=settings.age_limit,
             dead_reckoning=settings.dead_reckoning,
@@ -78,44 +102,174 @@ class InsMotion:
     def state(self, state: InsMotionState) -> None:
         self._state, self._epoch.state, self.history.state = state, state.epoch, state.history
 
+    @property
+    def counts(self) -> SampleCounts:
+        """Samples, and what was derived in them."""
+        return self._state.counts
+
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Take the quantities of one frame."""
-        epoch = self._state.epoch
-        if self._epoch.take(time_ns, names, values) and epoch.value.get("valid", 1.0) != 0.0:
-            self._add_sample(epoch.time_ns - self._latency_ns, epoch.value)
+        if self._epoch.ends(names):  # what has not come until now was lost or is silent
+            self._add_sample()
+        if self._epoch.take(time_ns, names, values):
+            self._add_sample()
+        elif "heading" in names:
+            self._coast(time_ns)
 
-    def _add_sample(self, time_ns: int, value: Mapping[str, float]) -> None:
-        heading = self._continuous(pi / 2 - value["heading"])
-        yaw_rate = self._heading_rate(heading, time_ns)
+    def _add_sample(self) -> None:
+        """Make a sample of an epoch that is complete, or as complete as it becomes."""
+        epoch, state = self._epoch, self._state
+        signals = state.epoch.signals
+        if not self._is_valid() or (self._components and not epoch.belongs("velocity_east")):
+            return
+        time_ns = state.epoch.time_ns - self._latency_ns
+        ve = vn = 0.0
         if self._components:
-            ve, vn = value["velocity_east"], value["velocity_north"]
+            ve, vn = signals["velocity_east"].value, signals["velocity_north"].value
+            speed = hypot(ve, vn)
         else:
-            ve, vn = value["speed"] * cos(heading), value["speed"] * sin(heading)
-        if self._turn == "curvature":
-            yaw_rate = value["curvature"] * hypot(ve, vn)
-        elif self._turn == "yaw_rate":
-            yaw_rate = value["yaw_rate"]
+            speed = signals["speed"].value
+        turn = self._given_turn(speed)
+        heard_ns = state.heard_ns
+        heading = self._heading(time_ns, (ve, vn), speed, turn)
+        if heading is None:
+            return
+        state.counts.samples += 1
+        if turn is None:
+            turn = state.yaw_rate
+            state.counts.yaw_rate_from_heading += 1
+        if not self._components:
+            course = heading + self._slip(speed, turn)
+            ve, vn = speed * cos(course), speed * sin(course)
         arm = self._settings.lever_arm
         c, s = cos(heading), sin(heading)
-        ve += yaw_rate * (s * arm.x + c * arm.y)
-        vn -= yaw_rate * (c * arm.x - s * arm.y)
-        self._state.heading, self._state.heading_ns = heading, time_ns
-        self.history.add(time_ns, heading, ve, vn, yaw_rate)
+        ve += turn * (s * arm.x + c * arm.y)
+        vn -= turn * (c * arm.x - s * arm.y)
+        if abs(speed) >= LEAST_COURSE_SPEED:
+            state.curvature = turn / speed
+            if state.heard_ns != heard_ns:
+                state.sideways += _SIDEWAYS_SHARE * (vn * c - ve * s - state.sideways)
+        self.history.add(time_ns, heading, ve, vn, turn, self._acceleration(c, s, speed * turn))
 
-    def _continuous(self, heading: float) -> float:
-        """Unwrap the heading."""
-        before = self._state.heading
-        return heading if before is None else before + remainder(heading - before, tau)
+    def _is_valid(self) -> bool:
+        valid = self._state.epoch.signals.get("valid")
+        return valid is None or valid.value != 0.0
 
-    def _heading_rate(self, heading: float, time_ns: int) -> float:
-        """Return the smoothed derivative of the heading, for an INS that gives no yaw rate."""
+    def _given_turn(self, speed: float) -> float | None:
+        """Return the yaw rate that is given, rad/s, as such or as the path's curvature; None while neither comes."""
+        turn = self._epoch.fresh("yaw_rate")
+        if turn is not None:
+            return turn
+        curvature = self._epoch.fresh("curvature")
+        if curvature is None:
+            return None
+        self._state.counts.yaw_rate_from_curvature += 1
+        return curvature * speed
+
+    def _slip(self, speed: float, turn: float) -> float:
+        """Return the angle from heading to velocity where the INS is; the rear axle does not slip."""
+        slip = self._epoch.fresh("slip")
+        if slip is not None:
+            return slip
+        across = turn * self._settings.lever_arm.x
+        return asin(across / speed) if abs(across) < abs(speed) else 0.0
+
+    def _acceleration(self, c: float, s: float, centripetal: float) -> tuple[float, float] | None:
+        """Return the acceleration that is given, east and north, m/s²; None while none comes."""
+        ahead = self._epoch.fresh("ax")
+        if ahead is None:
+            return None
+        left = self._epoch.fresh("ay")
+        left = centripetal if left is None else left
+        self._state.counts.acceleration_given += 1
+        return c * ahead - s * left, s * ahead + c * left
+
+    def _heading(self, time_ns: int, velocity: tuple[float, float], speed: float, turn: float | None) -> float | None:
+        """Return the heading at a sample's time, not wrapped; None where it is not known."""
+        state, signal = self._state, self._state.epoch.signals.get("heading")
+        if signal is not None and signal.arrived_ns != state.heard_ns:
+            together = self._epoch.belongs("heading")
+            self._hear_heading(signal.value, signal.arrived_ns, time_ns if together else None)
+        elif state.heading is not None and self._epoch.fresh("heading") is None:
+            return self._bridge(state.heading, time_ns, velocity, abs(speed), turn)
+        if state.heading is None:
+            return None
+        return state.heading + (state.yaw_rate if turn is None else turn) * ((time_ns - state.heading_ns) * 1e-9)
+
+    def _hear_heading(self, compass: float, arrived_ns: int, time_ns: int | None) -> None:
+        """Take a heading as it is sent, of a sample's time or else of its own; its derivative follows."""
         state = self._state
-        dt = (time_ns - state.heading_ns) * 1e-9
-        if state.heading is None or dt <= 0.0:
-            return state.yaw_rate
-        share = dt / (dt + self._settings.smoothing)
-        state.yaw_rate += share * ((heading - state.heading) / dt - state.yaw_rate)
-        return state.yaw_rate
+        state.heard_ns, state.bridged = arrived_ns, 0.0
+        time_ns = arrived_ns - self._latency_ns if time_ns is None else time_ns
+        heading = pi / 2 - compass
+        if state.heading is not None:
+            change = remainder(heading - state.heading, tau)
+            heading = state.heading + change
+            self._derive_turn(change, (time_ns - state.heading_ns) * 1e-9)
+        state.heading, state.heading_ns = heading, time_ns
+
+    def _derive_turn(self, change: float, dt: float) -> None:
+        """Let the yaw rate follow a change of the heading; begin anew after a pause, leave out one that was set."""
+        state = self._state
+        if dt > self._settings.age_limit:
+            state.yaw_rate = 0.0
+        elif dt > 0.0 and abs(change) <= FASTEST_TURN * dt:
+            share = dt / (dt + self._settings.smoothing)
+            state.yaw_rate += share * (change / dt - state.yaw_rate)
+
+    def _bridge(
+        self, heading: float, time_ns: int, velocity: tuple[float, float], speed: float, turn: float | None
+    ) -> float | None:
+        """Return the heading while none comes: turned on by the yaw rate, else that of the course.
+
+        Who stands keeps it; who is too slow for a course goes on in the curve, or straight on, as before.
+        """
+        state, counts = self._state, self._state.counts
+        dt = max(time_ns - state.heading_ns, 0) * 1e-9
+        if speed > STANDING_SPEED:
+            state.bridged += dt
+        known = state.bridged <= self._settings.dead_reckoning
+        if turn is not None and known:
+            heading += turn * dt if speed > STANDING_SPEED else 0.0
+            counts.heading_from_yaw_rate += 1
+        elif self._components and speed >= LEAST_COURSE_SPEED:
+            heading = self._follow_course(heading, velocity, speed, dt)
+            counts.heading_from_course += 1
+        elif known:
+            state.yaw_rate = state.curvature * speed if speed > STANDING_SPEED else 0.0
+            heading += state.yaw_rate * dt
+            counts.heading_kept += 1
+        else:
+            return None
+        state.heading, state.heading_ns = heading, time_ns
+        return heading
+
+    def _follow_course(self, heading: float, velocity: tuple[float, float], speed: float, dt: float) -> float:
+        """Return the heading of a vehicle by where it goes, be it ahead or back: an α-β filter."""
+        state = self._state
+        ve, vn = velocity
+        across = state.sideways + state.yaw_rate * self._settings.lever_arm.x
+        ahead = copysign(speed, ve * cos(heading) + vn * sin(heading))
+        slip = asin(across / ahead) if abs(across) < speed else 0.0
+        rest = remainder(atan2(vn, ve) - slip - heading - state.yaw_rate * dt, pi)
+        share = dt / (dt + _COURSE_SMOOTHING * self._settings.smoothing) if dt > 0.0 else 0.0
+        heading += state.yaw_rate * dt + share * rest
+        if 0.0 < dt <= self._settings.age_limit:
+            state.yaw_rate += share**2 / (2.0 - share) * rest / dt
+        state.bridged = 0.0
+        return heading
+
+    def _coast(self, time_ns: int) -> None:
+        """Go on along the heading that comes while the velocity is silent."""
+        state = self._state
+        latest = self.history.latest
+        if latest is None or time_ns - self._latency_ns - latest.seen_ns <= self._age_limit_ns or not self._is_valid():
+            return
+        signal = state.epoch.signals["heading"]
+        if signal.arrived_ns == time_ns:
+            self._hear_heading(signal.value, time_ns, None)
+            if state.heading is not None:
+                self.history.coast(state.heading_ns, state.heading, state.yaw_rate)
 
     @property
     def known_until_ns(self) -> int:

@@ -11,7 +11,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import cos, hypot, inf, sin
+from math import cos, hypot, inf, sin, sqrt
 from typing import Any, NamedTuple, Protocol
 
 from candaemon.config.ego import BiasSettings
@@ -37,6 +37,33 @@ class StationaryReturns:
     drifts: tuple[tuple[float, float], ...]
 
 
+@dataclass(slots=True)
+class SampleCounts:
+    """Samples of ego motion, and in how many of them a quantity did not come and was derived.
+
+    Attributes:
+        samples: all of them.
+        yaw_rate_from_curvature: from the path's curvature and the speed.
+        yaw_rate_from_heading: from successive headings.
+        yaw_rate_from_wheels: from the difference of the wheels' speeds.
+        yaw_rate_at_rest: taken for 0, because the vehicle stands.
+        heading_from_yaw_rate: turned on by the yaw rate, of a source that measures headings.
+        heading_from_course: from the direction of the velocity.
+        heading_kept: as it was last.
+        acceleration_given: not derived: as it came.
+    """
+
+    samples: int = 0
+    yaw_rate_from_curvature: int = 0
+    yaw_rate_from_heading: int = 0
+    yaw_rate_from_wheels: int = 0
+    yaw_rate_at_rest: int = 0
+    heading_from_yaw_rate: int = 0
+    heading_from_course: int = 0
+    heading_kept: int = 0
+    acceleration_given: int = 0
+
+
 class EgoMotion(Protocol):
     """A source of ego motion.
 
@@ -49,6 +76,11 @@ class EgoMotion(Protocol):
     state: Any
     teaching: BiasSettings | None
     wanted: frozenset[str]
+
+    @property
+    def counts(self) -> SampleCounts:
+        """Samples, and what was derived in them."""
+        ...
 
     @property
     def known_until_ns(self) -> int:
@@ -69,7 +101,10 @@ class EgoMotion(Protocol):
 
 
 class Sample(NamedTuple):
-    """Ego motion at one instant: as `EgoPose`, with the accelerations east and north, m/s²."""
+    """Ego motion at one instant: as `EgoPose`, with the accelerations east and north, m/s².
+
+    `seen_ns` is the time of the velocity: before `time_ns` where only the heading has come since.
+    """
 
     time_ns: int
     east: float
@@ -80,6 +115,7 @@ class Sample(NamedTuple):
     yaw_rate: float
     ae: float
     an: float
+    seen_ns: int
 
 
 @dataclass(slots=True)
@@ -104,6 +140,8 @@ class MotionHistoryState:
             raise ValueError(f"{len(self.samples)} samples, expected {2 * _KEPT} at most")
         if any(behind.time_ns <= before.time_ns for before, behind in pairwise(self.samples)):
             raise ValueError("samples that are not in order of time")
+        if any(sample.seen_ns > sample.time_ns for sample in self.samples):
+            raise ValueError("samples whose velocity is of later")
 
 
 class MotionHistory:
@@ -133,6 +171,7 @@ class MotionHistory:
         self._dead_reckoning = dead_reckoning
         self._unseen_acceleration = unseen_acceleration
         self._speed_variance = speed_variance
+        self._standing = 2 * sqrt(speed_variance)
         self._smoothing = smoothing
         self.state = MotionHistoryState()
 
@@ -153,7 +192,15 @@ class MotionHistory:
         """All gaps between samples together over which positions were extrapolated, s."""
         return self.state.unseen
 
-    def add(self, time_ns: int, heading: float, ve: float, vn: float, yaw_rate: float) -> None:
+    def add(
+        self,
+        time_ns: int,
+        heading: float,
+        ve: float,
+        vn: float,
+        yaw_rate: float,
+        acceleration: tuple[float, float] | None = None,
+    ) -> None:
         """Add a sample; one that is not newer than the newest is ignored.
 
         Args:
@@ -162,16 +209,19 @@ class MotionHistory:
             ve: velocity over ground of the rear axle's centre, east, m/s.
             vn: the same, north.
             yaw_rate: rad/s, positive to the left.
+            acceleration: east and north, m/s²; None: derived from the velocities.
         """
         last = self.latest
         if last is None:
-            self._keep(Sample(time_ns, 0.0, 0.0, heading, ve, vn, yaw_rate, 0.0, 0.0))
+            ae, an = acceleration or (0.0, 0.0)
+            self._keep(Sample(time_ns, 0.0, 0.0, heading, ve, vn, yaw_rate, ae, an, time_ns))
             return
         dt = (time_ns - last.time_ns) * 1e-9
         if dt <= 0.0:
             return
-        if dt > self._age_limit:
-            self.state.unseen += dt
+        unseen = (time_ns - last.seen_ns) * 1e-9
+        if unseen > self._age_limit:
+            self.state.unseen += unseen
             pose = self._extrapolated(last, time_ns)
             east, north, ae, an = pose.east, pose.north, 0.0, 0.0
         else:
@@ -180,7 +230,30 @@ class MotionHistory:
             north = last.north + dt * (last.vn + vn) / 2
             ae = last.ae + share * ((ve - last.ve) / dt - last.ae)
             an = last.an + share * ((vn - last.vn) / dt - last.an)
-        self._keep(Sample(time_ns, east, north, heading, ve, vn, yaw_rate, ae, an))
+        if acceleration is not None:
+            ae, an = acceleration
+        self._keep(Sample(time_ns, east, north, heading, ve, vn, yaw_rate, ae, an, time_ns))
+
+    def coast(self, time_ns: int, heading: float, yaw_rate: float) -> None:
+        """Go on at the last speed along a heading that is known while the velocity is silent, until that is lost.
+
+        Args:
+            time_ns: when; nothing happens until the velocity is older than the age limit.
+            heading: as in `add`.
+            yaw_rate: rad/s, positive to the left.
+        """
+        last = self.latest
+        if last is None or time_ns <= last.time_ns:
+            return
+        if not self._age_limit < (time_ns - last.seen_ns) * 1e-9 < self._dead_reckoning:
+            return
+        pose, dt = self._extrapolated(last, time_ns), (time_ns - last.time_ns) * 1e-9
+        speed, before = hypot(pose.ve, pose.vn), hypot(last.ve, last.vn)
+        share = speed / before if before > self._standing else 0.0
+        c, s = cos(heading - last.heading), sin(heading - last.heading)
+        ve, vn = share * (c * last.ve - s * last.vn), share * (s * last.ve + c * last.vn)
+        east, north = last.east + dt * (last.ve + ve) / 2, last.north + dt * (last.vn + vn) / 2
+        self._keep(Sample(time_ns, east, north, heading, ve, vn, yaw_rate, 0.0, 0.0, last.seen_ns))
 
     def _keep(self, sample: Sample) -> None:
         samples = self.state.samples
@@ -196,7 +269,7 @@ class MotionHistory:
         after = bisect_right(samples, (time_ns, inf))  # the first one that is younger
         if 0 < after < len(samples):
             before, behind = samples[after - 1], samples[after]
-            if behind.time_ns - before.time_ns <= self._age_limit * 1e9:
+            if behind.time_ns - before.time_ns <= self._age_limit * 1e9 or behind.seen_ns < behind.time_ns:
                 return self._interpolated(before, behind, time_ns)
         return self._extrapolated(samples[max(after - 1, 0)], time_ns)
 
@@ -205,6 +278,9 @@ class MotionHistory:
         dt = (time_ns - a.time_ns) * 1e-9
         share = dt / span
         ve, vn = a.ve + share * (b.ve - a.ve), a.vn + share * (b.vn - a.vn)
+        variance, status = self._speed_variance, EgoStatus.VALID
+        if a.seen_ns < a.time_ns or b.seen_ns < b.time_ns:
+            variance, status = self._reliability((time_ns - a.seen_ns) * 1e-9)
         return EgoPose(
             time_ns,
             a.east + dt * (a.ve + ve) / 2,
@@ -213,12 +289,15 @@ class MotionHistory:
             ve,
             vn,
             a.yaw_rate + share * (b.yaw_rate - a.yaw_rate),
-            self._speed_variance,
-            EgoStatus.VALID,
+            variance,
+            status,
         )
 
     def _extrapolated(self, last: Sample, time_ns: int) -> EgoPose:
-        """Go on from a sample: with its acceleration and yaw rate while it is fresh, straight on afterwards."""
+        """Go on from a sample: with its acceleration and yaw rate while it is fresh, straight on afterwards.
+
+        Who stood, or came to stand while the sample was fresh, stands.
+        """
         age = (time_ns - last.time_ns) * 1e-9
         fresh = max(min(age, self._age_limit), -self._age_limit)
         turn = last.yaw_rate * fresh
@@ -228,12 +307,11 @@ class MotionHistory:
         along = max(self._along(last) * fresh, -speed)  # who brakes unseen stops, and does not reverse
         if speed > 1e-3:
             ve, vn = ve + along * ve / speed, vn + along * vn / speed
-        east = last.east + fresh * (last.ve + ve) / 2 + (age - fresh) * ve
-        north = last.north + fresh * (last.vn + vn) / 2 + (age - fresh) * vn
-        unseen = max(abs(age) - self._age_limit, 0.0)
-        status = EgoStatus.VALID
-        if unseen > 0.0:
-            status = EgoStatus.DEAD_RECKONING if age < self._dead_reckoning else EgoStatus.LOST
+        east = last.east + fresh * (last.ve + ve) / 2
+        north = last.north + fresh * (last.vn + vn) / 2
+        if age != fresh and speed + along > self._standing:
+            east, north = east + (age - fresh) * ve, north + (age - fresh) * vn
+        variance, status = self._reliability((time_ns - last.seen_ns) * 1e-9)
         return EgoPose(
             time_ns,
             east,
@@ -241,10 +319,18 @@ class MotionHistory:
             last.heading + turn,
             ve,
             vn,
-            last.yaw_rate if unseen == 0.0 else 0.0,
-            self._speed_variance + (self._unseen_acceleration * unseen) ** 2,
+            last.yaw_rate if age == fresh else 0.0,
+            variance,
             status,
         )
+
+    def _reliability(self, age: float) -> tuple[float, EgoStatus]:
+        """Return variance of the velocity, (m/s)², and status, by the age of the velocity, s."""
+        unseen = abs(age) - self._age_limit
+        if unseen <= 0.0:
+            return self._speed_variance, EgoStatus.VALID
+        status = EgoStatus.DEAD_RECKONING if age < self._dead_reckoning else EgoStatus.LOST
+        return self._speed_variance + (self._unseen_acceleration * unseen) ** 2, status
 
     @staticmethod
     def _along(sample: Sample) -> float:

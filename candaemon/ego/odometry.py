@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import cos, sin
+from math import cos, radians, sin
+from typing import Final
 
 from candaemon.config.ego import BiasSettings, OdometrySettings
 from candaemon.ego.bias import MotionBias, MotionBiasState
-from candaemon.ego.motion import MotionHistory, MotionHistoryState, StationaryReturns
+from candaemon.ego.motion import MotionHistory, MotionHistoryState, SampleCounts, StationaryReturns
 from candaemon.ego.pose import EgoPose, EgoStatus
+from candaemon.frames.times import LONG_AGO_NS
+
+SHARPEST_CURVE: Final = 0.3
+"""1/m, of the path of a car's rear axle: who stands does not turn."""
+LARGEST_BIAS: Final = radians(3.0)
+"""rad/s; a yaw rate beyond the sharpest curve is the sensor's bias up to here, and a turn on the spot above."""
 
 
 @dataclass(slots=True)
@@ -27,6 +34,12 @@ class OdometryState:
         turned_to_ns: time of the heading; None before the first yaw rate.
         first_ns: time of the first sample; None before it.
         initialising: whether the biases are still being learnt.
+        begun_ns: time of the first frame; None before it.
+        curvature: the latest, 1/m.
+        curvature_ns: its time.
+        derived: yaw rate of the latest sample for which the sensor was silent, rad/s; None while it comes.
+        by_wheels: whether that is the wheels' difference.
+        counts: of samples, and what was derived in them.
     """
 
     bias: MotionBiasState
@@ -39,12 +52,19 @@ class OdometryState:
     turned_to_ns: int | None = None
     first_ns: int | None = None
     initialising: bool = True
+    begun_ns: int | None = None
+    curvature: float = 0.0
+    curvature_ns: int = LONG_AGO_NS
+    derived: float | None = None
+    by_wheels: bool = False
+    counts: SampleCounts = field(default_factory=SampleCounts)
 
 
 class OdometryMotion:
     """Ego motion from wheel speeds or a speedometer and a yaw rate sensor, biases estimated on the way.
 
-    A sample is made with each speed, once a yaw rate is known. The local frame's x axis is the first heading.
+    A sample is made with each speed for which a yaw rate is known: the sensor's, while it comes; else the curvature's,
+    the wheels', or none, of a vehicle that stands. The local frame's x axis is the first heading.
 
     Args:
         settings: of the odometry.
@@ -56,10 +76,11 @@ class OdometryMotion:
 
     def __init__(self, settings: OdometrySettings) -> None:
         self.teaching: BiasSettings | None = settings.bias
-        self.wanted = frozenset({"speed", "left_wheels", "right_wheels", "yaw_rate"})
+        self.wanted = frozenset({"speed", "left_wheels", "right_wheels", "yaw_rate", "curvature"})
+        self._has_sensor = settings.signals.yaw_rate is not None
         self._track_width = settings.track_width
         self._latency_ns = round(settings.latency * 1e9)
-        self.bias = MotionBias(settings.bias)
+        self.bias = MotionBias(settings.bias, radians(settings.noise.yaw_rate_deg))
         self._age_limit_ns = round(settings.age_limit * 1e9)
         self.history = MotionHistory(
             age_limit=settings.age_limit,
@@ -69,6 +90,7 @@ class OdometryMotion:
             smoothing=settings.smoothing,
         )
         self._longest_step = settings.age_limit
+        self._still = settings.noise.speed
         self._learning_ns = round(settings.bias.learning_time * 1e9)
         self._state = OdometryState(self.bias.state, self.history.state)
 
@@ -97,31 +119,71 @@ class OdometryMotion:
                 total, number = sums.get(name, (0.0, 0))
                 sums[name] = total + value, number + 1
         mean = {name: total / number for name, (total, number) in sums.items()}
+        if state.begun_ns is None:
+            state.begun_ns = time_ns
         if "yaw_rate" in mean:
             self._turn(time_ns)
-            state.yaw_rate, state.yaw_rate_ns = mean.pop("yaw_rate"), time_ns
-        speed = mean.pop("speed", None)
+            state.yaw_rate, state.yaw_rate_ns, state.derived = mean.pop("yaw_rate"), time_ns, None
+            self.history.coast(time_ns, state.heading, self._rate())
+        if "curvature" in mean:
+            state.curvature, state.curvature_ns = mean.pop("curvature"), time_ns
+        speed, difference = mean.pop("speed", None), None
         state.sides.update(mean)
         if len(state.sides) == 2:  # both sides are fresh, be it from one message or from two
             left, right = state.sides["left_wheels"], state.sides["right_wheels"]
             state.sides.clear()
-            speed = (left + right) / 2
-            self._compare(right - left)
-        # without a fresh yaw rate there is no sample: ego motion becomes dead reckoning, and says so
-        if speed is not None and state.yaw_rate is not None and time_ns - state.yaw_rate_ns <= self._age_limit_ns:
+            speed, difference = (left + right) / 2, right - left
+        if speed is not None and self._knows_turn(time_ns, speed, difference):
             self._add_sample(time_ns, speed)
 
-    def _compare(self, difference: float) -> None:
-        """Let the wheels' difference of speed, right less left, correct the yaw rate."""
-        if self._state.yaw_rate is not None:
-            self.bias.learn_from_wheels(difference / self._track_width - self._state.yaw_rate)
+    def _knows_turn(self, time_ns: int, speed: float, difference: float | None) -> bool:
+        """Work out the yaw rate at a speed; return whether it is known.
+
+        Without one there is no sample: ego motion becomes dead reckoning, and says so.
+
+        Args:
+            time_ns: of the speed.
+            speed: m/s.
+            difference: of the wheels' speeds, right less left, m/s; None where they are not given.
+        """
+        state = self._state
+        wheels = None if difference is None else difference / self._track_width
+        if state.yaw_rate is not None and time_ns - state.yaw_rate_ns <= self._age_limit_ns:
+            if wheels is not None:
+                self.bias.learn_from_wheels(wheels - state.yaw_rate)
+            if abs(speed) <= self._still and abs(state.yaw_rate) <= LARGEST_BIAS:
+                self.bias.learn_at_rest(state.yaw_rate)
+            return True
+        if self._has_sensor and state.begun_ns is not None and time_ns - state.begun_ns <= self._age_limit_ns:
+            return False  # it may begin later than the speed
+        state.by_wheels = False
+        if time_ns - state.curvature_ns <= self._age_limit_ns:
+            state.derived = state.curvature * speed
+            state.counts.yaw_rate_from_curvature += 1
+        elif wheels is not None:
+            state.derived, state.by_wheels = wheels - self.bias.mismatch, True
+            state.counts.yaw_rate_from_wheels += 1
+        elif abs(speed) <= self._still:
+            state.derived = 0.0
+            state.counts.yaw_rate_at_rest += 1
+        else:
+            return False
+        return True
+
+    def _rate(self) -> float:
+        """Return the yaw rate, rad/s, without its bias: who stands does not turn."""
+        state = self._state
+        rate = (state.yaw_rate or 0.0) - self.bias.yaw_rate if state.derived is None else state.derived
+        most = SHARPEST_CURVE * abs(state.wheel_speed)
+        return max(-most, min(rate, most)) if most < abs(rate) <= LARGEST_BIAS else rate
 
     def _turn(self, time_ns: int) -> None:
         """Integrate the heading up to an instant with the latest yaw rate."""
         state = self._state
-        if state.yaw_rate is not None and state.turned_to_ns is not None and time_ns > state.turned_to_ns:
+        known = state.yaw_rate is not None or state.derived is not None
+        if known and state.turned_to_ns is not None and time_ns > state.turned_to_ns:
             dt = min((time_ns - state.turned_to_ns) * 1e-9, self._longest_step)
-            state.heading += dt * (state.yaw_rate - self.bias.yaw_rate)
+            state.heading += dt * self._rate()
             self.bias.age(dt)
         if state.turned_to_ns is None or time_ns > state.turned_to_ns:
             state.turned_to_ns = time_ns
@@ -130,12 +192,17 @@ class OdometryMotion:
         state = self._state
         self._turn(time_ns)
         state.wheel_speed = wheel_speed
+        state.counts.samples += 1
         speed = self.bias.scale * wheel_speed
-        yaw_rate = (state.yaw_rate or 0.0) - self.bias.yaw_rate
-        self.history.add(time_ns, state.heading, speed * cos(state.heading), speed * sin(state.heading), yaw_rate)
+        self.history.add(time_ns, state.heading, speed * cos(state.heading), speed * sin(state.heading), self._rate())
         if state.initialising:
             state.first_ns = time_ns if state.first_ns is None else state.first_ns
             state.initialising = time_ns - state.first_ns < self._learning_ns and not self.bias.learnt
+
+    @property
+    def counts(self) -> SampleCounts:
+        """Samples, and what was derived in them."""
+        return self._state.counts
 
     @property
     def known_until_ns(self) -> int:
@@ -151,7 +218,7 @@ class OdometryMotion:
 
     def learn(self, returns: StationaryReturns) -> None:
         """Correct the speed's factor and the yaw rate's bias by what stands still."""
-        self.bias.learn_from_returns(returns, self._state.wheel_speed)
+        self.bias.learn_from_returns(returns, self._state.wheel_speed, by_wheels=self._state.by_wheels)
 
 
 class StandingStill:
@@ -161,6 +228,7 @@ class StandingStill:
     teaching: BiasSettings | None = None
     wanted: frozenset[str] = frozenset()
     known_until_ns = 1 << 62
+    counts = SampleCounts()
 
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Take nothing: no signal is bound."""

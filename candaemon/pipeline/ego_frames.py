@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 from candaemon.binding.bound import BoundEgo, EgoMessage
 from candaemon.ego.georeference import Georeferencer
@@ -20,10 +20,14 @@ class EgoFramesState:
     Attributes:
         monitor: of their counters and rate; None where they are not monitored.
         plausibility: of their values.
+        used: frames that were used.
+        absent: how many of them the DBC's multiplexer left each value out of, in the order of the quantities.
     """
 
     monitor: FrameMonitorState | None
     plausibility: MotionPlausibilityState
+    used: int = 0
+    absent: list[int] = field(default_factory=list)
 
 
 class EgoFrames:
@@ -49,6 +53,14 @@ class EgoFrames:
         self._monitor = None if message.monitor is None else FrameMonitor(message.monitor, counts.ego_motion)
         self._plausibility = MotionPlausibility(message, ego.settings.plausibility, counts.ego_motion)
         self._counts = counts
+        self._used, self._absent = 0, [0] * len(message.quantities)
+        self._is_multiplexed = any(each.signal.multiplexer_signal is not None for each in message.bindings)
+
+    @property
+    def came(self) -> Iterator[tuple[str, int]]:
+        """Each quantity, and how often it came in a frame that was used."""
+        for name, absent in zip(self._names, self._absent, strict=True):
+            yield name, self._used - absent
 
     @property
     def state(self) -> EgoFramesState:
@@ -57,7 +69,8 @@ class EgoFrames:
         Raises:
             ValueError: a state that is set does not fit the message.
         """
-        return EgoFramesState(None if self._monitor is None else self._monitor.state, self._plausibility.state)
+        monitor = None if self._monitor is None else self._monitor.state
+        return EgoFramesState(monitor, self._plausibility.state, self._used, self._absent)
 
     @state.setter
     def state(self, state: EgoFramesState) -> None:
@@ -65,7 +78,10 @@ class EgoFrames:
             raise ValueError("other frame guards than the configuration's")
         if self._monitor is not None and state.monitor is not None:
             self._monitor.state = state.monitor
+        if len(state.absent) != len(self._names):
+            raise ValueError(f"{len(state.absent)} quantities of a message of ego motion, expected {len(self._names)}")
         self._plausibility.state = state.plausibility
+        self._used, self._absent = state.used, state.absent
 
     def count_into(self, counts: PipelineCounts) -> None:
         """Count frames that fail in other counts from here on."""
@@ -84,5 +100,9 @@ class EgoFrames:
             return
         if self._consumers and not self._plausibility.admits(time_ns, values):
             return
+        self._used += 1
+        if self._is_multiplexed:
+            for index, value in enumerate(values):
+                self._absent[index] += value != value
         for consumer in self._consumers:
             consumer.update(time_ns, self._names, values)

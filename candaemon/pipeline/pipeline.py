@@ -218,6 +218,16 @@ class Pipeline:
         """Output values that had to be brought into their signal's range."""
         return self.encoder.saturated if self.encoder is not None else 0
 
+    @property
+    def ego_signals(self) -> dict[str, int]:
+        """How often each signal of ego motion came; of a quantity with several, the second is `left_wheels[1]`."""
+        came: dict[str, int] = {}
+        for frames in self.ego_frames.values():
+            for name, count in frames.came:
+                number = sum(each.partition("[")[0] == name for each in came)
+                came[f"{name}[{number}]" if number else name] = count
+        return came
+
     def tracker_of(self, sensor: int) -> Tracker:
         """Return the tracker of a sensor's group."""
         return self._tracker_of[sensor]

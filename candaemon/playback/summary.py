@@ -20,7 +20,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     `buses`             per bus: frames, used, spare (not evaluated), unknown (no DBC entry), short
     `sensors`           per sensor: frames by outcome, objects rejected by cause, scans, incomplete and discarded scans,
                         frames missing
-    `own_motion`        frames of ego motion rejected, by cause
+    `own_motion`        frames of ego motion rejected, by cause; how often each of its signals came; its samples, and in
+                        how many of them what was derived
     `clock`             steps back and forward that were rebased; late frames whose time was raised; reordered frames;
                         stray time stamps, far from those before and after, that were corrected
     `cycles`            reported, coasting (every sensor silent), dropped for lack of ego motion
@@ -59,7 +60,12 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             sensor.name: asdict(assembler.counts)
             for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True)
         },
-        "own_motion": {"short": counts.ego_motion_short, **asdict(counts.ego_motion)},
+        "own_motion": {
+            "short": counts.ego_motion_short,
+            **asdict(counts.ego_motion),
+            "signals": pipeline.ego_signals,
+            "samples": asdict(pipeline.ego.counts),
+        },
         "clock": {
             "backward_steps": replayed.sequence.backward_steps,
             "late": replayed.sequence.late,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from candaemon.arrays import Floats, Integers
+from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.binding.bind_protection import counter_period
 from candaemon.binding.bound import BoundEgo, EgoMessage
 from candaemon.config.ego import InsSettings, OdometrySettings
@@ -70,16 +70,31 @@ class EgoEncoder:
         for begin in range(0, count, _BLOCK):
             steps = first + np.arange(begin, min(begin + _BLOCK, count))
             micro = np.rint(steps / sensors.rate * 1e6).astype(np.int64)
-            exact = self._exact(scene.ego(micro / 1e6))
+            motion = scene.ego(micro / 1e6)
+            exact = self._exact(motion)
             coded = [(writer.message, self._payloads(k, steps, exact)) for k, writer in enumerate(self._writers)]
             delay = self._settings.latency + transmission.jitter * self._loss.exponential(1.0, len(steps))
             stamped = start + (micro + np.rint(delay * 1e6).astype(np.int64)) * 1000
             kept = self._loss.random((len(steps), len(coded))) >= transmission.loss
+            kept &= ~self._silent(micro / 1e6, np.abs(motion.velocity))
             for k, time in enumerate(stamped.tolist()):
                 last = max(time, last)
                 for (message, payloads), keep in zip(coded, kept[k], strict=True):
                     if keep:
                         yield Frame(last, self._bus, message.can_id, payloads[k], message.is_fd)
+
+    def _silent(self, times: Floats, speeds: Floats) -> Booleans:
+        """Return which messages are not sent at n instants, (n, messages): those with a quantity that is silent."""
+        sensors = self._scenario.ego.own_motion
+        silent = np.zeros((len(times), len(self._names)), dtype=np.bool_)
+        for index, names in enumerate(self._names):
+            for quantity, speed in sensors.silent_below.items():
+                if quantity in names:
+                    silent[:, index] |= speeds < speed
+            for silence in sensors.silent:
+                if silence.quantity in names:
+                    silent[:, index] |= (times >= silence.begin) & (times < silence.end)
+        return silent
 
     def _payloads(self, index: int, steps: Integers, exact: dict[str, Floats]) -> list[bytes]:
         """Write one message at several instants, counted and with its checksum where it has them."""
@@ -184,6 +199,7 @@ def ins_values(motion: TrueMotion, errors: Floats, settings: InsSettings, start:
     latitude, longitude = geodetic(position.real, position.imag, start)
     speed = np.abs(velocity)
     yaw_rate = motion.yaw_rate + errors[3]
+    acceleration = motion.acceleration * np.exp(-1j * motion.yaw)
     return {
         "latitude": np.radians(latitude),
         "longitude": np.radians(longitude),
@@ -194,6 +210,9 @@ def ins_values(motion: TrueMotion, errors: Floats, settings: InsSettings, start:
         "yaw_rate": yaw_rate,
         "valid": np.ones_like(speed),
         "curvature": np.where(speed > _CRAWL, yaw_rate / np.maximum(speed, _CRAWL), 0.0),
+        "slip": np.where(speed > _CRAWL, np.angle(velocity * np.exp(-1j * motion.yaw)), 0.0),
+        "ax": acceleration.real,
+        "ay": acceleration.imag,
     }
 
 

@@ -112,8 +112,32 @@ class EgoStart(Settings):
     speed: float = Field(0.0, ge=0, le=100, description="m/s")
 
 
+MotionQuantity = Literal[
+    "latitude", "longitude", "velocity_north", "velocity_east", "speed", "heading", "yaw_rate", "curvature", "slip",
+    "ax", "ay", "valid", "left_wheels", "right_wheels",
+]  # fmt: skip
+"""What a source of ego motion sends, by the names of its signals in a configuration."""
+
+
+class Silence(Settings):
+    """A time in which a source of ego motion does not send a quantity."""
+
+    quantity: MotionQuantity
+    begin: float = Field(ge=-10, le=1e5, description="s")
+    end: float = Field(ge=-10, le=1e5, description="s")
+
+    @model_validator(mode="after")
+    def _ends_after_it_began(self) -> Silence:
+        if self.end <= self.begin:
+            raise ValueError(f"end {self.end:g} is not after begin {self.begin:g}")
+        return self
+
+
 class EgoMotionSensors(Settings):
-    """Rate and errors of the sensors that measure the ego motion."""
+    """Rate and errors of the sensors that measure the ego motion, and when they are silent.
+
+    A message is not sent where one of its quantities is silent.
+    """
 
     rate: float = Field(100.0, ge=1, le=1000, description="Hz")
     noise: float = Field(1.0, ge=0, le=10, description="times the standard deviations of the configuration's ego")
@@ -121,6 +145,10 @@ class EgoMotionSensors(Settings):
     yaw_rate_bias_deg: float = Field(0.0, ge=-5, le=5, description="deg/s, of odometry")
     speed_offset: float = Field(0.0, ge=-2, le=2, description="m/s, of the speedometer, not of the wheels")
     speed_factor: float = Field(1.0, ge=0.8, le=1.2, description="of wheels and speedometer")
+    silent_below: dict[MotionQuantity, Annotated[float, Field(gt=0, le=100)]] = Field(
+        default_factory=dict, description="m/s, by quantity: not sent by a vehicle that is slower; default: always sent"
+    )
+    silent: tuple[Silence, ...] = Field((), max_length=1000, description="times in which a quantity is not sent")
 
 
 class Ego(Settings):

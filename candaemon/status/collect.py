@@ -121,7 +121,8 @@ def _memory() -> int | None:
 
 def _own_motion(pipeline: Pipeline, last: Cycle | None) -> EgoMotionStatus:
     counts = {"short": pipeline.counts.ego_motion_short} | asdict(pipeline.counts.ego_motion)
-    return EgoMotionStatus("unknown" if last is None else EGO_STATUS_NAMES[last.pose.status], counts)
+    status = "unknown" if last is None else EGO_STATUS_NAMES[last.pose.status]
+    return EgoMotionStatus(status, counts, pipeline.ego_signals, asdict(pipeline.ego.counts))
 
 
 def _tracks(last: Cycle | None) -> Counts:

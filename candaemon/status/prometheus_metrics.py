@@ -119,6 +119,8 @@ def _of_tracking(snapshot: StatusSnapshot) -> Iterator[Metric]:
     status = [((name,), float(name == motion.status)) for name in EGO_STATUS_NAMES.values()]
     yield _gauge("candaemon_own_motion", "1 at how far it can be trusted", ("status",), status)
     yield _counter("candaemon_own_motion_events", "Its frames not used", ("event",), _by((), motion.counts))
+    yield _counter("candaemon_own_motion_signals", "How often each came", ("signal",), _by((), motion.signals))
+    yield _counter("candaemon_own_motion_samples", "Samples by what was derived", ("kind",), _by((), motion.samples))
     yield CounterMetricFamily("candaemon_cycles", "Times that obstacles were told", cycles.told)
     yield CounterMetricFamily("candaemon_coasting_cycles", "Those of them with every sensor silent", cycles.coasting)
     yield CounterMetricFamily("candaemon_scans_without_ego", "Scans dropped for want of own motion", cycles.without_ego)

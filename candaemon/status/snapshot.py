@@ -88,10 +88,14 @@ class EgoMotionStatus:
     Attributes:
         status: how far it can be trusted: lost, dead reckoning, valid …; `unknown` before the first cycle.
         counts: its frames that were not used, and what else is counted of it, by name.
+        signals: how often each of its signals came.
+        samples: all of them, and in how many of them what was derived.
     """
 
     status: str
     counts: Counts
+    signals: Counts
+    samples: Counts
 
 
 @dataclass(frozen=True, slots=True)
