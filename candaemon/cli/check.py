@@ -27,6 +27,7 @@ from candaemon.config.protection import InputProtectionSettings, ProtectionSetti
 from candaemon.config.sensors import CounterScan, HeaderScan, ObjectFormat, ScanSettings, TimeoutScan, TriggerScan
 from candaemon.config.shipped import find_config
 from candaemon.config.tracker import TrackerSettings
+from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.dbc.types import MessageSpec
 from candaemon.frames.frame import EXTENDED
 from candaemon.objects.message_layout import MessageLayout
@@ -177,6 +178,8 @@ def _output(binding: Binding, output: BoundOutput) -> Iterator[Sheet]:
 def _estimator(settings: EstimatorSettings) -> str:
     """Describe a filter in a line."""
     match settings:
+        case VehicleEstimatorSettings():
+            return "IMM of a vehicle's motion: driving, standing, sliding reflection, free"
         case ImmEstimatorSettings():
             how = f"IMM of {_named(settings.models)}"
         case InformationEstimatorSettings():

@@ -19,6 +19,7 @@ from candaemon.config.switching import (
     SwitchingSettings,
     Threshold,
 )
+from candaemon.config.vehicle import VehicleEstimatorSettings
 
 
 class _RandomWalk(Settings):
@@ -271,6 +272,7 @@ EstimatorSettings = Annotated[
     | ImmEstimatorSettings
     | InformationEstimatorSettings
     | SwitchingEstimatorSettings
-    | FederatedEstimatorSettings,
+    | FederatedEstimatorSettings
+    | VehicleEstimatorSettings,
     Field(discriminator="kind"),
 ]

@@ -10,8 +10,8 @@ from candaemon.ego.motion_plausibility import MotionFaults
 from candaemon.ego.pose import EgoPose
 from candaemon.frames.frame import Frame
 from candaemon.radar.detections import Detections
+from candaemon.tracking.any_tracker import AnyTracker
 from candaemon.tracking.obstacles import Obstacles
-from candaemon.tracking.tracker import Tracker
 
 
 @dataclass(slots=True)
@@ -78,5 +78,5 @@ class Cycle:
     frames: Sequence[Frame]
     pose: EgoPose
     detections: Detections | None
-    tracker: Tracker | None
+    tracker: AnyTracker | None
     georeference: Georeference | None = None

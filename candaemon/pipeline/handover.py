@@ -17,7 +17,7 @@ from candaemon.binding.bound import Binding, BoundEgo, BoundOutput, BoundSensor
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.pipeline.cycle import BusCounts
 from candaemon.pipeline.pipeline import Pipeline
-from candaemon.tracking.tracker import Tracker, same_filter
+from candaemon.tracking.any_tracker import AnyTracker, same_filter, set_state
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,11 +128,11 @@ def _take_trackers(former: Pipeline, successor: Pipeline, sensors: Mapping[int, 
         predecessor, were = others.get(name, (tracker, frozenset()))
         kept = {old: new for old, new in sensors.items() if old in were and new in members}
         if kept and same_filter(predecessor, tracker):
-            tracker.state = predecessor.state
+            set_state(tracker, predecessor.state)
             tracker.renumber_sensors(kept)
 
 
-def _groups(pipeline: Pipeline) -> dict[str, tuple[Tracker, frozenset[int]]]:
+def _groups(pipeline: Pipeline) -> dict[str, tuple[AnyTracker, frozenset[int]]]:
     """Return the tracker of each group and the numbers of its sensors, by the group's name; "" for all the others."""
     number = {sensor.name: sensor.index for sensor in pipeline.binding.sensors}
     named = {

@@ -30,10 +30,10 @@ from candaemon.radar.block_routing import BlockRouter
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import Mounting
 from candaemon.radar.scan import Scan
+from candaemon.tracking.any_tracker import AnyTracker
 from candaemon.tracking.groups import TrackerGroups
 from candaemon.tracking.obstacles import Obstacles, concatenated, no_obstacles
 from candaemon.tracking.stationary import StationaryWatch
-from candaemon.tracking.tracker import Tracker
 
 
 class Pipeline:
@@ -228,7 +228,7 @@ class Pipeline:
                 came[f"{name}[{number}]" if number else name] = count
         return came
 
-    def tracker_of(self, sensor: int) -> Tracker:
+    def tracker_of(self, sensor: int) -> AnyTracker:
         """Return the tracker of a sensor's group."""
         return self._tracker_of[sensor]
 
@@ -265,13 +265,18 @@ class Pipeline:
             return self._report(no_obstacles(time_ns), _unknown_pose(time_ns), now_ns, None, None)
         return self._report(self._track(None, None, pose), pose, now_ns, None, None)
 
-    def _track(self, tracker: Tracker | None, detections: Detections | None, pose: EgoPose) -> Obstacles:
+    def _track(self, tracker: AnyTracker | None, detections: Detections | None, pose: EgoPose) -> Obstacles:
         """Advance every group to the pose, the one tracker with detections."""
         obstacles = [each.step(detections if each is tracker else None, pose) for each in self.trackers]
         return obstacles[0] if len(obstacles) == 1 else concatenated(obstacles)
 
     def _report(
-        self, obstacles: Obstacles, pose: EgoPose, now_ns: int, detections: Detections | None, tracker: Tracker | None
+        self,
+        obstacles: Obstacles,
+        pose: EgoPose,
+        now_ns: int,
+        detections: Detections | None,
+        tracker: AnyTracker | None,
     ) -> Cycle:
         """Encode a cycle's obstacles and count it."""
         self._counts.cycles += 1

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from candaemon.estimation.smoothing import FixedLag, Smoothed
 from candaemon.pipeline.cycle import Cycle
+from candaemon.tracking.any_tracker import AnyTracker
 from candaemon.tracking.smoother_history import concatenated, with_motion
-from candaemon.tracking.tracker import Tracker
 
 
 class CycleSmoother:
@@ -22,7 +22,7 @@ class CycleSmoother:
         lag: s of later measurements that smooth a cycle.
     """
 
-    def __init__(self, trackers: Sequence[Tracker], lag: float) -> None:
+    def __init__(self, trackers: Sequence[AnyTracker], lag: float) -> None:
         for tracker in trackers:
             tracker.keep_smoother_history()
         self._trackers = trackers

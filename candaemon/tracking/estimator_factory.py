@@ -25,6 +25,7 @@ from candaemon.config.estimators import (
     VariationalNoiseSettings,
     WindowedNoiseSettings,
 )
+from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.estimation.federated import FederatedTracks
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import Form, Imm
@@ -37,8 +38,14 @@ from candaemon.estimation.switching import SwitchingTracks
 
 
 def make_estimator(settings: EstimatorSettings) -> FilterBank:
-    """Return the batched filter of the settings, without tracks."""
+    """Return the batched filter of points of the settings, without tracks.
+
+    Raises:
+        TypeError: the settings are those of the vehicle estimator, whose filter is one of bodies.
+    """
     match settings:
+        case VehicleEstimatorSettings():
+            raise TypeError("found the vehicle estimator, expected one of points; see BodyFilter")
         case ImmEstimatorSettings() | InformationEstimatorSettings():
             return make_imm(settings)
         case SwitchingEstimatorSettings():

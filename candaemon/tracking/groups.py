@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.settings import Config
 from candaemon.radar.mounting import SensorView
+from candaemon.tracking.any_tracker import AnyTracker, make_tracker, set_state
 from candaemon.tracking.identities import Identities
-from candaemon.tracking.tracker import Tracker, TrackerState
+from candaemon.tracking.tracker import TrackerState
+from candaemon.tracking.vehicle_tracker import VehicleTrackerState
 
 
 @dataclass(slots=True)
@@ -22,7 +24,7 @@ class TrackersState:
     """
 
     identities: Identities
-    trackers: list[TrackerState]
+    trackers: list[TrackerState | VehicleTrackerState]
 
 
 class TrackerGroups:
@@ -40,18 +42,18 @@ class TrackerGroups:
 
     def __init__(self, config: Config, sensors: Mapping[str, SensorSettings]) -> None:
         self.identities = Identities()
-        self.trackers: list[Tracker] = []
+        self.trackers: list[AnyTracker] = []
         groups = [(group.tracker, frozenset(group.sensors)) for group in config.groups.values()]
         rest = frozenset(sensors).difference(*(names for _, names in groups))
         if rest:
             groups.insert(0, (config.tracker, rest))
-        tracker_of: dict[str, Tracker] = {}
+        tracker_of: dict[str, AnyTracker] = {}
         for settings, names in groups:
             members = [each for name, each in sensors.items() if name in names]
             cycle_time = max(each.cycle_time for each in members)
             slack_ns = round(1.5 * cycle_time * 1e9) if len(sensors) > 1 else 0
             views = [SensorView(each.mount, each.field_of_view) for each in members]
-            tracker = Tracker(settings, self.identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views)
+            tracker = make_tracker(settings, self.identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views)
             self.trackers.append(tracker)
             tracker_of.update(dict.fromkeys(names, tracker))
         self.by_sensor = [tracker_of[name] for name in sensors]
@@ -68,7 +70,7 @@ class TrackerGroups:
     @state.setter
     def state(self, state: TrackersState) -> None:
         for tracker, remembered in zip(self.trackers, state.trackers, strict=True):
-            tracker.state = remembered
+            set_state(tracker, remembered)
         given = state.identities.given
         if given < max((int(each.tracks.obstacles.id.max(initial=0)) for each in state.trackers), default=0):
             raise ValueError(f"an obstacle has a greater number than the latest one given, {given}")

@@ -17,8 +17,8 @@ from candaemon.config.ego import BiasSettings
 from candaemon.ego.motion import StationaryReturns
 from candaemon.ego.pose import EgoPose
 from candaemon.radar.detections import Detections
+from candaemon.tracking.any_tracker import AnyTracker
 from candaemon.tracking.obstacles import CONFIRMED, Obstacles
-from candaemon.tracking.tracker import Tracker
 
 
 @dataclass(slots=True)
@@ -78,7 +78,7 @@ class StationaryWatch:
         self.state = StationaryWatchState()
 
     def returns(
-        self, detections: Detections, tracker: Tracker, obstacles: Obstacles, pose: EgoPose
+        self, detections: Detections, tracker: AnyTracker, obstacles: Obstacles, pose: EgoPose
     ) -> StationaryReturns | None:
         """Return what this cycle's detections of stationary obstacles say of ego motion; None where none does."""
         if detections.time_ns - self.state.pruned_ns > self._span_ns:

@@ -358,9 +358,3 @@ class Tracker:
                 self.update.nis[kept],
                 self.update.degrees_of_freedom[kept],
             )
-
-
-def same_filter(former: Tracker, successor: Tracker) -> bool:
-    """Return whether the state of one tracker means the same in another: both have the same filter and extent model."""
-    before, after = former.settings, successor.settings
-    return before.estimator == after.estimator and before.reflections == after.reflections

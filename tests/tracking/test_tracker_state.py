@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from candaemon.estimation.sensor_noise import SensorNoiseState
+from candaemon.tracking.any_tracker import same_filter
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import Obstacles
-from candaemon.tracking.tracker import TrackerState, same_filter
+from candaemon.tracking.tracker import TrackerState
 from tests.support.builders import HandFed, Seen, times
 
 ESTIMATORS: dict[str, dict[str, Any]] = {

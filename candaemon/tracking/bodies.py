@@ -1,0 +1,378 @@
+"""All bodies that a group of sensors tracks: one row an obstacle with one filter, and the reflections that they show.
+
+Bodies, their filter and the boxes keep the same rows in the same order; rows are appended and deleted here alone.
+Offsets are along and across the body's axis, from its reference point (with the bias that its filter estimates).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.arrays.rows import checked_state
+from candaemon.config.tracker import MOST_TRACKS
+from candaemon.config.vehicle import VehicleEstimatorSettings
+from candaemon.estimation.body_filter import BIAS, POSITION, VELOCITY, BodyFilter, BodyFilterState
+from candaemon.tracking.body_modes import dynamics_of, modes_of
+from candaemon.tracking.columns import Table
+from candaemon.tracking.identities import Identities
+from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
+
+
+def _integers() -> Integers:
+    return np.zeros(0, dtype=np.int64)
+
+
+def _numbers() -> Floats:
+    return np.zeros(0)
+
+
+def _pairs() -> Floats:
+    return np.zeros((0, 2))
+
+
+@dataclass(slots=True)
+class BodyReflectionTable(Table):
+    """Columns of the reflections.
+
+    Attributes:
+        sensor: index of the sensor that reports it.
+        object_id: that sensor's own id, −1 once the id has gone to something else.
+        body: row of its body.
+        last_ns: when it was last detected.
+        offset: where it lies (n, 2), along and across the body's axis, m.
+        variance: of each component of the offset, m².
+        rate_difference: smoothed difference of its range rate from that of its body, m/s.
+    """
+
+    sensor: Integers = field(default_factory=_integers)
+    object_id: Integers = field(default_factory=_integers)
+    body: Integers = field(default_factory=_integers)
+    last_ns: Integers = field(default_factory=_integers)
+    offset: Floats = field(default_factory=_pairs)
+    variance: Floats = field(default_factory=_numbers)
+    rate_difference: Floats = field(default_factory=_numbers)
+
+    def __len__(self) -> int:
+        return len(self.sensor)
+
+
+@dataclass(slots=True)
+class BodyTable(Table):
+    """Columns of the bodies.
+
+    Attributes:
+        id: identity.
+        first_ns, last_ns: first and latest detection.
+        history: bit 0 the latest scan, set where it was detected.
+        scans: scans since its initiation.
+        confirmed: whether it ever was.
+        leader: row of the reflection whose bias the filter estimates.
+        axis: unit vector along the body, local frame.
+        length, width: of its box, m.
+        length_variance, width_variance: of those, m².
+        facing: reference point minus centre of the box (n, 2), local frame, m.
+        alongside_ns: time for which it has been a merge candidate.
+        sensors: bit k set where sensor k detected it.
+    """
+
+    id: Integers = field(default_factory=_integers)
+    first_ns: Integers = field(default_factory=_integers)
+    last_ns: Integers = field(default_factory=_integers)
+    history: Integers = field(default_factory=_integers)
+    scans: Integers = field(default_factory=_integers)
+    confirmed: Booleans = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    leader: Integers = field(default_factory=_integers)
+    axis: Floats = field(default_factory=_pairs)
+    length: Floats = field(default_factory=_numbers)
+    width: Floats = field(default_factory=_numbers)
+    length_variance: Floats = field(default_factory=_numbers)
+    width_variance: Floats = field(default_factory=_numbers)
+    facing: Floats = field(default_factory=_pairs)
+    alongside_ns: Integers = field(default_factory=_integers)
+    sensors: Integers = field(default_factory=_integers)
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+
+@dataclass(slots=True)
+class BodiesState:
+    """All that is remembered of the bodies.
+
+    Attributes:
+        reflections: one row a reflection.
+        obstacles: one row a body.
+        estimator: of the filter, one row a body.
+        row_of: row of the reflection that a sensor's object id stands for, by the sensor's number and the id.
+    """
+
+    reflections: BodyReflectionTable
+    obstacles: BodyTable
+    estimator: BodyFilterState
+    row_of: dict[tuple[int, int], int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class BodyMoments:
+    """What the filter says of the bodies at the moment.
+
+    Attributes:
+        mean: (k, 8), as in `BodyFilter`.
+        covariance: (k, 8, 8).
+        shown: place where the leading reflection is expected, and velocity (k, 4), local frame.
+        shown_covariance: (k, 4, 4).
+    """
+
+    mean: Floats
+    covariance: Floats
+    shown: Floats
+    shown_covariance: Floats
+
+
+class Bodies:
+    """The bodies that live.
+
+    Args:
+        settings: of the estimator.
+        identities: the numbers of new obstacles.
+    """
+
+    def __init__(self, settings: VehicleEstimatorSettings, identities: Identities) -> None:
+        self._identities = identities
+        self._places = settings.reflections
+        self.filter = BodyFilter(modes_of(settings), dynamics_of(settings))
+        self.reflections = BodyReflectionTable()
+        self.obstacles = BodyTable()
+        self._state = BodiesState(self.reflections, self.obstacles, self.filter.state)
+        self._moments: BodyMoments | None = None
+
+    def __len__(self) -> int:
+        return len(self.obstacles)
+
+    @property
+    def state(self) -> BodiesState:
+        """All that it remembers.
+
+        Raises:
+            ValueError: a state that is set does not fit the settings, or contradicts itself.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: BodiesState) -> None:
+        obstacles = checked_state(state.obstacles, BodyTable())
+        reflections = checked_state(state.reflections, BodyReflectionTable())
+        self.filter.state = state.estimator
+        _check_rows(state)
+        self._state, self.reflections, self.obstacles = state, reflections, obstacles
+        self.changed()
+
+    def changed(self) -> None:
+        """Forget what was computed from the filter: it has changed."""
+        self._moments = None
+
+    def moments(self) -> BodyMoments:
+        """Return what the filter says."""
+        if self._moments is None:
+            mean, covariance = self.filter.combined()
+            shown = np.concatenate([mean[:, POSITION] + mean[:, BIAS], mean[:, VELOCITY]], axis=1)
+            rows = covariance[:, :4].copy()
+            rows[:, POSITION] += covariance[:, BIAS]
+            shown_covariance = rows[:, :, :4].copy()
+            shown_covariance[:, :, POSITION] += rows[:, :, BIAS]
+            self._moments = BodyMoments(mean, covariance, shown, shown_covariance)
+        return self._moments
+
+    def reflection_states(self) -> tuple[Floats, Floats]:
+        """Return where the reflections are expected and how they move: means (n, 4), covariances (n, 4, 4)."""
+        moments, reflections = self.moments(), self.reflections
+        mean = moments.shown.take(reflections.body, axis=0)
+        covariance = moments.shown_covariance.take(reflections.body, axis=0)
+        mean[:, :2] += self.offsets()
+        covariance[:, 0, 0] += reflections.variance
+        covariance[:, 1, 1] += reflections.variance
+        return mean, covariance
+
+    def offsets(self) -> Floats:
+        """Return the reflections' offsets (n, 2), local frame, m."""
+        return from_travel_axes(self.reflections.offset, self.obstacles.axis.take(self.reflections.body, axis=0))
+
+    def rows_of(self, sensor: int, object_id: Integers) -> Indices:
+        """Return the rows of the reflections that a sensor's ids stand for; −1 where one stands for nothing."""
+        find = self._state.row_of.get
+        return np.array([find((sensor, key), -1) for key in object_id.tolist()], dtype=np.intp)
+
+    def assign_id(self, reflection: int, sensor: int, key: int) -> None:
+        """Assign a sensor's object id to a reflection; it no longer stands for another, nor another id for this."""
+        reflections, row_of = self.reflections, self._state.row_of
+        latest = int(reflections.sensor[reflection]), int(reflections.object_id[reflection])
+        if row_of.get(latest) == reflection:
+            del row_of[latest]
+        former = row_of.get((sensor, key))
+        if former is not None:
+            reflections.object_id[former] = -1
+        row_of[sensor, key] = reflection
+        reflections.sensor[reflection], reflections.object_id[reflection] = sensor, key
+
+    def add(self, time_ns: int, axis: Floats, length: float, width: float) -> int:
+        """Append a body whose row the filter has just appended, led by the next reflection; return its row."""
+        zero = np.zeros(1, dtype=np.int64)
+        self.obstacles.append(
+            id=np.array([self._identities.new()]),
+            first_ns=np.array([time_ns]),
+            last_ns=np.array([time_ns]),
+            history=zero,
+            scans=zero,
+            confirmed=np.zeros(1, dtype=np.bool_),
+            leader=np.array([len(self.reflections)]),
+            axis=axis[None],
+            length=np.array([length]),
+            width=np.array([width]),
+            length_variance=np.array([_LENGTH_SPREAD**2]),
+            width_variance=np.array([_WIDTH_SPREAD**2]),
+            facing=np.zeros((1, 2)),
+            alongside_ns=zero,
+            sensors=zero,
+        )
+        self.changed()
+        return len(self.obstacles) - 1
+
+    def add_reflection(self, body: int, sensor: int, key: int | None, time_ns: int, offset: Floats) -> int:
+        """Append a reflection of a body, an offset (2,) away from the leading one; return its row."""
+        row, obstacles = len(self.reflections), self.obstacles
+        leads = int(obstacles.leader[body]) == row
+        self.reflections.append(
+            sensor=np.array([sensor]),
+            object_id=np.array([-1]),
+            body=np.array([body]),
+            last_ns=np.array([time_ns]),
+            offset=offset[None],
+            variance=np.array([0.0 if leads else self._places.spread**2]),
+            rate_difference=np.zeros(1),
+        )
+        if key is not None:
+            self.assign_id(row, sensor, key)
+        obstacles.last_ns[body] = time_ns
+        obstacles.history[body] |= 1
+        obstacles.sensors[body] |= 1 << sensor
+        return row
+
+    def lead(self, bodies: Indices, leaders: Indices) -> None:
+        """Let other reflections lead bodies: the bias becomes theirs, and the other offsets count from them."""
+        obstacles, reflections = self.obstacles, self.reflections
+        offset, variance = reflections.offset[leaders].copy(), reflections.variance[leaders].copy()
+        step = np.zeros((len(obstacles), 2))
+        step[bodies] = offset
+        former = obstacles.leader[bodies]
+        reflections.offset -= step[reflections.body]
+        reflections.variance[former] = variance
+        reflections.variance[leaders] = 0.0
+        obstacles.leader[bodies] = leaders
+        self.filter.rebase(bodies, from_travel_axes(offset, obstacles.axis[bodies]), variance)
+        self.changed()
+
+    def merge(self, young: int, old: int) -> None:
+        """Give the reflections of one body to another; the row left without reflections is to be deleted."""
+        obstacles, reflections, moments = self.obstacles, self.reflections, self.moments()
+        rows = np.flatnonzero(reflections.body == young)
+        apart = moments.shown[young, :2] - moments.shown[old, :2]
+        place = apart + from_travel_axes(reflections.offset[rows], obstacles.axis[young])
+        reflections.offset[rows] = to_travel_axes(place, obstacles.axis[old])
+        reflections.variance[rows] = self._places.spread**2
+        reflections.body[rows] = old
+        obstacles.last_ns[old] = max(obstacles.last_ns[old], obstacles.last_ns[young])
+        obstacles.first_ns[old] = min(obstacles.first_ns[old], obstacles.first_ns[young])
+        obstacles.history[old] |= obstacles.history[young]
+        obstacles.sensors[old] |= obstacles.sensors[young]
+
+    def split(self, splitting: Indices) -> None:
+        """Give each of the reflections (none of them leading) a body of its own, which moves as the one it leaves."""
+        obstacles, reflections = self.obstacles, self.reflections
+        owner, place = reflections.body[splitting], self.offsets()[splitting]
+        first = len(obstacles)
+        self.filter.keep(np.concatenate([np.arange(first), owner]))
+        shift = np.zeros((first + len(splitting), 2))
+        shift[first:] = place
+        self.filter.shift(shift)
+        copies = {name: getattr(obstacles, name)[owner] for name in _COPIED}
+        obstacles.append(
+            id=np.array([self._identities.new() for _ in splitting], dtype=np.int64),
+            last_ns=reflections.last_ns[splitting],
+            history=np.ones(len(splitting), dtype=np.int64),
+            scans=np.zeros(len(splitting), dtype=np.int64),
+            confirmed=np.zeros(len(splitting), dtype=np.bool_),
+            leader=splitting.astype(np.int64),
+            alongside_ns=np.zeros(len(splitting), dtype=np.int64),
+            **copies,
+        )
+        reflections.body[splitting] = np.arange(first, len(obstacles))
+        reflections.offset[splitting], reflections.variance[splitting] = 0.0, 0.0
+        reflections.rate_difference[splitting] = 0.0
+        self.changed()
+
+    def delete(self, lost: Booleans, ended: Booleans) -> Indices:
+        """Delete reflections (n,) and bodies (k,), all reflections of an ended body among the lost.
+
+        Returns:
+            The new row of each reflection kept, by its old row.
+        """
+        new_row, new_owner = np.cumsum(~lost) - 1, np.cumsum(~ended) - 1
+        if ended.any():
+            self.filter.keep(~ended)
+            self.obstacles.keep(~ended)
+        self.reflections.keep(~lost)
+        self.reflections.body = new_owner[self.reflections.body]
+        self.obstacles.leader = new_row[self.obstacles.leader]
+        gone = lost.tolist()
+        self._state.row_of = {key: int(new_row[row]) for key, row in self._state.row_of.items() if not gone[row]}
+        self.changed()
+        return new_row
+
+    def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
+        """Give sensors other numbers, and forget those left out: their reflections, and the bodies only they have seen.
+
+        Args:
+            sensors: number of a sensor from here on, by the number it had.
+        """
+        obstacles, reflections, row_of = self.obstacles, self.reflections, self._state.row_of
+        self._state.row_of = {(sensors[of], key): row for (of, key), row in row_of.items() if of in sensors}
+        reflections.sensor = np.array([sensors.get(of, -1) for of in reflections.sensor.tolist()], dtype=np.int64)
+        reflections.object_id[reflections.sensor < 0] = -1
+        seen_by = np.zeros_like(obstacles.sensors)
+        for old, new in sensors.items():
+            seen_by |= (obstacles.sensors >> old & 1) << new
+        obstacles.sensors = seen_by
+        ended = seen_by == 0
+        if ended.any():
+            self.delete(ended[reflections.body], ended)
+
+
+_LENGTH_SPREAD, _WIDTH_SPREAD = 2.0, 0.4  # m, of vehicles about a car's
+_COPIED = ("first_ns", "axis", "length", "width", "length_variance", "width_variance", "facing", "sensors")
+
+
+def _check_rows(state: BodiesState) -> None:
+    """Check that the tables of a state refer to rows that are there.
+
+    Raises:
+        ValueError: they do not.
+    """
+    reflections, obstacles = state.reflections, state.obstacles
+    n, k, filters = len(reflections), len(obstacles), len(state.estimator.probability)
+    if n > MOST_TRACKS:
+        raise ValueError(f"found {n} reflections, expected {MOST_TRACKS} at most")
+    if k != filters:
+        raise ValueError(f"found {filters} filters for {k} obstacles")
+    owner, leader = reflections.body, obstacles.leader
+    if ((owner < 0) | (owner >= k)).any() or ((leader < 0) | (leader >= n)).any():
+        raise ValueError("a reflection has no obstacle, or an obstacle no leading reflection")
+    if (obstacles.id <= 0).any() or len(np.unique(obstacles.id)) < k:
+        raise ValueError("two obstacles have the same number, or one has none")
+    if (owner[leader] != np.arange(k)).any():
+        raise ValueError("an obstacle is led by another one's reflection")
+    if any(not 0 <= row < n for row in state.row_of.values()):
+        raise ValueError("a sensor's object id stands for no reflection")

@@ -1,0 +1,149 @@
+"""Which detection is of which body: by the sensor's id, by place and speed, or as one more reflection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.config.tracker import AssociationSettings, ReflectionSettings
+from candaemon.estimation.measurement import Measurement, line_of_sight
+from candaemon.radar.detections import Detections
+from candaemon.tracking.association import nearest_neighbours, pair_nis
+from candaemon.tracking.bodies import Bodies
+from candaemon.tracking.reflections import to_travel_axes
+
+
+@dataclass(slots=True)
+class Association:
+    """What each of n detections belongs to.
+
+    Attributes:
+        body: row of the body (n,), −1: of none that is known.
+        reflection: row of the reflection (n,), −1: of none that is known.
+        nis: normalised innovation squared against that reflection (n,), NaN where there is none.
+        slot_jumps: detections whose sensor kept the id but that cannot be the reflection of that id.
+    """
+
+    body: Indices
+    reflection: Indices
+    nis: Floats
+    slot_jumps: int = 0
+
+
+def associate(
+    bodies: Bodies, detections: Detections, settings: AssociationSettings, extent: ReflectionSettings
+) -> Association:
+    """Return what the detections of a scan belong to.
+
+    First by the sensor's ids, where the detection lies within the gate of the id's reflection; those left over by
+    global nearest neighbour among the reflections left over; and those still left over, as one more reflection, with
+    the body whose reflections they lie beside and whose speed they have.
+
+    Args:
+        bodies: predicted to the time of the detections.
+        detections: one scan.
+        settings: gates.
+        extent: how near one body's reflections lie to each other, and how alike they move.
+    """
+    n, measurement = len(detections), detections.measurement
+    found = Association(np.full(n, -1, np.intp), np.full(n, -1, np.intp), np.full(n, np.nan))
+    if not len(bodies) or not n:
+        return found
+    mean, covariance = bodies.reflection_states()
+    _by_id(found, bodies, detections, mean, covariance, settings)
+    if settings.method == "nearest":
+        free_reflections = np.ones(len(mean), dtype=np.bool_)
+        free_reflections[found.reflection[found.reflection >= 0]] = False
+        _by_place(found, mean, covariance, np.flatnonzero(free_reflections), measurement, settings.gate)
+    taken = found.reflection >= 0
+    found.body[taken] = bodies.reflections.body[found.reflection[taken]]
+    if extent.merge:
+        left = np.flatnonzero(~taken)
+        if len(left):
+            found.body[left] = beside(bodies, mean, measurement, left, extent)
+    return found
+
+
+def _by_id(
+    found: Association,
+    bodies: Bodies,
+    detections: Detections,
+    mean: Floats,
+    covariance: Floats,
+    settings: AssociationSettings,
+) -> None:
+    """Associate by ids; one that comes twice in a scan stands for nothing, nor does that of an object called new."""
+    keys = detections.object_id
+    row = np.where(detections.new, -1, bodies.rows_of(detections.sensor, keys))
+    if len(np.unique(keys)) < len(keys):
+        _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
+        row[counts[inverse] > 1] = -1
+    known = np.flatnonzero(row >= 0)
+    if not len(known):
+        return
+    row = row[known]
+    nis = pair_nis(mean[row], covariance[row], detections.measurement.take(known))
+    if settings.method == "id":
+        within = np.ones(len(known), dtype=np.bool_)
+    else:
+        confirmed = bodies.obstacles.confirmed[bodies.reflections.body[row]]
+        within = nis <= np.where(confirmed, settings.id_gate, settings.gate)
+        found.slot_jumps = int(len(within) - within.sum())
+    found.reflection[known[within]] = row[within]
+    found.nis[known[within]] = nis[within]
+
+
+def _by_place(
+    found: Association, mean: Floats, covariance: Floats, free: Indices, measurement: Measurement, gate: float
+) -> None:
+    """Associate what is left by global nearest neighbour."""
+    left = np.flatnonzero(found.reflection < 0)
+    rows, chosen = nearest_neighbours(mean, covariance, free, measurement, left, gate)
+    if len(rows):
+        found.reflection[chosen] = rows
+        found.nis[chosen] = pair_nis(mean[rows], covariance[rows], measurement.take(chosen))
+
+
+def beside(
+    bodies: Bodies, mean: Floats, measurement: Measurement, left: Indices, extent: ReflectionSettings
+) -> Indices:
+    """Return for each of some detections the body that it is one more reflection of, or −1.
+
+    Args:
+        bodies: that are known.
+        mean: states of their reflections (n, 4).
+        measurement: of the scan.
+        left: rows of the detections (m,).
+        extent: how near, and how alike.
+    """
+    owner, obstacles = bodies.reflections.body, bodies.obstacles
+    axis = obstacles.axis[owner]
+    place = to_travel_axes(measurement.position[left, None] - mean[None, :, :2], axis)
+    reach = to_travel_axes(measurement.position[left, None] - bodies.moments().shown[owner, :2], axis)
+    longest = np.maximum(obstacles.length[owner] + extent.along, extent.along)
+    close = (
+        (np.abs(place[..., 0]) < extent.along)
+        & (np.abs(place[..., 1]) < extent.across)
+        & (np.abs(reach[..., 0]) < np.minimum(longest, extent.extent))
+        & (np.abs(reach[..., 1]) < 2 * extent.across)
+    )
+    close &= _as_fast(mean, measurement, left, extent.speed)
+    distance = np.where(close, (place[..., 0] / extent.along) ** 2 + (place[..., 1] / extent.across) ** 2, np.inf)
+    nearest = distance.argmin(axis=1)
+    return np.where(close.any(axis=1), owner[nearest], -1)
+
+
+def _as_fast(mean: Floats, measurement: Measurement, left: Indices, speed: float) -> Booleans:
+    """Return which of the detections (m,) have the speeds of which reflections (n,), as far as they are measured."""
+    alike = np.ones((len(left), len(mean)), dtype=np.bool_)
+    if measurement.range_rate is not None:
+        rate, _ = line_of_sight(mean, measurement.origin, measurement.velocity)
+        measured = measurement.range_rate[left, None]
+        alike &= (np.abs(rate[None] - measured) < speed) | ~np.isfinite(measured)
+    for part in measurement.projections:
+        value = part.value[left, None]
+        differs = np.abs(part.direction[left] @ mean[:, 2:4].T - value)
+        alike &= (differs < speed + 2 * np.sqrt(part.variance[left, None])) | ~np.isfinite(value)
+    return alike

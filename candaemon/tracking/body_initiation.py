@@ -1,0 +1,112 @@
+"""Initiation of bodies and of their reflections from detections that belong to nothing known."""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+import numpy as np
+
+from candaemon.arrays import Floats, Indices
+from candaemon.config.tracker import TrackerSettings
+from candaemon.config.vehicle import VehicleEstimatorSettings
+from candaemon.ego.pose import EgoPose
+from candaemon.estimation.kalman import update_scalar
+from candaemon.estimation.measurement import Projection
+from candaemon.radar.detections import Detections
+from candaemon.tracking.bodies import Bodies
+from candaemon.tracking.body_association import Association, beside
+from candaemon.tracking.body_modes import DRIVING, FREE, SLIDING, STANDING
+from candaemon.tracking.reflections import to_travel_axes
+
+_LENGTH, _WIDTH = 4.5, 1.8  # m, a car's
+_FIRST_SHARE = np.array([0.5, 0.25, 0.02, 0.23])  # of the modes, in their order
+_STANDING_SPREAD = 0.1  # m/s
+
+
+class BodyInitiation:
+    """Initiates bodies and reflections.
+
+    Args:
+        settings: of the tracker.
+        estimator: of the bodies' filter.
+    """
+
+    def __init__(self, settings: TrackerSettings, estimator: VehicleEstimatorSettings) -> None:
+        self._extent = settings.reflections
+        self._first_speed = settings.lifecycle.first_speed
+        self._estimator = estimator
+
+    def initiate(
+        self, left: Indices, association: Association, detections: Detections, pose: EgoPose, bodies: Bodies
+    ) -> None:
+        """Initiate a reflection for each detection of a known body, and bodies for the rest, in their order.
+
+        Args:
+            left: rows of the detections that are of no known reflection.
+            association: of the scan; the rows of what is initiated are entered.
+            detections: the scan.
+            pose: ego pose.
+            bodies: to which they are added.
+        """
+        measurement, heading = detections.measurement, np.array([cos(pose.heading), sin(pose.heading)])
+        known = len(bodies)
+        for row in left.tolist():
+            body = int(association.body[row])
+            if body < 0 and len(bodies) > known and self._extent.merge:
+                mean, _ = bodies.reflection_states()
+                body = int(beside(bodies, mean, measurement, np.array([row]), self._extent)[0])
+            if body < 0:
+                body = self._add_body(row, detections, heading, bodies)
+                offset = np.zeros(2)
+            else:
+                apart = measurement.position[row] - bodies.moments().shown[body, :2]
+                offset = to_travel_axes(apart, bodies.obstacles.axis[body])
+            association.body[row] = body
+            association.reflection[row] = bodies.add_reflection(
+                body, detections.sensor, int(detections.object_id[row]), detections.time_ns, offset
+            )
+
+    def _add_body(self, row: int, detections: Detections, heading: Floats, bodies: Bodies) -> int:
+        """Add a body that a detection shows first; return its row."""
+        measurement = detections.measurement
+        along, across = self._first_speed.along, self._first_speed.across
+        modes: list[tuple[Floats, Floats]] = [(np.zeros(2), np.zeros((2, 2)))] * 4
+        modes[DRIVING] = modes[SLIDING] = self._first_velocity(row, detections, heading, along, across)
+        modes[FREE] = self._first_velocity(row, detections, heading, along, max(across, 0.4 * along))
+        modes[STANDING] = np.zeros(2), np.eye(2) * _STANDING_SPREAD**2
+        at = slice(row, row + 1)
+        bodies.filter.spawn(
+            measurement.position[at],
+            measurement.noise[at],
+            np.stack([mean for mean, _ in modes])[None],
+            np.stack([covariance for _, covariance in modes])[None],
+            _FIRST_SHARE[None],
+        )
+        velocity = modes[DRIVING][0]
+        backwards = float(velocity @ heading) < 0.0
+        return bodies.add(detections.time_ns, -heading if backwards else heading, _LENGTH, _WIDTH)
+
+    @staticmethod
+    def _first_velocity(
+        row: int, detections: Detections, heading: Floats, along: float, across: float
+    ) -> tuple[Floats, Floats]:
+        """Return a first velocity over ground (2,) and its covariance (2, 2).
+
+        The prior is what traffic does: fast along the vehicle's heading, slow across it. Each speed that the sensor
+        measured updates it.
+        """
+        measurement, left = detections.measurement, np.array([-heading[1], heading[0]])
+        mean = np.zeros((1, 2))
+        covariance = (along**2 * np.outer(heading, heading) + across**2 * np.outer(left, left))[None]
+        at = slice(row, row + 1)
+        speeds = [Projection(part.direction[at], part.value[at], part.variance[at]) for part in measurement.projections]
+        if measurement.range_rate is not None and measurement.range_rate_variance is not None:
+            sight = measurement.position[at] - measurement.origin
+            unit = sight / np.maximum(np.hypot(sight[:, 0], sight[:, 1]), 1e-3)[:, None]
+            along_sight = measurement.range_rate[at] + unit @ measurement.velocity
+            speeds.append(Projection(unit, along_sight, measurement.range_rate_variance[at]))
+        for speed in speeds:
+            if np.isfinite(speed.value[0]):
+                innovation = speed.value - (speed.direction * mean).sum(axis=1)
+                update_scalar(mean, covariance, speed.direction, innovation, speed.variance)
+        return mean[0], covariance[0]

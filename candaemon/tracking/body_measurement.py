@@ -1,0 +1,70 @@
+"""One measurement a body from all its detections of a scan."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.arrays import Floats, Indices
+from candaemon.estimation.measurement import Measurement, Projection
+
+_FINITE = 1e-12
+
+
+def of_bodies(measurement: Measurement, body: Indices, offset: Floats, spread: Floats) -> tuple[Indices, Measurement]:
+    """Return the bodies that were detected, ascending, and what their leading reflections would have measured.
+
+    Positions are brought to the leading reflection by the known offsets and weighted with their information; speeds
+    are those of one rigid body and averaged with theirs.
+
+    Args:
+        measurement: m detections.
+        body: row of the body of each (m,).
+        offset: of the reflections from the leading one (m, 2), local frame, m.
+        spread: variance of each component of the offsets (m,), m².
+    """
+    rows, first, group = np.unique(body, return_index=True, return_inverse=True)
+    alone = len(rows) == len(body)
+    if alone and not spread.any() and not offset.any():
+        order = np.argsort(body)
+        return rows, measurement.take(order)
+    noise = measurement.noise.copy()
+    noise[:, 0, 0] += spread
+    noise[:, 1, 1] += spread
+    a, b, d = noise[:, 0, 0], noise[:, 0, 1], noise[:, 1, 1]
+    determinant = a * d - b * b
+    place = measurement.position - offset
+
+    def total(values: Floats) -> Floats:
+        return np.asarray(np.bincount(group, values, len(rows)), dtype=np.float64)
+
+    xx, xy, yy = total(d / determinant), total(-b / determinant), total(a / determinant)
+    ix = total((d * place[:, 0] - b * place[:, 1]) / determinant)
+    iy = total((a * place[:, 1] - b * place[:, 0]) / determinant)
+    information = xx * yy - xy * xy
+    covariance = np.stack([yy, -xy, -xy, xx], axis=1).reshape(-1, 2, 2) / information[:, None, None]
+    position = np.stack([yy * ix - xy * iy, xx * iy - xy * ix], axis=1) / information[:, None]
+
+    def averaged(value: Floats, variance: Floats) -> tuple[Floats, Floats]:
+        weight = np.where(np.isfinite(value), 1.0 / variance, 0.0)
+        weights = total(weight)
+        known = weights > _FINITE
+        mean = np.full(len(rows), np.nan)
+        mean[known] = total(np.where(weight > 0.0, value, 0.0) * weight)[known] / weights[known]
+        return mean, 1.0 / np.maximum(weights, _FINITE)
+
+    rate = rate_variance = None
+    if measurement.range_rate is not None and measurement.range_rate_variance is not None:
+        rate, rate_variance = averaged(measurement.range_rate, measurement.range_rate_variance)
+    projections = tuple(
+        Projection(part.direction[first], *averaged(part.value, part.variance)) for part in measurement.projections
+    )
+    return rows, Measurement(
+        position,
+        covariance,
+        measurement.origin,
+        measurement.velocity,
+        rate,
+        rate_variance,
+        projections,
+        measurement.sensor,
+    )

@@ -1,0 +1,72 @@
+"""When two obstacles are one vehicle, and when a reflection is none of its obstacle's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.config.tracker import ReflectionSettings
+from candaemon.estimation.body_filter import VELOCITY
+from candaemon.tracking.bodies import Bodies
+from candaemon.tracking.reflections import to_travel_axes
+
+_COURSE_SPEED = 4.0  # m/s, above which the course is known well enough to join by it
+_COURSE_ALONG, _COURSE_ACROSS = 4.5, 1.8  # m between two obstacles of one course
+_COURSE_FASTER, _COURSE_DRIFT = 1.5, 3.0  # m/s by which they may differ along and across
+_COURSE_TIME = 0.2  # s side by side
+
+
+def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Integers, Floats]:
+    """Return for each obstacle the row of an older one that it is alongside of and moves like, or −1; and for how long.
+
+    What moves is compared along and across its course: its speed across is known worst, and parts of one vehicle
+    differ there by noise alone. What is slow is compared as before a course is known, in all directions alike.
+
+    Returns:
+        Rows (k,), and the time alongside that is needed (k,), s.
+    """
+    obstacles, moments = bodies.obstacles, bodies.moments()
+    found, needed = np.full(len(obstacles), -1, dtype=np.int64), np.full(len(obstacles), settings.merge_time)
+    place, velocity = moments.shown[:, :2], moments.mean[:, VELOCITY]
+    reach = max(settings.along, _COURSE_ALONG) + max(settings.across, _COURSE_ACROSS)
+    near = (np.abs(place[:, None] - place) < reach).all(axis=2)
+    young, old = np.nonzero(near)
+    earlier = old < young
+    young, old = young[earlier], old[earlier]
+    if not len(young):
+        return found, needed
+    axis = obstacles.axis[old]
+    apart = np.abs(to_travel_axes(place[young] - place[old], axis))
+    faster = np.abs(to_travel_axes(velocity[young] - velocity[old], axis))
+    moving = np.minimum(np.hypot(*velocity[young].T), np.hypot(*velocity[old].T)) > _COURSE_SPEED
+    by_course = (
+        moving
+        & (apart[:, 0] < _COURSE_ALONG)
+        & (apart[:, 1] < _COURSE_ACROSS)
+        & (faster[:, 0] < _COURSE_FASTER)
+        & (faster[:, 1] < _COURSE_DRIFT)
+    )
+    by_speed = (
+        (apart[:, 0] < settings.along)
+        & (apart[:, 1] < settings.across)
+        & ((faster * faster).sum(axis=1) < settings.speed**2)
+    )
+    beside = (by_course | by_speed) & obstacles.confirmed[old]
+    found[young[beside][::-1]] = old[beside][::-1]  # reversed, so that the oldest of several is written last
+    needed[young[by_course]] = np.minimum(_COURSE_TIME, settings.merge_time)
+    return found, needed
+
+
+def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans:
+    """Return which reflections are none of their obstacle's (n,): too far away, or of another speed.
+
+    The bounds are twice those for joining, so that a reflection at the edge does not come and go.
+    """
+    reflections = bodies.reflections
+    away = (
+        (np.abs(reflections.offset[:, 0]) > settings.extent)
+        | (np.abs(reflections.offset[:, 1]) > 2 * settings.across)
+        | (np.abs(reflections.rate_difference) > 2 * settings.speed)
+    )
+    away[bodies.obstacles.leader] = False
+    return away

@@ -1,0 +1,59 @@
+"""The report of a cycle of bodies: obstacles in vehicle axes and in the local frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.ego.pose import EgoPose
+from candaemon.estimation.body_filter import POSITION, VELOCITY, acceleration
+from candaemon.tracking.bodies import Bodies
+from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
+from candaemon.tracking.update import Used
+
+_HISTORY_LENGTH = 32  # scans in an obstacle's history
+
+
+def report(bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int) -> Obstacles:
+    """Return the obstacles in vehicle axes and in the local frame.
+
+    Args:
+        bodies: predicted to the pose's time.
+        pose: ego pose.
+        used: the detections of this cycle and the bodies they updated.
+        slack_ns: how long an obstacle may be without a detection and not count as coasting.
+    """
+    obstacles, moments, turn = bodies.obstacles, bodies.moments(), pose.rotation
+    mean = moments.mean
+    place, velocity = pose.to_vehicle(mean[:, POSITION]), mean[:, VELOCITY] @ turn
+    change = acceleration(mean) @ turn
+    both = np.zeros((4, 4))
+    both[:2, :2] = both[2:, 2:] = turn
+    covariance = both.T @ moments.covariance[:, :4, :4] @ both
+    deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
+    status[~obstacles.confirmed] = TENTATIVE
+    return Obstacles(
+        time_ns=pose.time_ns,
+        id=obstacles.id.copy(),
+        state=status,
+        x=place[:, 0],
+        y=place[:, 1],
+        vx=velocity[:, 0],
+        vy=velocity[:, 1],
+        ax=change[:, 0],
+        ay=change[:, 1],
+        east=mean[:, 0],
+        north=mean[:, 1],
+        ve=mean[:, 2],
+        vn=mean[:, 3],
+        sx=deviation[:, 0],
+        sy=deviation[:, 1],
+        svx=deviation[:, 2],
+        svy=deviation[:, 3],
+        age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
+        existence=np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _HISTORY_LENGTH),
+        sensors=obstacles.sensors.copy(),
+        used_row=used.reflection,
+        used_sensor=np.full(len(used.objects), used.sensor, dtype=np.int64),
+        used_object=used.objects,
+    )

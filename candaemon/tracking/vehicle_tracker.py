@@ -1,0 +1,404 @@
+"""The tracker of vehicles: one filter an obstacle, updated by all its reflections of every sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import exp
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.config.tracker import TrackerSettings
+from candaemon.config.vehicle import VehicleEstimatorSettings
+from candaemon.ego.pose import EgoPose
+from candaemon.estimation.body_filter import ACCELERATION, BIAS, POSITION, TURN, VELOCITY, reported
+from candaemon.estimation.measurement import line_of_sight
+from candaemon.estimation.smoothing import Link
+from candaemon.frames.times import LATEST_NS
+from candaemon.radar.detections import Detections
+from candaemon.radar.mounting import SensorView
+from candaemon.tracking.bodies import Bodies, BodiesState
+from candaemon.tracking.body_association import Association, associate
+from candaemon.tracking.body_initiation import BodyInitiation
+from candaemon.tracking.body_measurement import of_bodies
+from candaemon.tracking.body_merging import merge_candidates, split_candidates
+from candaemon.tracking.body_report import report
+from candaemon.tracking.identities import Identities
+from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.reflections import to_travel_axes
+from candaemon.tracking.smoother_history import SmootherHistory
+from candaemon.tracking.update import TrackerCounts, Update, Used
+
+_MISSED_SCAN = 2.4  # cycles: two, and the jitter of a scan
+_EARLIEST_NS = -LATEST_NS // 2  # a measurement may lie before the first instant, by a latency
+_HISTORY = (1 << 32) - 1
+_NONE = np.empty(0, dtype=np.intp)
+_AXIS_TIME = 0.15  # s, with which the axis follows the course
+_RATE_MEMORY = 0.3  # s, of a reflection's range rate beside its body's
+
+
+@dataclass(slots=True)
+class VehicleTrackerState:
+    """All that a tracker of vehicles remembers.
+
+    Attributes:
+        time_ns: the instant that its bodies hold for.
+        counts: what it did.
+        tracks: the bodies.
+    """
+
+    time_ns: int
+    counts: TrackerCounts
+    tracks: BodiesState
+
+
+class VehicleTracker:
+    """Tracks the vehicles that a group of sensors sees.
+
+    Args:
+        settings: of a `vehicle` estimator, association, reflections and life cycle.
+        identities: the numbers of new obstacles; shared by the trackers of a run. None: its own.
+        cycle_time: the longest of its sensors, s; a tentative obstacle survives one missed scan of it.
+        slack_ns: how long an obstacle may be without a detection and not count as coasting.
+        views: what the sensors can see; an obstacle that has left all of them and is not detected ends early.
+
+    Attributes:
+        settings: as given.
+        update: what the latest step's detections updated; None where it had none.
+        smoother_history: what a smoother needs of the latest step; None unless `keep_smoother_history` was called.
+    """
+
+    def __init__(
+        self,
+        settings: TrackerSettings,
+        identities: Identities | None = None,
+        *,
+        cycle_time: float = 0.05,
+        slack_ns: int = 0,
+        views: Sequence[SensorView] = (),
+    ) -> None:
+        estimator = settings.estimator
+        if not isinstance(estimator, VehicleEstimatorSettings):
+            raise TypeError(f"found the settings of a {estimator.kind} estimator, expected those of vehicle")
+        self.settings = settings
+        self._places = estimator.reflections
+        self._tentative_coast = max(settings.lifecycle.tentative_coast, _MISSED_SCAN * cycle_time)
+        self._views, self._slack_ns = views, slack_ns
+        self._bodies = Bodies(estimator, identities or Identities())
+        self._initiation = BodyInitiation(settings, estimator)
+        self._state = VehicleTrackerState(0, TrackerCounts(), self._bodies.state)
+        self._dt = 0.0
+        self.update: Update | None = None
+        self.smoother_history: SmootherHistory | None = None
+
+    def __len__(self) -> int:
+        return len(self._bodies)
+
+    @property
+    def state(self) -> VehicleTrackerState:
+        """All that it remembers, beside the identities that it shares with others.
+
+        Raises:
+            ValueError: a state that is set does not fit the settings, or contradicts itself.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: VehicleTrackerState) -> None:
+        if not _EARLIEST_NS <= state.time_ns <= LATEST_NS:
+            raise ValueError("the obstacles' time is out of range")
+        self._bodies.state = state.tracks
+        self._state = state
+        self.update = None
+        self.smoother_history = None
+
+    @property
+    def counts(self) -> TrackerCounts:
+        """What it did."""
+        return self._state.counts
+
+    def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
+        """Give sensors other numbers, and forget those left out: their ids, and the obstacles that only they have seen.
+
+        Args:
+            sensors: number of a sensor from here on, by the number it had.
+        """
+        self._bodies.renumber_sensors(sensors)
+
+    def keep_smoother_history(self) -> None:
+        """Give a `smoother_history` after each step from here on; the obstacles reported do not change by it."""
+        self._bodies.filter.linking = True
+
+    def step(self, detections: Detections | None, pose: EgoPose) -> Obstacles:
+        """Advance to the pose's time, with the detections of one scan, or with none to let the obstacles coast.
+
+        Predict, associate, update, initiate, confirm and delete, merge and split, report.
+
+        Args:
+            detections: of one sensor, at the pose's time.
+            pose: ego pose; its time is that of the obstacles reported.
+
+        Returns:
+            The obstacles, the tentative ones too.
+        """
+        self.update = None
+        self._predict(pose.time_ns)
+        link = self._smoother_link() if self._bodies.filter.linking else None
+        if detections is not None:
+            association = self._associate(detections)
+            self._update(association, detections)
+            self._initiate(association, detections, pose)
+            self._record(association, detections)
+        self._turn_axes()
+        self._confirm_and_delete(pose)
+        if detections is not None and self.settings.reflections.merge and len(self):
+            self._hand_over()
+            self._merge_and_split()
+        if link is not None:
+            moments = self._bodies.moments()
+            state, covariance = reported(moments.mean, moments.covariance)
+            self.smoother_history = SmootherHistory(self._bodies.obstacles.id.copy(), state, covariance, *link)
+        return report(self._bodies, pose, self._used(detections), self._slack_ns)
+
+    def expected_positions(self, horizon: float) -> Floats:
+        """Return where each detection of the latest update is expected after a time: (m, 2), local frame, m."""
+        if self.update is None:
+            return np.zeros((0, 2))
+        rows, bodies = self.update.reflection, self._bodies
+        body = bodies.reflections.body[rows]
+        mean = bodies.moments().mean[body]
+        bias = mean[:, BIAS] * exp(-horizon / self._places.bias_time)
+        return predicted_positions(mean, horizon) + bias + bodies.offsets()[rows]
+
+    def _used(self, detections: Detections | None) -> Used:
+        """Return what this cycle's detections updated."""
+        if self.update is None or detections is None:
+            return Used(_NONE, 0, np.empty(0, dtype=np.int64))
+        body = self._bodies.reflections.body[self.update.reflection]
+        return Used(body, detections.sensor, detections.object_id[self.update.detection])
+
+    def _predict(self, time_ns: int) -> None:
+        """Predict all bodies, and let the places of their reflections become uncertain again."""
+        dt = (time_ns - self._state.time_ns) * 1e-9 if len(self) else 0.0
+        self._dt = max(dt, 0.0)
+        self._state.time_ns = time_ns
+        bodies, places = self._bodies, self._places
+        if dt > 0.0:
+            bodies.filter.predict(dt, bodies.obstacles.axis, np.full(len(self), places.walk))
+            self._let_wander(dt)
+            bodies.changed()
+        elif dt < 0.0:
+            velocity = bodies.moments().mean[:, VELOCITY]
+            bodies.filter.shift(dt * velocity)
+            bodies.changed()
+
+    def _smoother_link(self) -> tuple[Integers, Link]:
+        """Return the obstacles' identities and what a smoother needs of their prediction; to be called right after it.
+
+        Where time has not moved on, as in a scan that comes after a younger one, the gain is the identity.
+        """
+        moments, link = self._bodies.moments(), self._bodies.filter.link
+        if self._dt == 0.0 or link is None:
+            state, covariance = reported(moments.mean, moments.covariance)
+            link = Link(state, covariance, np.broadcast_to(np.eye(6), covariance.shape))
+        return self._bodies.obstacles.id.copy(), link
+
+    def _let_wander(self, dt: float) -> None:
+        """Let the offsets return towards the leading reflection, and their variance towards the spread."""
+        places, reflections = self._places, self._bodies.reflections
+        keep = exp(-dt / places.spread_time)
+        follows = np.ones(len(reflections), dtype=np.bool_)
+        follows[self._bodies.obstacles.leader] = False
+        gained = places.spread**2 * (1.0 - keep * keep)
+        reflections.variance = np.where(follows, keep * keep * reflections.variance + gained, 0.0)
+
+    def _associate(self, detections: Detections) -> Association:
+        """Return which body and reflection each detection belongs to."""
+        found = associate(self._bodies, detections, self.settings.association, self.settings.reflections)
+        self.counts.slot_jumps += found.slot_jumps
+        return found
+
+    def _update(self, association: Association, detections: Detections) -> None:
+        """Update the bodies with all their detections, then the places of their reflections."""
+        self.counts.cycles += 1
+        self.counts.detections += len(detections)
+        bodies = self._bodies
+        obstacles, reflections = bodies.obstacles, bodies.reflections
+        expected = obstacles.sensors & (1 << detections.sensor) != 0
+        obstacles.history = obstacles.history << expected & _HISTORY
+        obstacles.scans += expected
+        rows = np.flatnonzero(association.reflection >= 0)
+        if not len(rows):
+            return
+        row = association.reflection[rows]
+        body, measurement = association.body[rows], detections.measurement.take(rows)
+        offset = bodies.offsets()[row]
+        self._note_rates(row, detections, rows)
+        seen, combined = of_bodies(measurement, body, offset, reflections.variance[row])
+        bodies.filter.update(seen, combined)
+        bodies.changed()
+        place = measurement.position - bodies.moments().shown[body, :2] - offset
+        noise = 0.5 * (measurement.noise[:, 0, 0] + measurement.noise[:, 1, 1])
+        variance = reflections.variance[row]
+        gain = variance / (variance + noise)
+        reflections.offset[row] += gain[:, None] * to_travel_axes(place, obstacles.axis[body])
+        reflections.variance[row] = (1.0 - gain) * variance
+        for each, key in zip(row.tolist(), detections.object_id[rows].tolist(), strict=True):
+            if reflections.object_id[each] != key or reflections.sensor[each] != detections.sensor:
+                bodies.assign_id(each, detections.sensor, key)
+        reflections.last_ns[row] = detections.time_ns
+        obstacles.last_ns[seen] = detections.time_ns
+        obstacles.history[seen] |= 1
+        obstacles.sensors[seen] |= 1 << detections.sensor
+
+    def _note_rates(self, row: Indices, detections: Detections, rows: Indices) -> None:
+        """Note how much faster than their bodies reflections come nearer."""
+        measurement = detections.measurement
+        if measurement.range_rate is None:
+            return
+        mean, _ = self._bodies.reflection_states()
+        rate, _ = line_of_sight(mean[row], measurement.origin, measurement.velocity)
+        difference = np.nan_to_num(measurement.range_rate[rows] - rate)
+        share = -np.expm1(-self._dt / _RATE_MEMORY)
+        noted = self._bodies.reflections.rate_difference
+        noted[row] += share * (difference - noted[row])
+
+    def _initiate(self, association: Association, detections: Detections, pose: EgoPose) -> None:
+        """Initiate a reflection for each detection beside a known body, and bodies for the rest."""
+        left = np.flatnonzero(association.reflection < 0)
+        room = max(self.settings.max_tracks - len(self._bodies.reflections), 0)
+        self.counts.crowded += max(len(left) - room, 0)
+        before = len(self)
+        self._initiation.initiate(left[:room], association, detections, pose, self._bodies)
+        self.counts.obstacles += len(self) - before
+
+    def _record(self, association: Association, detections: Detections) -> None:
+        """Keep what the scan's detections updated or initiated, for those who ask after the step."""
+        rows = np.flatnonzero(association.reflection >= 0)
+        self.counts.used += len(rows)
+        self.update = Update(
+            rows, association.reflection[rows], association.nis[rows], detections.measurement.measured[rows]
+        )
+
+    def _turn_axes(self) -> None:
+        """Turn the axes of what moves towards its course, the faster the better the course is known."""
+        obstacles = self._bodies.obstacles
+        if self._dt == 0.0 or not len(self):
+            return
+        moments = self._bodies.moments()
+        velocity = moments.mean[:, VELOCITY]
+        squared = (velocity * velocity).sum(axis=1)
+        spread = moments.covariance[:, 2, 2] + moments.covariance[:, 3, 3]
+        known = squared / (squared + 4.0 * spread + 0.25)
+        share = known * known * -np.expm1(-self._dt / _AXIS_TIME)
+        speed = np.sqrt(np.maximum(squared, 1e-6))
+        forward = np.where((velocity * obstacles.axis).sum(axis=1) < -2.0, -1.0, 1.0)
+        course = velocity / speed[:, None]
+        backs = (course * obstacles.axis).sum(axis=1) < 0.0
+        course = np.where((backs & (forward > 0.0))[:, None], -course, course)
+        axis = forward[:, None] * obstacles.axis
+        turned = axis + share[:, None] * (course - axis)
+        obstacles.axis = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-9)[:, None]
+
+    def _confirm_and_delete(self, pose: EgoPose) -> None:
+        """Confirm obstacles detected M times in N scans; delete what is not detected, out of view or too uncertain."""
+        bodies, lifecycle = self._bodies, self.settings.lifecycle
+        obstacles, reflections = bodies.obstacles, bodies.reflections
+        if not len(obstacles):
+            return
+        hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
+        promoted = (hits >= lifecycle.confirm) & ~obstacles.confirmed
+        obstacles.confirmed |= promoted
+        self.counts.confirmed += int(promoted.sum())
+        coasted = (self._state.time_ns - obstacles.last_ns) * 1e-9
+        missed = coasted > self._tentative_coast
+        tracked = (obstacles.last_ns - obstacles.first_ns) * 1e-9
+        ended = missed & (~obstacles.confirmed | (coasted > np.minimum(lifecycle.coast, tracked)))
+        if missed.any():
+            covariance = bodies.moments().covariance
+            ended |= missed & (np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]) > lifecycle.uncertainty)
+            if self._views:
+                ended |= missed & ~self._in_view(pose)
+        lost = ended[reflections.body]
+        silent = (self._state.time_ns - reflections.last_ns) * 1e-9 > lifecycle.reflection_coast
+        silent[obstacles.leader] = False
+        lost |= silent
+        if lost.any():
+            self._delete(lost, ended)
+
+    def _in_view(self, pose: EgoPose) -> Booleans:
+        """Return which obstacles lie within some sensor's field of view."""
+        points = pose.to_vehicle(self._bodies.moments().mean[:, POSITION])
+        return np.asarray(np.any([view.sees(points) for view in self._views], axis=0))
+
+    def _hand_over(self) -> None:
+        """Let another reflection lead where the leading one has not been detected for the hand-over delay."""
+        bodies, patience_ns = self._bodies, int(self.settings.reflections.patience * 1e9)
+        obstacles, reflections = bodies.obstacles, bodies.reflections
+        silent = self._state.time_ns - reflections.last_ns[obstacles.leader] > patience_ns
+        if not silent.any():
+            return
+        detected = np.flatnonzero(reflections.last_ns == self._state.time_ns)[::-1]
+        successor = np.full(len(obstacles), -1, dtype=np.intp)
+        successor[reflections.body[detected]] = detected  # reversed, so that the oldest one is written last
+        rows = np.flatnonzero(silent & (successor >= 0))
+        if len(rows):
+            bodies.lead(rows, successor[rows])
+
+    def _merge_and_split(self) -> None:
+        """Split off reflections that move apart, merge bodies that move together."""
+        bodies, settings = self._bodies, self.settings.reflections
+        splitting = split_candidates(bodies, settings)
+        if splitting.any():
+            detected = bodies.reflections.last_ns == self._state.time_ns
+            rows = np.flatnonzero(splitting & detected)
+            bodies.split(rows)
+            self.counts.obstacles += len(rows)
+            self._delete(splitting & ~detected, np.zeros(len(bodies), dtype=np.bool_))
+        if len(bodies) > 1:
+            self._merge()
+
+    def _merge(self) -> None:
+        """Merge the younger of two obstacles that stay alongside each other into the older."""
+        bodies, settings = self._bodies, self.settings.reflections
+        obstacles = bodies.obstacles
+        older, needed = merge_candidates(bodies, settings)
+        obstacles.alongside_ns = np.where(older >= 0, obstacles.alongside_ns + int(self._dt * 1e9), 0)
+        merging = np.flatnonzero((older >= 0) & (obstacles.alongside_ns >= (needed * 1e9).astype(np.int64)))
+        merged = np.zeros(len(obstacles), dtype=np.bool_)
+        for young, old in zip(merging.tolist(), older[merging].tolist(), strict=True):
+            if not merged[old]:
+                bodies.merge(young, old)
+                merged[young] = True
+        if merged.any():
+            self.counts.merged += int(merged.sum())
+            self._delete(np.zeros(len(bodies.reflections), dtype=np.bool_), merged)
+
+    def _delete(self, lost: Booleans, ended: Booleans) -> None:
+        """Delete reflections and obstacles; the latest update keeps the rows that are left."""
+        new_row = self._bodies.delete(lost, ended)
+        if self.update is not None:
+            kept = ~lost[self.update.reflection]
+            self.update = Update(
+                self.update.detection[kept],
+                new_row[self.update.reflection[kept]],
+                self.update.nis[kept],
+                self.update.degrees_of_freedom[kept],
+            )
+
+
+def predicted_positions(mean: Floats, horizon: float) -> Floats:
+    """Return where reference points are expected after a time, (m, 2), m.
+
+    Args:
+        mean: states (m, 8) as in `BodyFilter`.
+        horizon: s.
+    """
+    turn = 0.5 * mean[:, TURN] * horizon
+    c, s = np.cos(turn), np.sin(turn)
+    velocity = mean[:, VELOCITY]
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    way = 1.0 + 0.5 * horizon * mean[:, ACCELERATION] / np.maximum(speed, 1.0)
+    chord = np.stack([c * velocity[:, 0] - s * velocity[:, 1], s * velocity[:, 0] + c * velocity[:, 1]], axis=1)
+    return np.asarray(mean[:, POSITION] + horizon * np.maximum(way, 0.0)[:, None] * chord)
