@@ -12,13 +12,18 @@ from candaemon.config.base import Settings
 class DrivingSettings(Settings):
     """A body whose velocity lies along its axis: it speeds up, brakes and turns."""
 
-    acceleration: float = Field(1.5, gt=0, le=20, description="m/s², standard deviation along the course")
-    acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of it")
-    lateral_acceleration: float = Field(1.2, gt=0, le=20, description="m/s², standard deviation of turn rate × speed")
-    turn_rate: float = Field(0.3, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
-    turn_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of it")
-    noise: float = Field(0.02, gt=0, le=100, description="(m/s²)²/Hz, white acceleration in any direction: slip")
-    dwell: float = Field(10.0, gt=0.02, le=1e4, description="s, mean time for which a body drives")
+    acceleration: float = Field(gt=0, le=20, description="m/s², standard deviation along the course")
+    lateral_acceleration: float = Field(gt=0, le=20, description="m/s², standard deviation of turn rate × speed")
+    noise: float = Field(gt=0, le=100, description="(m/s²)²/Hz, white acceleration in any direction: slip")
+    dwell: float = Field(gt=0.02, le=1e4, description="s, mean time for which a body drives so")
+
+
+def _cruising() -> DrivingSettings:
+    return DrivingSettings(acceleration=0.3, lateral_acceleration=0.2, noise=0.002, dwell=8.0)
+
+
+def _manoeuvring() -> DrivingSettings:
+    return DrivingSettings(acceleration=3.0, lateral_acceleration=2.5, noise=0.05, dwell=3.0)
 
 
 class StandingSettings(Settings):
@@ -56,8 +61,13 @@ class VehicleEstimatorSettings(Settings):
     """One interacting multiple model filter an obstacle, for the motion of its body; see docs/estimators.md."""
 
     kind: Literal["vehicle"]
-    driving: DrivingSettings = Field(default_factory=DrivingSettings)
+    cruising: DrivingSettings = Field(default_factory=_cruising)
+    manoeuvring: DrivingSettings = Field(default_factory=_manoeuvring)
     standing: StandingSettings = Field(default_factory=StandingSettings)
     sliding: SlidingSettings = Field(default_factory=SlidingSettings)
     free: FreeSettings = Field(default_factory=FreeSettings)
     reflections: ReflectionPlaceSettings = Field(default_factory=ReflectionPlaceSettings)
+    acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the acceleration")
+    turn_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the turn rate")
+    turn_rate: float = Field(0.3, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
+    first_acceleration: float = Field(1.0, gt=0, le=20, description="m/s², standard deviation of a body's first one")

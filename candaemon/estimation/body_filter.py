@@ -40,14 +40,17 @@ class BodyMode:
 
     Attributes:
         moves: whether it has a velocity at all; else it stands.
-        steers: whether turn rate and acceleration change its velocity.
+        acceleration: standard deviation of the acceleration along the course, m/s²; 0: turn rate and acceleration
+            change nothing.
+        lateral_acceleration: standard deviation of turn rate × speed, m/s².
         velocity_noise: white acceleration in any direction, (m/s²)²/Hz.
         bias_walk: random walk of the bias beyond the sensors' own, m²/s.
         dwell: mean time for which a body stays in the mode, s.
     """
 
     moves: bool
-    steers: bool
+    acceleration: float
+    lateral_acceleration: float
     velocity_noise: float
     bias_walk: float
     dwell: float
@@ -58,9 +61,8 @@ class BodyDynamics:
     """What vehicles do, in every mode.
 
     Attributes:
-        acceleration: standard deviation of the acceleration along the course, m/s².
-        acceleration_time: its correlation time, s.
-        lateral_acceleration: standard deviation of ω times speed, m/s².
+        first_acceleration: standard deviation of a body's first acceleration, m/s².
+        acceleration_time: correlation time of the acceleration, s.
         turn_rate: largest standard deviation of ω, rad/s, which holds at low speed.
         turn_time: correlation time of ω, s.
         standing: standard deviation of the speed of what stands, m/s.
@@ -68,9 +70,8 @@ class BodyDynamics:
         first_bias: standard deviation of a body's first bias, m.
     """
 
-    acceleration: float
+    first_acceleration: float
     acceleration_time: float
-    lateral_acceleration: float
     turn_rate: float
     turn_time: float
     standing: float
@@ -108,7 +109,9 @@ class BodyFilter:
     def __init__(self, modes: Sequence[BodyMode], dynamics: BodyDynamics) -> None:
         self._dynamics = dynamics
         self._moves = np.array([float(mode.moves) for mode in modes])
-        self._steers = np.array([float(mode.moves and mode.steers) for mode in modes])
+        self._steers = np.array([float(mode.moves and mode.acceleration > 0.0) for mode in modes])
+        self._acceleration = np.array([mode.acceleration for mode in modes])
+        self._lateral_acceleration = np.array([mode.lateral_acceleration for mode in modes])
         self._velocity_noise = np.array([mode.velocity_noise for mode in modes])
         self._walk = np.array([mode.bias_walk for mode in modes])
         self._dwell = np.array([mode.dwell for mode in modes])
@@ -159,7 +162,7 @@ class BodyFilter:
         covariance[:, :, BIAS, BIAS] = bias
         covariance[:, :, VELOCITY, VELOCITY] = velocity_covariance
         covariance[:, :, TURN, TURN] = dynamics.turn_rate**2 / 4
-        covariance[:, :, ACCELERATION, ACCELERATION] = dynamics.acceleration**2
+        covariance[:, :, ACCELERATION, ACCELERATION] = dynamics.first_acceleration**2
         state = self._state
         state.mean = np.concatenate([state.mean, mean])
         state.covariance = np.concatenate([state.covariance, covariance])
@@ -275,11 +278,10 @@ class BodyFilter:
             covariance[..., 2 + axis, 2 + axis] += white * dt + (1.0 - self._moves) * dynamics.standing**2
             covariance[..., 6 + axis, 6 + axis] += (self._walk + walk[:, None]) * dt
         speed = np.hypot(mean[..., 2], mean[..., 3])
-        turn_rate = np.minimum(dynamics.lateral_acceleration / np.maximum(speed, _SLOW), dynamics.turn_rate)
+        turn_rate = np.minimum(self._lateral_acceleration / np.maximum(speed, _SLOW), dynamics.turn_rate)
         covariance[..., TURN, TURN] += turn_rate**2 * -np.expm1(-2.0 * dt / dynamics.turn_time)
-        covariance[..., ACCELERATION, ACCELERATION] += dynamics.acceleration**2 * -np.expm1(
-            -2.0 * dt / dynamics.acceleration_time
-        )
+        gained = -np.expm1(-2.0 * dt / dynamics.acceleration_time)
+        covariance[..., ACCELERATION, ACCELERATION] += self._acceleration**2 * gained
 
     def update(self, rows: Indices, measurement: Measurement) -> Floats:
         """Update the given rows (m,) with a measurement each; return their NIS (m,), weighted as the modes are."""

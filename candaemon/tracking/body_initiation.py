@@ -15,11 +15,11 @@ from candaemon.estimation.measurement import Projection
 from candaemon.radar.detections import Detections
 from candaemon.tracking.bodies import Bodies
 from candaemon.tracking.body_association import Association, beside
-from candaemon.tracking.body_modes import DRIVING, FREE, SLIDING, STANDING
+from candaemon.tracking.body_modes import CRUISING, FREE, MANOEUVRING, SLIDING, STANDING
 from candaemon.tracking.reflections import to_travel_axes
 
 _LENGTH, _WIDTH = 4.5, 1.8  # m, a car's
-_FIRST_SHARE = np.array([0.5, 0.25, 0.02, 0.23])  # of the modes, in their order
+_FIRST_SHARE = np.array([0.3, 0.2, 0.25, 0.01, 0.24])  # of the modes, in their order
 _STANDING_SPREAD = 0.1  # m/s
 
 
@@ -70,8 +70,10 @@ class BodyInitiation:
         """Add a body that a detection shows first; return its row."""
         measurement = detections.measurement
         along, across = self._first_speed.along, self._first_speed.across
-        modes: list[tuple[Floats, Floats]] = [(np.zeros(2), np.zeros((2, 2)))] * 4
-        modes[DRIVING] = modes[SLIDING] = self._first_velocity(row, detections, heading, along, across)
+        modes: list[tuple[Floats, Floats]] = [(np.zeros(2), np.zeros((2, 2)))] * 5
+        modes[CRUISING] = modes[MANOEUVRING] = modes[SLIDING] = self._first_velocity(
+            row, detections, heading, along, across
+        )
         modes[FREE] = self._first_velocity(row, detections, heading, along, max(across, 0.4 * along))
         modes[STANDING] = np.zeros(2), np.eye(2) * _STANDING_SPREAD**2
         at = slice(row, row + 1)
@@ -82,7 +84,7 @@ class BodyInitiation:
             np.stack([covariance for _, covariance in modes])[None],
             _FIRST_SHARE[None],
         )
-        velocity = modes[DRIVING][0]
+        velocity = modes[CRUISING][0]
         backwards = float(velocity @ heading) < 0.0
         return bodies.add(detections.time_ns, -heading if backwards else heading, _LENGTH, _WIDTH)
 

@@ -2,34 +2,59 @@
 
 from __future__ import annotations
 
-from candaemon.config.vehicle import VehicleEstimatorSettings
+from dataclasses import replace
+
+from candaemon.config.vehicle import DrivingSettings, VehicleEstimatorSettings
 from candaemon.estimation.body_filter import BodyDynamics, BodyMode
 
-DRIVING, STANDING, SLIDING, FREE = range(4)
+CRUISING, MANOEUVRING, STANDING, SLIDING, FREE = range(5)
 
 
 def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
-    """Return the modes in the order of `DRIVING`, `STANDING`, `SLIDING`, `FREE`."""
-    driving, standing, sliding, free = settings.driving, settings.standing, settings.sliding, settings.free
+    """Return the modes in the order of `CRUISING`, `MANOEUVRING`, `STANDING`, `SLIDING`, `FREE`."""
+    cruising, manoeuvring, sliding, free = settings.cruising, settings.manoeuvring, settings.sliding, settings.free
     return (
-        BodyMode(moves=True, steers=True, velocity_noise=driving.noise, bias_walk=0.0, dwell=driving.dwell),
-        BodyMode(moves=False, steers=False, velocity_noise=0.0, bias_walk=0.0, dwell=standing.dwell),
+        _driving(cruising),
+        _driving(manoeuvring),
         BodyMode(
-            moves=True, steers=True, velocity_noise=driving.noise / 4, bias_walk=sliding.walk, dwell=sliding.dwell
+            moves=False,
+            acceleration=0.0,
+            lateral_acceleration=0.0,
+            velocity_noise=0.0,
+            bias_walk=0.0,
+            dwell=settings.standing.dwell,
         ),
-        BodyMode(moves=True, steers=False, velocity_noise=free.noise, bias_walk=0.0, dwell=free.dwell),
+        replace(_driving(cruising), bias_walk=sliding.walk, dwell=sliding.dwell),
+        BodyMode(
+            moves=True,
+            acceleration=0.0,
+            lateral_acceleration=0.0,
+            velocity_noise=free.noise,
+            bias_walk=0.0,
+            dwell=free.dwell,
+        ),
+    )
+
+
+def _driving(settings: DrivingSettings) -> BodyMode:
+    return BodyMode(
+        moves=True,
+        acceleration=settings.acceleration,
+        lateral_acceleration=settings.lateral_acceleration,
+        velocity_noise=settings.noise,
+        bias_walk=0.0,
+        dwell=settings.dwell,
     )
 
 
 def dynamics_of(settings: VehicleEstimatorSettings) -> BodyDynamics:
     """Return what holds in all modes."""
-    driving, places = settings.driving, settings.reflections
+    places = settings.reflections
     return BodyDynamics(
-        acceleration=driving.acceleration,
-        acceleration_time=driving.acceleration_time,
-        lateral_acceleration=driving.lateral_acceleration,
-        turn_rate=driving.turn_rate,
-        turn_time=driving.turn_time,
+        first_acceleration=settings.first_acceleration,
+        acceleration_time=settings.acceleration_time,
+        turn_rate=settings.turn_rate,
+        turn_time=settings.turn_time,
         standing=settings.standing.speed,
         bias_time=places.bias_time,
         first_bias=places.first_bias,
