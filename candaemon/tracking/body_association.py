@@ -11,7 +11,7 @@ from candaemon.config.tracker import AssociationSettings, ReflectionSettings
 from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.radar.detections import Detections
 from candaemon.tracking.association import nearest_neighbours, pair_nis
-from candaemon.tracking.bodies import Bodies
+from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import to_travel_axes
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.body_filter import VELOCITY
-from candaemon.tracking.bodies import Bodies
+from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import to_travel_axes
 
 _COURSE_SPEED = 4.0  # m/s, above which the course is known well enough to join by it

@@ -6,7 +6,7 @@ import numpy as np
 
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import POSITION, VELOCITY, acceleration
-from candaemon.tracking.bodies import Bodies
+from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.update import Used
 

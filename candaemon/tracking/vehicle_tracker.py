@@ -18,7 +18,7 @@ from candaemon.estimation.smoothing import Link
 from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView
-from candaemon.tracking.bodies import Bodies, BodiesState
+from candaemon.tracking.body_store import Bodies, BodiesState
 from candaemon.tracking.body_association import Association, associate
 from candaemon.tracking.body_initiation import BodyInitiation
 from candaemon.tracking.body_measurement import of_bodies
