@@ -13,9 +13,9 @@ from candaemon.ego.pose import EgoPose
 from candaemon.estimation.kalman import update_scalar
 from candaemon.estimation.measurement import Projection
 from candaemon.radar.detections import Detections
-from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.body_association import Association, beside
 from candaemon.tracking.body_modes import CRUISING, FREE, MANOEUVRING, SLIDING, STANDING
+from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import to_travel_axes
 
 _LENGTH, _WIDTH = 4.5, 1.8  # m, a car's

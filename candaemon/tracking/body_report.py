@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.body_filter import POSITION, VELOCITY, acceleration
+from candaemon.estimation.body_filter import POSITION, TURN, VELOCITY, acceleration
+from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.box import classes
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.update import Used
 
 _HISTORY_LENGTH = 32  # scans in an obstacle's history
+_LEAST_SPEED = 0.5  # m/s; slower, nothing turns
+_SURELY = 0.9  # probability of standing
 
 
 def report(bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int) -> Obstacles:
@@ -30,6 +34,10 @@ def report(bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int) -> Obstacle
     both[:2, :2] = both[2:, 2:] = turn
     covariance = both.T @ moments.covariance[:, :4, :4] @ both
     deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    axis = obstacles.axis @ turn
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    standing = bodies.filter.probability[:, STANDING] > _SURELY
+    centre = place - obstacles.facing @ turn
     status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
     status[~obstacles.confirmed] = TENTATIVE
     return Obstacles(
@@ -53,6 +61,15 @@ def report(bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int) -> Obstacle
         age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
         existence=np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _HISTORY_LENGTH),
         sensors=obstacles.sensors.copy(),
+        heading=np.arctan2(axis[:, 1], axis[:, 0]),
+        yaw_rate=np.where(speed > _LEAST_SPEED, mean[:, TURN], 0.0),
+        length=obstacles.length.copy(),
+        width=obstacles.width.copy(),
+        center_x=centre[:, 0],
+        center_y=centre[:, 1],
+        kind=classes(obstacles.length, obstacles.width, obstacles.length_variance, speed, standing),
+        kind_likelihood=np.full(len(obstacles), np.nan),
+        covariance=covariance,
         used_row=used.reflection,
         used_sensor=np.full(len(used.objects), used.sensor, dtype=np.int64),
         used_object=used.objects,

@@ -18,12 +18,13 @@ from candaemon.estimation.smoothing import Link
 from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView
-from candaemon.tracking.body_store import Bodies, BodiesState
+from candaemon.tracking import box
 from candaemon.tracking.body_association import Association, associate
 from candaemon.tracking.body_initiation import BodyInitiation
 from candaemon.tracking.body_measurement import of_bodies
 from candaemon.tracking.body_merging import merge_candidates, split_candidates
 from candaemon.tracking.body_report import report
+from candaemon.tracking.body_store import Bodies, BodiesState
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.reflections import to_travel_axes
@@ -155,6 +156,7 @@ class VehicleTracker:
         if detections is not None and self.settings.reflections.merge and len(self):
             self._hand_over()
             self._merge_and_split()
+        self._bodies.obstacles.facing = box.facing_offsets(self._bodies, pose)
         if link is not None:
             moments = self._bodies.moments()
             state, covariance = reported(moments.mean, moments.covariance)
@@ -247,6 +249,7 @@ class VehicleTracker:
         for each, key in zip(row.tolist(), detections.object_id[rows].tolist(), strict=True):
             if reflections.object_id[each] != key or reflections.sensor[each] != detections.sensor:
                 bodies.assign_id(each, detections.sensor, key)
+        box.learn(bodies, rows, row, detections)
         reflections.last_ns[row] = detections.time_ns
         obstacles.last_ns[seen] = detections.time_ns
         obstacles.history[seen] |= 1

@@ -1,0 +1,119 @@
+"""The boxes of bodies: length, width and axis from what sensors say and from where reflections lie; their class.
+
+Where reflections lie tells how long a body is at least, seldom how long it is: so a box grows at once with them, and
+what the sensors say of sizes and headings is averaged.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.ego.pose import EgoPose
+from candaemon.estimation.body_filter import POSITION
+from candaemon.estimation.outline import facing_point
+from candaemon.radar.detections import Detections
+from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
+
+_SIZE_NOISE = 0.5  # m, of a size that a sensor tells
+_HEADING_SHARE = 0.1  # of a heading that a sensor tells, a scan
+_SIZE_WALK = 0.05  # m²/s, at which what is known of a size grows old
+_MARGIN = 0.4  # m by which a body goes on behind its outermost reflections, both sides together
+_GROWTH = 0.2  # share of what reflections show beyond a size, a scan
+_CLASSES = 6
+UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(_CLASSES)
+_TRUCK_LENGTH, _NARROW, _WALKING = 7.0, 1.1, 3.5
+
+
+def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detections) -> None:
+    """Let boxes learn from the detections of a scan.
+
+    Args:
+        bodies: updated with the scan.
+        rows: of the detections that belong to a reflection (m,).
+        reflections: rows of those (m,).
+        detections: the scan.
+    """
+    obstacles, body = bodies.obstacles, bodies.reflections.body[reflections]
+    if detections.length is not None:
+        _average(obstacles.length, obstacles.length_variance, body, detections.length[rows])
+    if detections.width is not None:
+        _average(obstacles.width, obstacles.width_variance, body, detections.width[rows])
+    if detections.heading is not None:
+        _turn(bodies, body, detections.heading[rows])
+    _grow(bodies)
+
+
+def _average(size: Floats, variance: Floats, body: Indices, told: Floats) -> None:
+    """Average sizes (k,) with those told (m,) of their bodies, as a Kalman filter does."""
+    known = np.isfinite(told)
+    if not known.any():
+        return
+    body, told = body[known], told[known]
+    count = np.bincount(body, minlength=len(size))
+    seen = count > 0
+    mean = np.bincount(body, told, len(size))[seen] / count[seen]
+    prior = variance[seen] + _SIZE_WALK * 0.05
+    gain = prior / (prior + _SIZE_NOISE**2)
+    size[seen] += gain * (mean - size[seen])
+    variance[seen] = (1.0 - gain) * prior
+
+
+def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
+    """Turn axes towards the headings that a sensor tells."""
+    known = np.isfinite(heading)
+    axis = bodies.obstacles.axis
+    told = np.stack([np.cos(heading[known]), np.sin(heading[known])], axis=1)
+    turned = axis[body[known]] + _HEADING_SHARE * (told - axis[body[known]])
+    axis[body[known]] = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-6)[:, None]
+
+
+def _grow(bodies: Bodies) -> None:
+    """Let boxes hold all their reflections."""
+    obstacles, reflections = bodies.obstacles, bodies.reflections
+    if len(reflections) == len(obstacles):
+        return
+    for axis, size in ((0, obstacles.length), (1, obstacles.width)):
+        low, high = np.zeros(len(obstacles)), np.zeros(len(obstacles))
+        np.minimum.at(low, reflections.body, reflections.offset[:, axis])
+        np.maximum.at(high, reflections.body, reflections.offset[:, axis])
+        span = high - low
+        size += _GROWTH * np.maximum(np.where(span > 0.0, span + _MARGIN, 0.0) - size, 0.0)
+
+
+def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
+    """Return the reference points minus the centres of the boxes (k, 2), local frame, m.
+
+    Args:
+        bodies: with their boxes.
+        pose: of the vehicle, whose origin they face.
+    """
+    obstacles = bodies.obstacles
+    centre = bodies.moments().mean[:, POSITION] - obstacles.facing
+    observer = to_travel_axes(np.array([pose.east, pose.north]) - centre, obstacles.axis)
+    return from_travel_axes(facing_point(observer, obstacles.length / 2, obstacles.width / 2), obstacles.axis)
+
+
+def classes(
+    length: Floats, width: Floats, length_variance: Floats, speed: Floats, standing: Booleans
+) -> NDArray[np.int8]:
+    """Return the class of each body (k,), as far as its size and speed tell: `UNKNOWN` else.
+
+    Args:
+        length: m.
+        width: m.
+        length_variance: m².
+        speed: m/s.
+        standing: which bodies stand and never moved.
+    """
+    told = length_variance < 1.0
+    kind = np.full(len(length), UNKNOWN, dtype=np.int8)
+    kind[told & (width >= _NARROW)] = CAR
+    kind[length > _TRUCK_LENGTH] = TRUCK
+    small = told & (width < _NARROW)
+    kind[small & (speed > _WALKING)] = TWO_WHEELER
+    kind[small & (speed <= _WALKING) & (length < _NARROW)] = PEDESTRIAN
+    kind[standing] = STANDING
+    return kind
