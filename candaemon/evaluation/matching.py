@@ -175,8 +175,8 @@ def assign(
     ]
     rows = np.array([row for row, _ in kept], dtype=np.int64)
     columns = np.array([k for _, k in kept], dtype=np.int64)
-    free_rows = np.setdiff1d(np.flatnonzero(near.any(axis=1)), rows)
-    free_columns = np.setdiff1d(np.flatnonzero(near.any(axis=0)), columns)
+    near[rows] = near[:, columns] = False
+    free_rows, free_columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
     if not len(free_rows) or not len(free_columns):
         return rows, columns
     part = np.ix_(free_rows, free_columns)

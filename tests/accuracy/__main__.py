@@ -17,7 +17,7 @@ from candaemon.config.load import load_config
 from candaemon.errors import CandaemonError
 from candaemon.evaluation.printing import print_sections
 from tests.accuracy.measured import measured, to_stderr
-from tests.accuracy.score_tables import as_json, sections
+from tests.accuracy.score_tables import as_json, notes, sections
 from tests.accuracy.simulated_runs import Job, bound, scenario_of
 from tests.support.paths import ROOT
 
@@ -68,7 +68,10 @@ def main(words: Sequence[str] | None = None) -> int:
     result = measured(jobs, arguments.processes, to_stderr)
     if not result.scores:
         shown.error("; ".join(sorted(set(result.refused.values()))))
-    print_sections(console(), tuple(sections(result)))
+    shown_on = console()
+    print_sections(shown_on, sections(result))
+    for line in notes(result):
+        shown_on.out(line)
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(as_json(result), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     return 0

@@ -9,6 +9,8 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 
 from candaemon.errors import CandaemonError
+from candaemon.pipeline.pipeline import Pipeline
+from tests.accuracy.oracle import knows_the_truth, sources
 from tests.accuracy.scores import Score, scored
 from tests.accuracy.simulated_runs import Job, cycles_of, simulated, track_rows, truth_rows
 from tests.accuracy.slot_filters import GRID, SlotFilters, with_simulated_noise
@@ -25,11 +27,12 @@ def naive_name(density: float) -> str:
 def run(job: Job) -> dict[str, Score]:
     """Return the scores of one run: the project's, and those of the references."""
     simulation, pipeline = simulated(job)
+    frames = list(simulation.frames())
     sensors = [sensor.settings for sensor in pipeline.binding.sensors]
     filters = SlotFilters(tuple(each.cycle_time for each in sensors))
     noise = simulation.scenario.measurement.noise
     obstacles = []
-    for cycle in cycles_of(simulation, pipeline):
+    for cycle in cycles_of(frames, pipeline):
         obstacles.append(cycle.obstacles)
         detections = cycle.detections
         if detections is not None:
@@ -38,6 +41,9 @@ def run(job: Job) -> dict[str, Score]:
     truth = truth_rows(simulation)
     scores = {DEFAULT: scored(track_rows(obstacles), truth)}
     scores |= {naive_name(density): scored(filters.rows_of(k), truth) for k, density in enumerate(GRID)}
+    informed = Pipeline(pipeline.binding)
+    if knows_the_truth(informed, sources(simulation)):
+        scores[ORACLE] = scored(track_rows([cycle.obstacles for cycle in cycles_of(frames, informed)]), truth)
     return scores
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -140,10 +140,21 @@ def sections(result: Measured) -> Iterator[Section]:
     whole = trio(result, density)
     if whole is not None:
         yield from _groups(whole)
-    yield Section("legend", ("", ""), (("!", "not what it should be"), *LEGEND))
-    if result.refused:
-        rows = tuple((f"{one} {other}", why) for (one, other), why in sorted(result.refused.items()))
-        yield Section("cannot be run", ("", ""), rows)
+
+
+def notes(result: Measured) -> Iterator[str]:
+    """Yield what the figures mean, and what could not be run, as lines of text."""
+    yield from _listed("legend", (("!", "not what it should be"), *LEGEND))
+    refused = [(f"{scenario} {config}", why) for (scenario, config), why in sorted(result.refused.items())]
+    yield from _listed("cannot be run", refused)
+
+
+def _listed(title: str, entries: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """Yield names and texts side by side under a title; nothing of none."""
+    if entries:
+        yield title
+    width = max((len(name) for name, _ in entries), default=0)
+    yield from (f"  {name.ljust(width)}  {text}" for name, text in entries)
 
 
 def _grid(result: Measured, chosen: float) -> Section:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -18,6 +18,7 @@ from candaemon.config.load import load_config
 from candaemon.config.tracker import TrackerSettings
 from candaemon.evaluation.tables import STATES, TrackTable
 from candaemon.frames.bodies import CLASSES
+from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario, load_scenario
@@ -97,9 +98,9 @@ def simulated(job: Job) -> tuple[Simulation, Pipeline]:
     return Simulation(scenario_of(job.scenario), binding, job.seed), Pipeline(binding)
 
 
-def cycles_of(simulation: Simulation, pipeline: Pipeline) -> Iterator[Cycle]:
-    """Yield the cycles of a simulation's frames, up to its last frame."""
-    yield from pipeline.run(simulation.frames())
+def cycles_of(frames: Iterable[Frame], pipeline: Pipeline) -> Iterator[Cycle]:
+    """Yield the cycles of frames, up to the last one."""
+    yield from pipeline.run(frames)
     yield from pipeline.finish()
 
 

@@ -27,7 +27,7 @@ from candaemon.simulation.scenario import NoiseOverride
 from candaemon.tracking.obstacles import CONFIRMED
 from tests.accuracy.simulated_runs import TrackRows
 
-GRID: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
+GRID: Final = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 """Power spectral densities of the white acceleration that are tried, m²/s³."""
 FIRST_PLACE, FIRST_SPEED = 100.0, 10.0
 """Standard deviations before the first detection: m around it, m/s over ground around rest."""

@@ -11,7 +11,9 @@ from filterpy.kalman import KalmanFilter
 
 from candaemon.evaluation.pair_errors import ALL
 from tests.accuracy.__main__ import main
-from tests.accuracy.simulated_runs import Job, cycles_of, simulated
+from tests.accuracy.oracle import knows_the_truth, sources
+from tests.accuracy.scores import scored
+from tests.accuracy.simulated_runs import Job, cycles_of, simulated, track_rows, truth_rows
 from tests.accuracy.slot_filters import FIRST_PLACE, FIRST_SPEED, SlotFilters, constant_velocity
 from tests.support.paths import ROOT
 
@@ -39,7 +41,7 @@ def test_n_is_filterpys_filter(config: str, scenario: Path) -> None:
     ours = SlotFilters((pipeline.binding.sensors[0].settings.cycle_time,), (0.3, density))
     theirs: dict[int, KalmanFilter] = {}
     time_ns = 0
-    for cycle in cycles_of(simulation, pipeline):
+    for cycle in cycles_of(simulation.frames(), pipeline):
         detections = cycle.detections
         if detections is None:
             continue
@@ -82,6 +84,20 @@ def test_the_command_tells_figures_and_writes_them(
     samples = {by: sum(group["samples"] for group in groups.values()) for by, groups in ours["groups"].items()}
     assert samples["age"] == samples["range"] == samples["manoeuvre"] == samples["motion"] == samples[ALL[0]] > 50
     assert ours["missed"] == 0.0
+
+
+def test_o_keeps_one_obstacle_of_each_object_and_none_of_what_is_false(scenario: Path) -> None:
+    noisy = scenario.read_text().replace("clutter: 0", "clutter: 3").replace("reflections: 1", "reflections: 3")
+    scenario.write_text(noisy)
+    job = Job(ROOT / "config" / "esr_ins.yaml", scenario, 1, (("default", None), ("estimator.kind", "vehicle")))
+    simulation, pipeline = simulated(job)
+    assert knows_the_truth(pipeline, sources(simulation))
+    told = [cycle.obstacles for cycle in cycles_of(simulation.frames(), pipeline)]
+    assert set(np.concatenate([each.id for each in told]).tolist()) == {1, 2}
+    assert pipeline.trackers[0].counts.used > 4 * len(told)
+    score = scored(track_rows(told), truth_rows(simulation))
+    assert (score.switches, score.surplus, score.false, score.missed) == (0, 0, 0, 0)
+    assert score.value("position") < 1.0
 
 
 def test_settings_of_the_tracker_are_replaced_and_checked(capsys: pytest.CaptureFixture[str]) -> None:
