@@ -1,4 +1,4 @@
-"""Errors of paired tracks, and their means by age, range, visibility, manoeuvre and motion of the target.
+"""Errors of paired tracks, and their means by age, range, visibility, manoeuvre, motion and class of the target.
 
 A measure is a number of each pair whose mean is of interest: a squared error, a NEES, a share as 0 or 1; NaN where it
 is not known. Only sums and counts are kept, so that those of several drives can be added.
@@ -16,6 +16,7 @@ from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.evaluation.chi_square import chi2_quantile
 from candaemon.evaluation.pairing import Pairing
 from candaemon.evaluation.tables import TrackTable
+from candaemon.frames.bodies import CLASSES
 from candaemon.tracking.obstacles import COASTING
 
 MOVING: Final = 2.0
@@ -31,6 +32,7 @@ AGES: Final = (0.5, 1.0, 2.0, 4.0)
 RANGES: Final = (20.0, 40.0, 80.0)
 ACCELERATIONS: Final = (0.5, 2.0)
 
+_PEDESTRIAN = CLASSES.index("pedestrian")
 _SQUARES = ("x", "y", "vx", "vy", "ax", "ay", "along", "across", "v_along", "v_across", "heading", "yaw_rate")
 _SUMS_OF_SQUARES = {"position": ("x", "y"), "velocity": ("vx", "vy"), "acceleration": ("ax", "ay")}
 _SIZES = ("length", "width")
@@ -135,6 +137,7 @@ class _PairSamples:
         coasting: whether the track has not been detected in this cycle.
         sized: whether the size may be judged: old enough, and two sides seen for long enough.
         length, width: true ones, NaN for a point.
+        kind: true class, an index into `CLASSES`.
     """
 
     def __init__(self, pairing: Pairing, reported: Integers, true: Integers) -> None:
@@ -160,6 +163,7 @@ class _PairSamples:
         self.length, self.width = (
             np.where(size > 0.0, size, np.nan) for size in (truth.length[true], truth.width[true])
         )
+        self.kind = truth.kind[true]
         two = truth.sides[true] >= 2
         who = np.stack([tracks.id[reported], truth.id[true]])
         self.sized = (self.since >= SIZED_AFTER) & (_seen_for(two, who, truth.time_ns[true]) >= TWO_SIDES_FOR)
@@ -199,8 +203,9 @@ def _measures(samples: _PairSamples, covariance: Floats) -> dict[str, Floats]:
     error = samples.error
     values = {name: error[name] ** 2 for name in _SQUARES}
     values |= {name: values[a] + values[b] for name, (a, b) in _SUMS_OF_SQUARES.items()}
-    values["heading"] = np.where(samples.speed > MOVING, np.degrees(error["heading"]) ** 2, np.nan)
-    values["heading_known"] = np.where(samples.speed > MOVING, np.isfinite(error["heading"]), np.nan)
+    drives = (samples.speed > MOVING) & np.isfinite(samples.length) & (samples.kind != _PEDESTRIAN)
+    values["heading"] = np.where(drives, np.degrees(error["heading"]) ** 2, np.nan)
+    values["heading_known"] = np.where(drives, np.isfinite(error["heading"]), np.nan)
     values["center"] = error["center_x"] ** 2 + error["center_y"] ** 2
     for name, size in (("length", samples.length), ("width", samples.width)):
         relative = np.where(samples.sized, error[name] / size, np.nan)
@@ -242,6 +247,11 @@ def _groups(samples: _PairSamples, visible: Booleans, settle: float) -> Iterable
     yield ("motion", "standing"), counted & ~moving
     yield ("motion", "along the line of sight"), counted & moving & (samples.aspect <= np.pi / 4)
     yield ("motion", "crossing"), counted & moving & (samples.aspect > np.pi / 4)
+    solid = np.isfinite(samples.length)
+    yield ("target", "point"), counted & ~solid
+    for code, name in enumerate(CLASSES):
+        if name != "standing":  # which no actor is
+            yield ("target", name), counted & solid & (samples.kind == code)
 
 
 def _binned(

@@ -173,7 +173,7 @@ class BoxErrors:
     """RMSE of what only a body has, over settled pairs with a visible actor; null where a table lacks the columns.
 
     Attributes:
-        heading: deg, of actors that move at more than 2 m/s.
+        heading: deg, of vehicles that move at more than 2 m/s.
         heading_known: share of their samples in which the track has a heading.
         yaw_rate: rad/s.
         length: relative, of tracks that are 3 s old and have seen two sides of the actor for half a second.
@@ -199,7 +199,8 @@ class GroupErrors:
 
     Attributes:
         by: what the pairs are grouped by: `all`, `age` (s since confirmation, settling included), `range`,
-            `visibility` (`hidden` pairs are in no other group), `manoeuvre` (the actor's acceleration) or `motion`.
+            `visibility` (`hidden` pairs are in no other group), `manoeuvre` (the actor's acceleration), `motion` or
+            `target` (the actor's class; `point` where it has no box).
         group: which group of these.
         samples: pairs.
         position: RMSE in the plane, m.

@@ -184,6 +184,8 @@ def _groups(whole: Trio) -> Iterator[Section]:
     rows = [("wanted", "", *(column.wanted for column in GROUP_COLUMNS))]
     for group in sums.groups:
         pairs = int(sums.pairs[sums.groups.index(group)])
+        if not pairs:
+            continue
 
         def figures(score: Score, group: tuple[str, str] = group) -> dict[str, float]:
             return {name: score.value(name, group) for name in PAIR_FIGURES}

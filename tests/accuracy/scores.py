@@ -32,7 +32,7 @@ LEGEND: Final = (
     ("false", f"confirmed obstacles that come to lie more than {OPTIONS.gate:g} m from every true object, a minute"),
     ("missed", f"cycles without an obstacle of an actor visible for {OPTIONS.patience:g} s without a break, share"),
     ("moving", f"a target faster than {MOVING:g} m/s over ground"),
-    ("heading", "RMS over moving targets that have an outline, deg; known: share of their samples with a heading"),
+    ("heading", "RMS over moving vehicles, deg; known: share of their samples with a heading"),
     (
         "length, width",
         f"RMS of the relative error from {SIZED_AFTER:g} s after confirmation on, where two sides were seen",
@@ -46,6 +46,7 @@ LEGEND: Final = (
     ("age", "s since the obstacle's confirmation"),
     ("hidden", "the actor is in no field of view, or covered; counts in no other line"),
     ("manoeuvre", "the target's acceleration over ground"),
+    ("target", "class of the actor in the truth; point: it has no box"),
     ("N", "a constant-velocity Kalman filter with range rate for each slot of the radar, every live slot an obstacle"),
     ("O", "the project's default estimator, given the true association"),
 )

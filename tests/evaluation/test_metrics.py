@@ -291,6 +291,7 @@ def test_errors_are_split_along_the_course_and_by_group() -> None:
     assert group(result, "visibility", "coasting").samples == 10
     assert group(result, "visibility", "hidden").samples == 20
     assert group(result, "motion", "crossing").samples == 60
+    assert group(result, "target", "point").samples == 60
     assert group(result, "range", "20 to 40 m").samples == 60
     assert group(result, "manoeuvre", "0 to 0.5 m/s²").position == pytest.approx(0.5)
     assert {name: nees.mean for name, nees in result.nees_of.items()} == pytest.approx(
