@@ -53,7 +53,7 @@ def bind_reader(
         with collected(errors):
             pairs.append(read.row(name, place.at("pair", index)))
     identity: Row | None = None
-    if form.identity is not None:
+    if form.identity:
         with collected(errors):
             identity = read.row(form.identity, place.at("identity"))
     for kind, named in (("fixed", form.fixed), ("empty", form.empty)):

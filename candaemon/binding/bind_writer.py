@@ -86,7 +86,7 @@ def bind_writer(
     protections = layout_protections(layouts, form, protection, location)
     counting += [each.settings.counter for each in protections if each.settings.counter is not None]
     with collected(errors):
-        _add_counters_and_identity(written, [*form.pair, *counting], form.identity, location)
+        _add_counters_and_identity(written, [*form.pair, *counting], form.identity or None, location)
     raise_all(errors)
     return ObjectWriter(
         slots=form.slots,

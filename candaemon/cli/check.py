@@ -151,7 +151,7 @@ def _format(form: ObjectFormat, parts: Iterable[MessageLayout]) -> Iterator[tupl
         )
         yield "messages", f"{names}, {ids}, {part.length} bytes" + (", optional" if part.optional else "")
     yield "slots", f"{form.slots}" + (", told apart by an id in the payload" if form.multiplexed else "")
-    yield "identity", form.identity or "the slot"
+    yield "identity", "none" if form.identity is False else form.identity or "the slot"
     yield "valid", _conditions(form.valid) or "always"
     if form.new:
         yield "new", _conditions(form.new)

@@ -66,7 +66,10 @@ class ObjectFormat(Settings):
     slots: int = Field(ge=1, le=256, description="objects the format can hold")
     first: int = Field(0, ge=0, le=1_000_000, description="number of the first slot in the messages' names")
     step: int = Field(1, ge=1, le=1_000_000, description="difference of the numbers of neighbouring slots")
-    identity: DbcName | None = Field(None, description="signal that is the object's identity; default: the slot is")
+    identity: DbcName | Literal[False] | None = Field(
+        None,
+        description="signal that is the object's identity; default: the slot is; false: it has none",
+    )
     pair: tuple[DbcName, ...] = Field((), description="signals, one a message, that must be equal within an object")
     valid: tuple[Condition, ...] = Field((), description="all must hold for an object to be used")
     new: tuple[Condition, ...] = Field((), description="all hold on an object's first appearance in its slot")
@@ -88,6 +91,12 @@ class ObjectFormat(Settings):
                 )
         if any(by_name) and not all(by_name):
             raise ValueError("either every message of an object has {slot} in its name or none has")
+        return self
+
+    @model_validator(mode="after")
+    def _new_is_of_an_identity(self) -> ObjectFormat:
+        if self.identity is False and self.new:
+            raise ValueError("identity is false, so no slot keeps its object, but new is given; leave one of them out")
         return self
 
     @property
@@ -266,6 +275,11 @@ class SensorSettings(Settings):
     front_end: LfmFskSettings | None = Field(
         None, description="how the simulation makes range and range rate; default: truth with the noise above"
     )
+
+    @property
+    def identified(self) -> bool:
+        """Whether its object ids say which object it was in the scan before."""
+        return self.objects.identity is not False
 
     @model_validator(mode="after")
     def _front_end_is_a_radars(self) -> SensorSettings:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import TypeAlias
 
@@ -98,6 +98,7 @@ class Config(Settings):
                     yield ("buses", bus), f"'{name}' is bus '{owner}' in a log already; give a log_channel of its own"
         yield from self._earth_problems()
         yield from self._group_problems()
+        yield from self._identity_problems()
 
     def _earth_problems(self) -> Iterator[tuple[Location, str]]:
         """Yield each setting that needs a georeference where none is configured."""
@@ -109,6 +110,19 @@ class Config(Settings):
             for quantity in self.output.signals:
                 if quantity in {"latitude", "longitude"}:
                     yield ("output", "signals", quantity), "no place on earth is known; give ego.gnss, of an INS"
+
+    def _identity_problems(self) -> Iterator[tuple[Location, str]]:
+        """Yield each tracker that associates by identities alone where one of its sensors has none."""
+        grouped = {sensor for group in self.groups.values() for sensor in group.sensors}
+        trackers: list[tuple[Location, TrackerSettings, Iterable[str]]] = [
+            (("groups", name, "tracker"), group.tracker, group.sensors) for name, group in self.groups.items()
+        ]
+        trackers.append((("tracker",), self.tracker, [name for name in self.sensors if name not in grouped]))
+        for location, tracker, sensors in trackers:
+            for name in sensors:
+                if tracker.association.method == "id" and name in self.sensors and not self.sensors[name].identified:
+                    problem = f"sensor '{name}' tells no identity (objects.identity: false), expected nearest"
+                    yield (*location, "association", "method"), problem
 
     def _group_problems(self) -> Iterator[tuple[Location, str]]:
         """Yield each sensor of a group that does not exist or is already in another group."""

@@ -57,7 +57,7 @@ class DriveScore:
             return
         known = np.isfinite(update.nis)
         self.nis.add(update.nis[known], update.degrees_of_freedom[known])
-        new = detections.new | self._id_reassigned(cycle)
+        new = detections.new | self._id_reassigned(cycle) | (not detections.identified)
         run = self._runs.update(detections.sensor, detections.time_ns, detections.object_id, new)
         self._run_of[detections.sensor, detections.time_ns] = run[update.detection]
         if len(self._run_of) > self._keep:

@@ -15,12 +15,13 @@ class Detections:
     Attributes:
         time_ns: measurement time.
         sensor: index of the sensor.
-        object_id: the sensor's own id of each object (n,): evidence, not identity.
+        object_id: the sensor's own id of each object (n,): evidence, not identity; its slot where there is none.
         new: the sensor says that the id names another object than before (n,).
         measurement: positions and speeds in the local frame.
         x, y: positions in vehicle axes (n,), m.
         length, width: as the sensor says (n,), m; NaN where it does not, None where it never does.
         heading: likewise, of the front in the local frame, positive to the left from east, −π to π rad.
+        identified: whether an object id says anything of another scan.
     """
 
     time_ns: int
@@ -33,6 +34,7 @@ class Detections:
     length: Floats | None = None
     width: Floats | None = None
     heading: Floats | None = None
+    identified: bool = True
 
     def __len__(self) -> int:
         return len(self.object_id)

@@ -84,6 +84,7 @@ class Mounting:
             if deviation is not None
         ]
         self._turning = settings.rates == "of_position"
+        self._identified = settings.identified
 
     def detections(self, scan: Scan, pose: EgoPose) -> Detections:
         """Return the scan's objects as seen from the pose, which is that of the scan's instant."""
@@ -124,6 +125,7 @@ class Mounting:
             None if self._length is None else values[self._length],
             None if self._width is None else values[self._width],
             None if self._heading is None else np.remainder(values[self._heading] + (yaw + np.pi), 2 * np.pi) - np.pi,
+            self._identified,
         )
 
     def _projections(

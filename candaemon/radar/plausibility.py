@@ -42,8 +42,8 @@ class ObjectPlausibility:
 
     An object that claims to be the one before (same slot and identity, not new) may not have moved faster than the
     limit. Slots and identities are reused without a cycle between: formats that do not say of every object whether it
-    is new are not watched. An object that is refused and reported again near there is accepted: the first place was
-    wrong.
+    is new are not watched, nor those without identities. An object that is refused and reported again near there is
+    accepted: the first place was wrong.
 
     Args:
         sensor: the bound sensor.
@@ -67,7 +67,7 @@ class ObjectPlausibility:
         self._polar = "range" in reader.quantities
         first, second = ("range", "azimuth") if self._polar else ("x", "y")
         self._first, self._second = reader.quantities.index(first), reader.quantities.index(second)
-        self._identified = form.identity is not None
+        self._identified = bool(form.identity)
         self._least_ns = round(sensor.settings.cycle_time * 5e8)
         self.watches: Final = len(self._ranged) > 0 or self._speed is not None
         known = slots if self._speed is not None else 0

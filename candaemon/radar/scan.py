@@ -15,7 +15,7 @@ class Scan:
     Attributes:
         time_ns: measurement time: the stamp of the scan's first or last frame, as configured, less the latency.
         sensor: index of the sensor.
-        object_id: (n,) the sensor's own identity of each object; its slot where the format has no identity.
+        object_id: (n,) the sensor's own identity of each object; its slot where the format has no identity signal.
         slot: (n,) slot from 0; the id in the payload where all objects share their messages. Ascending.
         new: (n,) the sensor says that the slot holds another object than before.
         values: (quantities, n) in SI and sensor axes, rows as the sensor's `reader.quantities`; NaN where an optional

@@ -34,7 +34,7 @@ class Selection:
     def __init__(self, sensor: BoundSensor, counts: ScanCounts) -> None:
         form, reader = sensor.settings.objects, sensor.reader
         self.counts, self._sensor = counts, sensor.index
-        self._has_identity = form.identity is not None
+        self._has_identity = bool(form.identity)
         self._has_pairs = len(form.pair) > 1
         self._may_lack = any(part.optional for part in reader.layouts) or any(
             binding.unknown is not None for binding in reader.bindings

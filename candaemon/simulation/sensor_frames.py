@@ -39,7 +39,7 @@ class SensorEncoder:
         form, scan = sensor.settings.objects, sensor.settings.scan
         self._settings, self._bus, self._transmission = sensor.settings, sensor.bus, transmission
         self._writer = bind_sensor_writer(sensor, where)
-        self._packed = form.identity is not None and not form.multiplexed
+        self._packed = bool(form.identity) and not form.multiplexed
         self._used_only = form.multiplexed or (isinstance(scan, HeaderScan) and scan.used_only)
         objects = {message.can_id: (part.index, message) for part in self._writer.layouts for message in part.messages}
         self._fd = frozenset(can_id for can_id, (_, message) in objects.items() if message.is_fd)

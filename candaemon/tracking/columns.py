@@ -40,7 +40,7 @@ class ReflectionTable(Table):
 
     Attributes:
         sensor: index of the sensor that reported it last.
-        object_id: that sensor's own id, −1 once the id has gone to something else.
+        object_id: that sensor's own id, −1 where it tells none, or once the id has gone to something else.
         obstacle: row of its obstacle.
         last_ns: when it was last detected.
     """

@@ -46,7 +46,8 @@ class TrackInitiation:
                 tracks.estimator.spawn(position, noise, velocity[at], spread[at])
             else:
                 tracks.estimator.clone(np.array([nearest]), position, noise)
-            tracks.add_reflection(owner, detections.sensor, int(detections.object_id[row]), detections.time_ns)
+            key = int(detections.object_id[row]) if detections.identified else None
+            tracks.add_reflection(owner, detections.sensor, key, detections.time_ns)
 
     def _first_velocity(self, detections: Detections, heading: Floats) -> tuple[Floats, Floats]:
         """Return first velocities over ground (n, 2) and their covariances (n, 2, 2).

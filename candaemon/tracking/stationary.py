@@ -121,6 +121,8 @@ class StationaryWatch:
 
     def _drift(self, obstacle: int, i: int, detections: Detections, pose: EgoPose) -> tuple[float, float] | None:
         """Follow one point; return its sideways motion, m, and distance × time, m·s, once it was watched for a span."""
+        if not detections.identified:
+            return None
         key = (detections.sensor, int(detections.object_id[i]))
         position, now_ns = detections.measurement.position[i], detections.time_ns
         anchors = self.state.anchors

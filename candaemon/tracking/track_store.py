@@ -152,7 +152,7 @@ class TrackStore:
         reflections, obstacles, sensor = self.reflections, self.obstacles, detections.sensor
         keys = detections.object_id[rows]
         renamed = (reflections.object_id[tracks] != keys) | (reflections.sensor[tracks] != sensor)
-        if renamed.any():
+        if detections.identified and renamed.any():
             for track, key in zip(tracks[renamed].tolist(), keys[renamed].tolist(), strict=True):
                 self.assign_id(track, sensor, key)
         reflections.last_ns[tracks] = detections.time_ns
@@ -219,8 +219,15 @@ class TrackStore:
         )
         return len(self.obstacles) - 1
 
-    def add_reflection(self, owner: int, sensor: int, key: int, time_ns: int) -> None:
-        """Append the reflection whose row the filter has just appended, as one of an obstacle."""
+    def add_reflection(self, owner: int, sensor: int, key: int | None, time_ns: int) -> None:
+        """Append the reflection whose row the filter has just appended, as one of an obstacle.
+
+        Args:
+            owner: row of the obstacle.
+            sensor: that detected it.
+            key: the sensor's object id; None where it tells none.
+            time_ns: of the detection.
+        """
         track = len(self.reflections)
         self.reflections.append(
             sensor=np.array([sensor]),
@@ -228,7 +235,8 @@ class TrackStore:
             obstacle=np.array([owner]),
             last_ns=np.array([time_ns]),
         )
-        self.assign_id(track, sensor, key)
+        if key is not None:
+            self.assign_id(track, sensor, key)
         self.obstacles.last_ns[owner] = time_ns
         self.obstacles.history[owner] |= 1
         self.obstacles.sensors[owner] |= 1 << sensor

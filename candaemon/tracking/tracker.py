@@ -221,8 +221,11 @@ class Tracker:
     def _tracks_of_ids(self, detections: Detections) -> tuple[Indices, Indices]:
         """Return the tracks that the sensor's ids stand for, and the rows of their detections.
 
-        An id that comes twice in a scan stands for nothing, nor does that of an object which the sensor calls new.
+        An id that comes twice in a scan stands for nothing, nor does that of an object which the sensor calls new, nor
+        any of a sensor that tells no identity.
         """
+        if not detections.identified:
+            return _NONE, _NONE
         track_of, distinct = self._tracks.rows_of(detections.sensor, detections.object_id)
         if np.count_nonzero(detections.new):
             track_of = np.where(detections.new, -1, track_of)

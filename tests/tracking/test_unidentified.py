@@ -1,0 +1,104 @@
+"""Sensors that tell no identity: slots that change from scan to scan mean nothing, place and speed everything."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from candaemon.arrays import Integers
+from candaemon.binding.bind import bind
+from candaemon.config.load import load_config
+from candaemon.config.tracker import TrackerSettings
+from candaemon.errors import ConfigError
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.simulation.scenario import load_scenario
+from candaemon.simulation.simulate import simulate
+from candaemon.tracking.obstacles import CONFIRMED
+from candaemon.tracking.tracker import Tracker
+from tests.support.builders import car, detections, pose
+from tests.support.paths import ROOT
+
+LANES = ((20.0, 0.0), (20.0, 6.0), (45.0, -3.5), (70.0, 0.0))
+
+
+@pytest.mark.parametrize("identified", [False, True])
+def test_slots_that_change_places_leave_the_obstacles_alone(identified: bool) -> None:
+    tracker, random = Tracker(TrackerSettings()), np.random.default_rng(3)
+    for k in range(60):
+        t, slots = 0.05 * k, random.permutation(len(LANES))
+        at = pose(t)
+        scan = detections(
+            at,
+            [car(int(slot), t, *place) for slot, place in zip(slots, LANES, strict=True)],
+            sensor=0,
+            noise=(0.1,) * 3,
+        )
+        obstacles = tracker.step(replace(scan, identified=identified), at)
+    assert sorted(obstacles.id) == [1, 2, 3, 4]
+    assert (obstacles.state == CONFIRMED).all()
+    jumps = tracker.counts.slot_jumps
+    assert jumps > 20 if identified else jumps == 0  # identities that do not hold cost a gate each
+
+
+def test_an_id_that_another_sensor_tells_stays() -> None:
+    tracker = Tracker(TrackerSettings())
+    for k in range(40):
+        at = pose(0.05 * k)
+        scan = detections(at, [car(7, 0.05 * k, 30.0)], sensor=k % 2, noise=(0.1,) * 3)
+        tracker.step(replace(scan, identified=k % 2 == 0), at)
+    assert len(tracker) == 1
+    assert tracker.state.tracks.row_of == {(0, 7): 0}
+    assert tracker.state.tracks.reflections.object_id.tolist() == [7]
+
+
+def _without_identity(folder: Path, *changes: tuple[str, str]) -> Path:
+    """Return ESR's configuration with slots that say nothing."""
+    text = (ROOT / "config" / "esr_ins.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
+    lines = [line for line in text.splitlines() if not line.lstrip().startswith("new:")]
+    text = "\n".join(lines).replace("      slots: 64", "      slots: 64\n      identity: false")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "vehicle.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_drive_without_identities_is_tracked(tmp_path: Path) -> None:
+    binding = bind(load_config(_without_identity(tmp_path)))
+    assert not binding.sensors[0].settings.identified
+    drive = simulate(load_scenario(ROOT / "config" / "scenarios" / "highway.yaml"), binding, seed=2)
+    pipeline = Pipeline(binding)
+    longest: dict[int, float] = {}
+    for k, cycle in enumerate(pipeline.run(drive.frames())):
+        assert cycle.detections is None or not cycle.detections.identified
+        longest |= dict(zip(cycle.obstacles.id.tolist(), cycle.obstacles.age.tolist(), strict=True))
+        if k == 160:
+            break
+    assert max(longest.values()) > 7.0
+    state = pipeline.trackers[0].state.tracks
+    assert state.row_of == {}
+    unnamed: Integers = np.full_like(state.reflections.object_id, -1)
+    assert (state.reflections.object_id == unnamed).all()
+
+
+def test_new_says_nothing_without_an_identity(tmp_path: Path) -> None:
+    path = _without_identity(tmp_path, ("identity: false", "identity: false\n      new: [{signal: X, in: [1]}]"))
+    with pytest.raises(ConfigError, match="identity is false, so no slot keeps its object"):
+        load_config(path)
+
+
+@pytest.mark.parametrize(
+    "tracker",
+    [
+        "tracker: {association: {method: id}}",
+        "groups: {ahead: {sensors: [front], tracker: {association: {method: id}}}}",
+    ],
+)
+def test_identities_cannot_be_associated_where_there_are_none(tmp_path: Path, tracker: str) -> None:
+    path = _without_identity(tmp_path, ("output:\n", f"{tracker}\noutput:\n"))
+    with pytest.raises(ConfigError, match=r"association.method: sensor 'front' tells no identity"):
+        load_config(path)
