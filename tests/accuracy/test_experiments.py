@@ -1,0 +1,41 @@
+"""That the experiments measure: a small share of each, whose figures hold by a wide margin."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tests.accuracy.experiments.__main__ import main
+from tests.accuracy.experiments.finding import Finding
+from tests.accuracy.experiments.on_recorded_drive import drive_findings
+
+
+def figures(findings: list[Finding]) -> dict[str, float]:
+    """Return the figures by name."""
+    return {one.name: one.value for one in findings}
+
+
+def test_a_figure_tells_whether_it_is_what_it_should_be() -> None:
+    assert Finding("a", 1.0, most=1.0).met
+    assert not Finding("a", 1.1, most=1.0).met
+    assert not Finding("a", math.nan, most=1.0).met
+    assert Finding("a", math.nan).met
+    assert Finding("a", 2.0, "", 1.0, 3.0).row() == ("a", "2", "", "1 to 3", "met")
+    assert Finding("a", math.nan, most=1.0).as_json() == {
+        "name": "a", "unit": "m", "value": None, "least": None, "most": 1.0, "met": False,
+    }  # fmt: skip
+
+
+@pytest.mark.usefixtures("drive")
+def test_the_recorded_drive_is_predicted() -> None:
+    found = figures(list(drive_findings("toyota_rav4_ins", (), 150)))
+    assert 0.0 < found["0.5 s ahead, along"] < found["1 s ahead, along"] < 1.0
+    assert found["duplicates"] < 5.0
+
+
+def test_wrong_words_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    for words, said in ((["nothing"], "invalid choice"), (["drive", "--tracker", "confirm"], "expected KEY=VALUE")):
+        with pytest.raises(SystemExit):
+            main(words)
+        assert said in capsys.readouterr().err
