@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from multiprocessing import get_context
 
 from candaemon.errors import CandaemonError
+from candaemon.evaluation.pairing import pair
+from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
-from tests.accuracy.oracle import knows_the_truth, sources
-from tests.accuracy.scores import Score, scored
+from candaemon.simulation.simulate import Simulation
+from tests.accuracy.oracle import informed, sources
+from tests.accuracy.scores import OPTIONS, Score, score_of, scored
 from tests.accuracy.simulated_runs import Job, cycles_of, simulated, track_rows, truth_rows
 from tests.accuracy.slot_filters import GRID, SlotFilters, with_simulated_noise
 
@@ -27,24 +32,30 @@ def naive_name(density: float) -> str:
 def run(job: Job) -> dict[str, Score]:
     """Return the scores of one run: the project's, and those of the references."""
     simulation, pipeline = simulated(job)
-    frames = list(simulation.frames())
+    cycles = list(cycles_of(simulation.frames(), pipeline))
+    truth = truth_rows(simulation)
+    scores = {DEFAULT: scored(track_rows([cycle.obstacles for cycle in cycles]), truth)}
+    told = informed(pipeline.binding, cycles, sources(simulation))
+    if told is not None:
+        scores[ORACLE] = scored(track_rows(told), truth)
+    naive = _filtered(simulation, pipeline, cycles)
+    pairing = pair(naive.rows_of(len(GRID) // 2).table, truth, OPTIONS)
+    for k, density in enumerate(GRID):
+        rows = naive.rows_of(k)
+        scores[naive_name(density)] = score_of(replace(pairing, tracks=rows.table), rows.covariance)
+    return scores
+
+
+def _filtered(simulation: Simulation, pipeline: Pipeline, cycles: Sequence[Cycle]) -> SlotFilters:
+    """Return the filters of reference N after all detections."""
     sensors = [sensor.settings for sensor in pipeline.binding.sensors]
     filters = SlotFilters(tuple(each.cycle_time for each in sensors))
     noise = simulation.scenario.measurement.noise
-    obstacles = []
-    for cycle in cycles_of(frames, pipeline):
-        obstacles.append(cycle.obstacles)
-        detections = cycle.detections
-        if detections is not None:
-            told = with_simulated_noise(detections, sensors[detections.sensor], noise, cycle.pose)
-            filters.step(told, cycle.pose)
-    truth = truth_rows(simulation)
-    scores = {DEFAULT: scored(track_rows(obstacles), truth)}
-    scores |= {naive_name(density): scored(filters.rows_of(k), truth) for k, density in enumerate(GRID)}
-    informed = Pipeline(pipeline.binding)
-    if knows_the_truth(informed, sources(simulation)):
-        scores[ORACLE] = scored(track_rows([cycle.obstacles for cycle in cycles_of(frames, informed)]), truth)
-    return scores
+    for cycle in cycles:
+        if cycle.detections is not None:
+            sensor = sensors[cycle.detections.sensor]
+            filters.step(with_simulated_noise(cycle.detections, sensor, noise, cycle.pose), cycle.pose)
+    return filters
 
 
 @dataclass(slots=True)
@@ -117,7 +128,9 @@ def _results(jobs: Sequence[Job], processes: int) -> Iterator[tuple[Job, dict[st
         for job in jobs:
             yield job, _attempt(job)
         return
-    with ProcessPoolExecutor(processes) as pool:
+    # a process a core: threads of the linear algebra would only wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         waiting = {pool.submit(_attempt, job): job for job in jobs}
         for done in as_completed(waiting):
             yield waiting[done], done.result()

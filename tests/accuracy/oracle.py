@@ -6,18 +6,20 @@ split. Estimation, confirmation and deletion are the project's own.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from candaemon.arrays import Indices, Integers
-from candaemon.ego.pose import EgoPose
-from candaemon.pipeline.pipeline import Pipeline
+from candaemon.binding.bound import Binding
+from candaemon.ego.pose import EgoPose, EgoStatus
+from candaemon.pipeline.cycle import Cycle
 from candaemon.radar.detections import Detections
 from candaemon.simulation.simulate import Simulation
 from candaemon.tracking.body_association import Association
-from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.groups import TrackerGroups
+from candaemon.tracking.obstacles import Obstacles, concatenated, no_obstacles
 from candaemon.tracking.vehicle_tracker import VehicleTracker
 
 Sources = Mapping[tuple[int, int], Mapping[int, int]]
@@ -32,14 +34,29 @@ def sources(simulation: Simulation) -> Sources:
     }
 
 
-def knows_the_truth(pipeline: Pipeline, truth: Sources) -> bool:
-    """Tell the truth to the trackers of a fresh pipeline; return whether they can be told: all are of vehicles."""
-    if not all(isinstance(tracker, VehicleTracker) for tracker in pipeline.trackers):
-        return False
-    informed = {id(tracker): OracleTracker.in_place_of(tracker, truth) for tracker in pipeline.trackers}
-    for trackers in (pipeline.trackers, pipeline.tracker_groups.by_sensor):
-        trackers[:] = [informed[id(tracker)] for tracker in trackers]
-    return True
+def informed(binding: Binding, cycles: Sequence[Cycle], truth: Sources) -> list[Obstacles] | None:
+    """Return the obstacles of trackers that are told the truth; None where some tracker cannot be told.
+
+    Args:
+        binding: the configuration.
+        cycles: of a pipeline: they have the detections and poses.
+        truth: what the detections are of.
+    """
+    groups = TrackerGroups(binding.settings, {sensor.name: sensor.settings for sensor in binding.sensors})
+    if not all(isinstance(tracker, VehicleTracker) for tracker in groups.trackers):
+        return None
+    told = {id(tracker): OracleTracker.in_place_of(tracker, truth) for tracker in groups.trackers}
+    by_sensor = [told[id(tracker)] for tracker in groups.by_sensor]
+    return [_advanced(list(told.values()), by_sensor, cycle) for cycle in cycles]
+
+
+def _advanced(trackers: Sequence[OracleTracker], by_sensor: Sequence[OracleTracker], cycle: Cycle) -> Obstacles:
+    """Return the obstacles of one more cycle, as the pipeline does it."""
+    detections = cycle.detections
+    if detections is None and cycle.pose.status is EgoStatus.LOST:
+        return no_obstacles(cycle.obstacles.time_ns)
+    mine = None if detections is None else by_sensor[detections.sensor]
+    return concatenated([each.step(detections if each is mine else None, cycle.pose) for each in trackers])
 
 
 class OracleTracker(VehicleTracker):

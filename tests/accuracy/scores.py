@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
+from candaemon.arrays import Floats
 from candaemon.evaluation.pair_errors import (
     ALL,
     MOVING,
@@ -15,7 +18,7 @@ from candaemon.evaluation.pair_errors import (
     MeasureSums,
     measure,
 )
-from candaemon.evaluation.pairing import histories, pair
+from candaemon.evaluation.pairing import Pairing, histories, pair
 from candaemon.evaluation.results import Options
 from candaemon.evaluation.tables import TrackTable
 from tests.accuracy.simulated_runs import TrackRows
@@ -48,6 +51,7 @@ LEGEND: Final = (
     ("manoeuvre", "the target's acceleration over ground"),
     ("target", "class of the actor in the truth; point: it has no box"),
     ("N", "a constant-velocity Kalman filter with range rate for each slot of the radar, every live slot an obstacle"),
+    ("", "paired alike for all process noises, as the middle one of the grid; the best over the whole set is taken"),
     ("O", "the project's default estimator, given the true association"),
 )
 """What the figures mean: name and text."""
@@ -114,11 +118,15 @@ PAIR_FIGURES: Final = (
 
 def scored(rows: TrackRows, truth: TrackTable) -> Score:
     """Return the score of one run's tracks."""
-    pairing = pair(rows.table, truth, OPTIONS)
+    return score_of(pair(rows.table, truth, OPTIONS), rows.covariance)
+
+
+def score_of(pairing: Pairing, covariance: Floats | None) -> Score:
+    """Return the score of one run's pairs, with the covariance of its tracks where they tell it."""
     history = histories(pairing)
     times = pairing.times_ns
     return Score(
-        sums=measure(pairing, rows.covariance),
+        sums=measure(pairing, covariance),
         runs=1,
         cycles=len(times),
         seconds=float(times[-1] - times[0]) / 1e9 if len(times) else 0.0,
@@ -127,7 +135,7 @@ def scored(rows: TrackRows, truth: TrackTable) -> Score:
         fragments=int(history.fragments.sum()),
         confirmed=int(pairing.confirmed.sum()),
         surplus=int(pairing.surplus.sum()),
-        false=len(set(rows.table.id[pairing.false].tolist())),
+        false=len(np.unique(pairing.tracks.id[pairing.false])),
         awaited=int(history.awaited.sum()),
         missed=int(history.missed.sum()),
     )

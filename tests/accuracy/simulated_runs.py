@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,15 @@ from candaemon.config.tracker import TrackerSettings
 from candaemon.evaluation.tables import STATES, TrackTable
 from candaemon.frames.bodies import CLASSES
 from candaemon.frames.frame import Frame
+from candaemon.frames.frame_block import block_of
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import Simulation
+from candaemon.simulation.slot_reports import SlotReport
 from candaemon.tracking.obstacles import Obstacles
+
+_FRAMES_AT_ONCE = 8192
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +46,20 @@ class Job:
     scenario: Path
     seed: int
     tracker: tuple[tuple[str, Any], ...] = ()
+
+
+class RememberingSimulation(Simulation):
+    """A simulation that simulates the sensors once, however often it is asked."""
+
+    def __init__(self, scenario: Scenario, binding: Binding, seed: int) -> None:
+        super().__init__(scenario, binding, seed)
+        self._reports: dict[int, list[tuple[int, SlotReport]]] = {}
+
+    def reports(self, sensor: int) -> Iterator[tuple[int, SlotReport]]:
+        """Yield the reports of one sensor."""
+        if sensor not in self._reports:
+            self._reports[sensor] = list(super().reports(sensor))
+        return iter(self._reports[sensor])
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +114,14 @@ def scenario_of(path: Path) -> Scenario:
 def simulated(job: Job) -> tuple[Simulation, Pipeline]:
     """Return the simulation of a job and a fresh pipeline for its frames."""
     binding = bound(job.config, job.tracker)
-    return Simulation(scenario_of(job.scenario), binding, job.seed), Pipeline(binding)
+    return RememberingSimulation(scenario_of(job.scenario), binding, job.seed), Pipeline(binding)
 
 
 def cycles_of(frames: Iterable[Frame], pipeline: Pipeline) -> Iterator[Cycle]:
     """Yield the cycles of frames, up to the last one."""
-    yield from pipeline.run(frames)
+    remaining = iter(frames)
+    blocks = iter(lambda: list(islice(remaining, _FRAMES_AT_ONCE)), [])
+    yield from pipeline.run_blocks(block_of(block) for block in blocks)
     yield from pipeline.finish()
 
 

@@ -11,7 +11,7 @@ from filterpy.kalman import KalmanFilter
 
 from candaemon.evaluation.pair_errors import ALL
 from tests.accuracy.__main__ import main
-from tests.accuracy.oracle import knows_the_truth, sources
+from tests.accuracy.oracle import informed, sources
 from tests.accuracy.scores import scored
 from tests.accuracy.simulated_runs import Job, cycles_of, simulated, track_rows, truth_rows
 from tests.accuracy.slot_filters import FIRST_PLACE, FIRST_SPEED, SlotFilters, constant_velocity
@@ -92,10 +92,11 @@ def test_o_keeps_one_obstacle_of_each_object_and_none_of_what_is_false(scenario:
     scenario.write_text(noisy)
     job = Job(ROOT / "config" / "esr_ins.yaml", scenario, 1, (("default", None), ("estimator.kind", "vehicle")))
     simulation, pipeline = simulated(job)
-    assert knows_the_truth(pipeline, sources(simulation))
-    told = [cycle.obstacles for cycle in cycles_of(simulation.frames(), pipeline)]
+    cycles = list(cycles_of(simulation.frames(), pipeline))
+    told = informed(pipeline.binding, cycles, sources(simulation))
+    assert told is not None
     assert set(np.concatenate([each.id for each in told]).tolist()) == {1, 2}
-    assert pipeline.trackers[0].counts.used > 4 * len(told)
+    assert sum(len(each.used_row) for each in told) > 4 * len(told)
     score = scored(track_rows(told), truth_rows(simulation))
     assert (score.switches, score.surplus, score.false, score.missed) == (0, 0, 0, 0)
     assert score.value("position") < 1.0
