@@ -21,7 +21,7 @@ from candaemon.dbc.types import Database, MessageSpec
 from candaemon.errors import ConfigError, DatabaseError
 from candaemon.frames.frame import EXTENDED
 
-FULL: Final = 0.6
+FULL: Final = 0.65
 """Share of a bus's time from which `check` warns."""
 DEFAULT_CYCLE_TIME: Final = 0.02
 """s, of a message whose cycle time the DBC does not give, for the bus load."""

@@ -34,6 +34,7 @@ UNITS: Final[dict[str, tuple[Dimension, float]]] = {
 
 DIMENSIONS: Final[dict[str, Dimension]] = {
     **dict.fromkeys(("x", "y", "range", "width", "length", "sx", "sy"), "length"),
+    **dict.fromkeys(("center_x", "center_y", "center_dx", "center_dy"), "length"),
     **dict.fromkeys(("azimuth", "heading", "slip", "latitude", "longitude"), "angle"),
     **dict.fromkeys(("vx", "vy", "range_rate", "rel_vx", "rel_vy", "svx", "svy", "speed"), "speed"),
     **dict.fromkeys(("velocity_north", "velocity_east", "left_wheels", "right_wheels"), "speed"),

@@ -33,8 +33,12 @@ from candaemon.objects.writer import LayoutWriter, ObjectWriter, QuantityColumn
 
 WRAPPING: Final = frozenset({"id", "counter", "sensors"})
 """Quantities that are written modulo the signal's number of values; the others saturate."""
-OPEN_ENDED: Final = frozenset({"age", "sx", "sy", "svx", "svy", "latitude", "longitude"})
-"""Quantities whose signal's end means "or more" or "not known": written as the end, which counts as no loss."""
+MAY_BE_UNKNOWN: Final = frozenset(
+    {"sx", "sy", "svx", "svy", "latitude", "longitude", "heading", "yaw_rate", "length", "width", "class_likelihood"}
+)
+"""Quantities that may be NaN: written as the signal's value for "unknown", or as its greatest where it has none."""
+OPEN_ENDED: Final = MAY_BE_UNKNOWN | {"age"}
+"""Quantities whose signal's end means "or more": written as the end, which counts as no loss."""
 
 QuantitySignals: TypeAlias = Mapping[str, SignalRef | tuple[SignalRef, ...]]
 """Quantity → the signal, or signals, that carry it."""
@@ -375,8 +379,17 @@ def _layout_writer(
 def _quantity_column(row: int, written: _WrittenSignal, binding: SignalBinding) -> QuantityColumn:
     """Make the column of a quantity; one that is open-ended ends at the signal's limits without loss."""
     lossy = binding.quantity not in OPEN_ENDED
-    limits = written.interval if lossy else sendable_values(written.signal)
-    return QuantityColumn(row, binding.quantity, written.wrap, binding.gain, binding.bias, limits, lossy)
+    low, high = sendable_values(written.signal)
+    unknown = None
+    if binding.quantity in MAY_BE_UNKNOWN:
+        unknown = binding.unknown
+        if unknown is None:
+            unknown = high if binding.gain > 0.0 else low
+        elif not written.signal.is_float:  # what is known is not written as if it were not
+            step = abs(written.signal.scale)
+            low, high = low + step * (unknown <= low), high - step * (unknown >= high)
+    limits = written.interval if lossy or written.interval is not None else (low, high)
+    return QuantityColumn(row, binding.quantity, written.wrap, binding.gain, binding.bias, limits, lossy, unknown)
 
 
 def _of_one_length(layout: MessageLayout, checksum: str | None) -> list[list[int]]:

@@ -32,6 +32,7 @@ class QuantityColumn:
         bias: quantity where the signal's value is 0.
         limits: values it is clipped to, None where the encoder's own limits do.
         lossy: whether clipping counts as saturated.
+        unknown: the signal's value where the quantity is NaN; None where it never is.
 
     """
 
@@ -42,6 +43,7 @@ class QuantityColumn:
     bias: float
     limits: tuple[float, float] | None
     lossy: bool
+    unknown: float | None = None
 
     def signal_values(self, found: Floats | npt.NDArray[np.integer]) -> tuple[Floats, Booleans | None]:
         """Convert the quantity into the signal's values; return with them which were clipped, None if that is free."""
@@ -54,7 +56,10 @@ class QuantityColumn:
             return wire, None
         low, high = self.limits
         inside = np.minimum(np.maximum(wire, low), high)
-        return inside, (inside < wire) | (inside > wire) if self.lossy else None
+        clipped = (inside < wire) | (inside > wire) if self.lossy else None
+        if self.unknown is not None:
+            np.copyto(inside, self.unknown, where=np.isnan(inside))
+        return inside, clipped
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +181,8 @@ class ObjectWriter:
 
         Args:
             slot: (m,) slots, from 0.
-            values: quantity → (m,) in SI and the signals' axes; one left out is written as 0.
+            values: quantity → (m,) in SI and the signals' axes; one left out is written as 0. NaN is unknown where the
+                quantity may be that.
             occupied: (m,) whether the slot holds an object; an empty one is written so that it reads invalid.
             counter: what counters and pair signals show, modulo their width; one for all or (m,).
             new: (m,) whether the object is new in its slot; default: none is.

@@ -13,7 +13,10 @@ from candaemon.arrays import Floats
 from candaemon.binding.bind_reader import bind_reader
 from candaemon.binding.bound import BoundOutput
 from candaemon.config.base import SignalRef
+from candaemon.frames.bodies import BODY, CLASSES
 from candaemon.tracking.obstacles import MOTION
+
+_NUMBERS = (*MOTION, "age", *BODY, "existence", "class_likelihood")
 
 FIRST_STATE = 1
 """Value on the wire of the tables' state code 0; 0 on the wire is an empty slot."""
@@ -26,7 +29,7 @@ class DecodedCycle:
     Attributes:
         number: of the cycle, from 0.
         time_ns: the time they are valid for; 0 where it is not known.
-        quantities: by name, shape (n,), SI and vehicle axes.
+        quantities: by name, shape (n,), SI and vehicle axes; NaN where they are unknown.
     """
 
     number: int
@@ -40,11 +43,18 @@ class DecodedCycle:
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the obstacles as columns of the table of tracks."""
         quantities = self.quantities
-        return {
+        columns: dict[str, NDArray[Any]] = {
             "id": quantities["id"].astype(np.int64),
             "state": quantities["state"].astype(np.int64) - FIRST_STATE,
-            **{name: quantities[name] for name in (*MOTION, "age") if name in quantities},
+            **{name: quantities[name] for name in _NUMBERS if name in quantities},
         }
+        for center, difference, reference in (("center_x", "center_dx", "x"), ("center_y", "center_dy", "y")):
+            if {difference, reference} <= quantities.keys():
+                columns.setdefault(center, quantities[reference] + quantities[difference])
+        if "class" in quantities:  # an optional message may be missing; a code that nobody knows is of no known class
+            kind = np.nan_to_num(quantities["class"])
+            columns["class"] = np.where(kind < len(CLASSES), kind, 0).astype(np.int8)
+        return columns
 
 
 class OutputDecoder:

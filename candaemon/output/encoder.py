@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.binding.bind_writer import MAY_BE_UNKNOWN
 from candaemon.binding.bound import BoundOutput
 from candaemon.ego.georeference import Georeference
 from candaemon.ego.pose import EgoPose
@@ -23,9 +24,6 @@ Value = TypeVar("Value", bound=np.generic)
 
 FARTHEST: Final = 1e5
 """m and m/s; an obstacle beyond this limit, or with a NaN, is not sent."""
-UNKNOWN: Final = 1e9
-"""Replaces NaN in a standard deviation or a position on earth, so that the signal carries its greatest value."""
-MAY_BE_UNKNOWN: Final = frozenset({"sx", "sy", "svx", "svy", "latitude", "longitude"})
 OF_FRAME: Final = frozenset({"id", "counter"})
 """Quantities outside the table of floats: identities stay integers, the counter belongs to the frame."""
 
@@ -179,13 +177,13 @@ class OutputEncoder:
         return np.hypot(x, y) + np.where(in_path, 0.0, OFF_PATH)
 
     def _columns(self, view: MountView, ids: Integers, slots: SlotColumns) -> Columns:
-        """Return each quantity of the slots sent: of the obstacle where occupied, 0 elsewhere; all finite."""
-        with np.errstate(invalid="ignore", over="ignore"):  # NaN is replaced below
+        """Return each quantity of the slots sent: of the obstacle where occupied, 0 elsewhere; NaN where unknown."""
+        with np.errstate(invalid="ignore", over="ignore"):  # what is no number is replaced below
             table = np.array([view.quantity(name, polar=self._polar) for name in self._names], np.float64)
         table = table.take(slots.order, axis=-1)
         if not isfinite(np.vdot(table, table)):
             filler = np.zeros((len(self._names), 1))
-            filler[self._may_be_unknown] = UNKNOWN
+            filler[self._may_be_unknown] = np.nan
             table = np.where(np.isfinite(table), table, filler)
         columns: Columns = dict(zip(self._names, _spread(table, slots.occupied), strict=True))
         if self._sends_id:

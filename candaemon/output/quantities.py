@@ -5,7 +5,7 @@ Plane vectors are complex numbers, x + iy: a rotation is a multiplication.
 
 from __future__ import annotations
 
-from cmath import exp
+from cmath import exp, phase
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import radians
@@ -148,6 +148,20 @@ class MountView:
                 return self.earth[0]
             case "longitude":
                 return self.earth[1]
+            case "heading":
+                return self._relative_heading
+            case "center_x":
+                return self.center.real
+            case "center_y":
+                return self.center.imag
+            case "center_dx":
+                return self.center.real - self.position.real
+            case "center_dy":
+                return self.center.imag - self.position.imag
+            case "class":
+                return self._take("kind")
+            case "class_likelihood":
+                return self._take("kind_likelihood")
             case "state":
                 return self._take("state") + 1  # 0 on the wire is an empty slot
             case _:
@@ -159,6 +173,13 @@ class MountView:
         position = self._plane("x", "y")
         position -= self._mount
         return self._rotated(position)
+
+    @_CachedProperty
+    def center(self) -> ComplexPlane:
+        """Centres of the bodies' boxes in the mount's axes, m."""
+        center = self._plane("center_x", "center_y")
+        center -= self._mount
+        return self._rotated(center)
 
     @_CachedProperty
     def distance(self) -> Floats:
@@ -193,6 +214,14 @@ class MountView:
         if self._georeference is None:
             return np.full_like(east, np.nan), np.full_like(north, np.nan)
         return self._georeference.to_earth(east, north)
+
+    @property
+    def _relative_heading(self) -> Floats:
+        """Headings in the mount's axes, −π to π rad."""
+        heading = self._take("heading")
+        if self._rotation == 1:
+            return heading
+        return np.asarray(np.remainder(heading - phase(self._rotation.conjugate()) + np.pi, 2 * np.pi) - np.pi)
 
     def _take(self, name: str) -> Floats:
         column: Floats = getattr(self._obstacles, name)[self._rows]

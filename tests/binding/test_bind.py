@@ -117,8 +117,12 @@ def test_output_keeps_clear_of_known_identifiers(tmp_path: Path) -> None:
 
 
 def test_can_fd_frames_need_a_can_fd_bus(tmp_path: Path) -> None:
-    parts = '["OBSTACLE_{slot:02d}_A", "OBSTACLE_{slot:02d}_B", "OBSTACLE_{slot:02d}_C"]'
-    changes = (("obstacles.dbc", "obstacles_fd.dbc"), (parts, '["OBSTACLE_{slot:02d}"]'))
+    parts = ", ".join(f'"OBSTACLE_{{slot:02d}}_{letter}"' for letter in "ABCD")
+    changes = (
+        ("obstacles.dbc", "obstacles_fd.dbc"),
+        (f"[{parts}]", '["OBSTACLE_{slot:02d}"]'),
+        ("unknown: 140", "unknown: 127.5"),
+    )
     assert "CAN FD frame but bus 'obstacles' is classic; give the bus fd: true" in broken(tmp_path, "esr_ins", *changes)
     text = (tmp_path / "vehicle.yaml").read_text().replace("channel: can3", "channel: can3, fd: true")
     (tmp_path / "vehicle.yaml").write_text(text)
@@ -238,7 +242,7 @@ def test_full_bus_is_warned_of(tmp_path: Path) -> None:
     path = tmp_path / "vehicle.yaml"
     path.write_text(text.replace("bus: obstacles", "bus: radar"))
     (warning,) = bind(load_config(path)).warnings
-    assert warning.startswith("bus 'radar': with every slot occupied the output adds 46% to 30% of 500 kbit/s")
+    assert warning.startswith("bus 'radar': with every slot occupied the output adds 61% to 30% of 500 kbit/s")
 
 
 def test_dubious_ranges_are_warned_of(tmp_path: Path, vendor_dbc: Path) -> None:

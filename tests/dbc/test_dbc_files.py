@@ -13,6 +13,7 @@ from cantools.database.can import Database, Message, Signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from candaemon.frames.bodies import CLASSES
 from tests.support.effort import examples
 from tests.support.paths import ROOT
 
@@ -35,6 +36,7 @@ SLOT_SIGNALS = {
     "A": ["Id", "State", "X", "Y", "Vx"],
     "B": ["Id", "Vy", "Ax", "Ay"],
     "C": ["Id", "SdX", "SdY", "SdVx", "SdVy", "Existence", "Age", "Sensors"],
+    "D": ["Heading", "YawRate", "Length", "Width", "Class", "ClassLikelihood", "CenterDx", "CenterDy"],
 }
 PROTECTION = [("Crc", 0, 8), ("CrcHigh", 8, 8), ("Counter", 16, 8)]
 
@@ -95,7 +97,7 @@ def test_ranges_fit_the_bits(name: str, ours: dict[str, Database]) -> None:
 
 
 def test_slots_are_complete(ours: dict[str, Database]) -> None:
-    expected = {f"OBSTACLE_{slot:02d}_{letter}" for slot in range(SLOTS) for letter in "ABC"}
+    expected = {f"OBSTACLE_{slot:02d}_{letter}" for slot in range(SLOTS) for letter in SLOT_SIGNALS}
     assert {message.name for message in ours["obstacles"].messages} == expected | {"OBSTACLE_STATUS"}
     expected = {f"OBSTACLE_{slot:02d}" for slot in range(SLOTS)}
     assert {message.name for message in ours["obstacles_fd"].messages} == expected | {"OBSTACLE_STATUS"}
@@ -126,7 +128,7 @@ def test_frame_formats(ours: dict[str, Database]) -> None:
 
 def test_urgent_frames_win_arbitration(ours: dict[str, Database]) -> None:
     database = ours["obstacles"]
-    order = ["OBSTACLE_STATUS", *(f"OBSTACLE_{slot:02d}_{letter}" for letter in "ABC" for slot in range(SLOTS))]
+    order = ["OBSTACLE_STATUS", *(f"OBSTACLE_{slot:02d}_{letter}" for letter in SLOT_SIGNALS for slot in range(SLOTS))]
     ids = [database.get_message_by_name(name).frame_id for name in order]
     assert ids == sorted(ids)
     assert len(set(ids)) == len(ids)
@@ -173,6 +175,10 @@ def test_value_tables(ours: dict[str, Database]) -> None:
         signals = [s for m in ours[name].messages for s in m.signals if s.name == "State"]
         assert len(signals) == SLOTS
         assert all(choices(signal) == states for signal in signals)
+        bodies = [s for m in ours[name].messages for s in m.signals if s.name == "Class"]
+        assert len(bodies) == SLOTS
+        kinds = {code: kind.replace("-", "_") for code, kind in enumerate(CLASSES)}
+        assert all(choices(signal) == kinds for signal in bodies)
         status = ours[name].get_message_by_name("OBSTACLE_STATUS")
         ego = choices(status.get_signal_by_name("Ego"))
         assert ego == {0: "invalid", 1: "dead_reckoning", 2: "valid", 3: "initialising"}
@@ -181,7 +187,7 @@ def test_value_tables(ours: dict[str, Database]) -> None:
 
 
 def test_fd_frames_say_the_same_at_least_as_finely(ours: dict[str, Database]) -> None:
-    classic = {s.name: s for letter in "ABC" for s in slot_message(ours["obstacles"], 0, letter).signals}
+    classic = {s.name: s for letter in SLOT_SIGNALS for s in slot_message(ours["obstacles"], 0, letter).signals}
     fd = {s.name: s for s in ours["obstacles_fd"].get_message_by_name("OBSTACLE_00").signals}
     assert set(fd) == set(classic) | {"Latitude", "Longitude"}
     for name, signal in ((name, fd[name]) for name in classic):

@@ -197,7 +197,7 @@ def test_places_on_the_wire_need_gnss(tmp_path: Path) -> None:
     path = changed(tmp_path, "esr_ins_fd", ("  gnss: {}", "  # gnss: {}"))
     with pytest.raises(ConfigError) as caught:
         load_config(path)
-    assert f"{path}:{line_of(path, 'longitude: Longitude}')}: output.signals.latitude: no place on earth" in str(
+    assert f"{path}:{line_of(path, 'longitude: Longitude,')}: output.signals.latitude: no place on earth" in str(
         caught.value
     )
     assert "output.signals.longitude" in str(caught.value)

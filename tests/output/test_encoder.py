@@ -15,9 +15,14 @@ from cantools.database.can import Database as CanDatabase
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from candaemon.binding.bind_output import bind_output
 from candaemon.binding.bound import BoundOutput, BoundSensor
+from candaemon.binding.location import SettingLocation
+from candaemon.config.base import ObjectSignalRef
 from candaemon.config.sensors import Mount
 from candaemon.ego.pose import EgoPose, EgoStatus
+from candaemon.frames.bodies import CLASSES
+from candaemon.output.decoder import OutputDecoder
 from candaemon.output.encoder import OutputEncoder, OutputStatus
 from candaemon.output.quantities import EgoAcceleration, MountView
 from candaemon.protection.checksums import crc8_sae_j1850
@@ -114,7 +119,7 @@ def test_counters_count_frames_of_their_slot_and_the_crc_covers_them() -> None:
     encoder.encode(obstacles(1), STATUS, POSE)
     frames = encoder.encode(obstacles(2), STATUS, POSE)
     found = decoded(frames, "obstacles.dbc")
-    assert [found[f"OBSTACLE_00_{part}"]["Counter"] for part in "ABC"] == [1, 1, 1]
+    assert [found[f"OBSTACLE_00_{part}"]["Counter"] for part in "ABCD"] == [1, 1, 1, 1]
     assert found["OBSTACLE_01_A"]["Counter"] == 0
     assert all(payload[0] == crc8_sae_j1850(payload[1:]) for _, payload in frames)
 
@@ -129,7 +134,7 @@ def test_a_freed_slot_is_sent_once_as_empty() -> None:
     assert "OBSTACLE_00_A" not in decoded(encoder.encode(left, STATUS, POSE), "obstacles.dbc")
 
 
-@pytest.mark.parametrize(("tentative", "names"), [(False, 1), (True, 4)])
+@pytest.mark.parametrize(("tentative", "names"), [(False, 1), (True, 5)])
 def test_tentative_obstacles_are_told_on_demand(tentative: bool, names: int) -> None:
     bound = output("esr_ins")
     bound = dataclasses.replace(bound, settings=bound.settings.model_copy(update={"tentative": tentative}))
@@ -167,6 +172,102 @@ def test_without_a_number_a_deviation_is_the_greatest() -> None:
     found = decoded(OutputEncoder(output("esr_ins")).encode(obstacles(1, sx=[math.nan]), STATUS, POSE), "obstacles.dbc")
     signal = dbc("obstacles.dbc").get_message_by_name("OBSTACLE_00_C").get_signal_by_name("SdX")
     assert found["OBSTACLE_00_C"]["SdX"] == signal.maximum
+
+
+BODIES: dict[str, list[Any]] = {
+    "heading": [-1.2, math.nan, math.pi], "yaw_rate": [0.4, math.nan, -9.0], "length": [4.6, math.nan, 90.0],
+    "width": [1.9, math.nan, 0.01], "kind": [CLASSES.index("truck"), 0, CLASSES.index("standing")],
+    "kind_likelihood": [0.8, math.nan, 0.0], "center_x": [12.2, 20.0, 30.0], "center_y": [-0.8, 0.0, 0.0],
+}  # fmt: skip
+STEPS = {
+    "esr_ins": {
+        "heading": math.radians(3),
+        "yaw_rate": math.radians(3),
+        "length": 0.4,
+        "width": 0.25,
+        "likelihood": 0.2,
+        "center": 0.4,
+    },
+    "mando": {
+        "heading": math.radians(0.1),
+        "yaw_rate": math.radians(0.1),
+        "length": 0.1,
+        "width": 0.1,
+        "likelihood": 0.005,
+        "center": 0.02,
+    },
+}
+"""Of the signals on classic CAN, and on CAN FD."""
+
+
+@pytest.mark.parametrize("config", STEPS)
+def test_a_body_comes_back_and_what_is_unknown_stays_so(config: str) -> None:
+    bound, step = output(config), STEPS[config]
+    decoder, seen = OutputDecoder(bound), obstacles(3, **BODIES)
+    for can_id, payload in OutputEncoder(bound).encode(seen, STATUS, POSE):
+        assert list(decoder.push(can_id, payload)) == []
+    (told,) = decoder.flush()
+    columns, reach = told.columns(), 0.5001
+    assert columns["class"].tolist() == BODIES["kind"]
+    for name in ("heading", "yaw_rate", "length", "width"):
+        expected = BODIES[name]
+        assert columns[name][0] == pytest.approx(expected[0], abs=reach * step[name]), name
+        assert np.isnan(columns[name]).tolist() == [False, True, False], name
+    likely = columns["class_likelihood"].tolist()
+    assert likely == pytest.approx([0.8, math.nan, 0.0], abs=reach * step["likelihood"], nan_ok=True)
+    place = reach * (step["center"] + (0.125 if config == "esr_ins" else 0.01))
+    assert columns["center_x"].tolist() == pytest.approx(BODIES["center_x"], abs=place)
+    assert columns["center_y"].tolist() == pytest.approx(BODIES["center_y"], abs=place)
+    # what is beyond a signal's range is at its end, which says something
+    assert abs(columns["heading"][2]) == pytest.approx(math.pi, abs=step["heading"])
+    assert columns["yaw_rate"][2] == pytest.approx(np.radians(-45 if config == "esr_ins" else -102.3))
+    assert columns["length"][2] > 25.0
+    assert columns["width"][2] == pytest.approx(step["width"])
+
+
+def test_without_a_value_for_unknown_it_is_the_greatest() -> None:
+    bound = output("esr_ins")
+    signals = bound.settings.signals | {"heading": (ObjectSignalRef(signal="Heading"),)}
+    told = bound.settings.model_copy(update={"signals": signals})
+    bound = bind_output(told, bound.bus, bound.database, SettingLocation())
+    found = decoded(OutputEncoder(bound).encode(obstacles(1, heading=[math.nan]), STATUS, POSE), "obstacles.dbc")
+    assert found["OBSTACLE_00_D"]["Heading"] == 189
+
+
+def test_a_configuration_without_the_body_sends_the_same_frames_without_it() -> None:
+    bound = output("esr_ins")
+    form = bound.settings.objects
+    body = {"heading", "yaw_rate", "length", "width", "class", "class_likelihood", "center_dx", "center_dy"}
+    without = bound.settings.model_copy(
+        update={
+            "objects": form.model_copy(update={"messages": form.messages[:3]}),
+            "signals": {name: refs for name, refs in bound.settings.signals.items() if name not in body},
+        }
+    )
+    seen = obstacles(3, **BODIES)
+    told = OutputEncoder(bind_output(without, bound.bus, bound.database, SettingLocation())).encode(seen, STATUS, POSE)
+    more = OutputEncoder(bound).encode(seen, STATUS, POSE)
+    assert told == more[: len(told)]
+    assert [bound.database.by_id[can_id].name[-1] for can_id, _ in more[len(told) :]] == ["D"] * 3
+
+
+def test_a_body_turns_with_the_mount() -> None:
+    seen = obstacles(2, heading=[3.0, math.nan], center_x=[5.0, 0.0], center_y=[1.0, 0.0], x=[4.0, 0.0], y=[1.0, 0.0])
+    view = MountView(seen, np.array([0, 1]), Mount(x=1.0, yaw_deg=-90), POSE)
+    heading = view.quantity("heading", polar=False)
+    assert heading[0] == pytest.approx(3.0 + math.pi / 2 - 2 * math.pi)
+    assert math.isnan(heading[1])
+    names = ("center_x", "center_y", "center_dx", "center_dy")
+    assert [view.quantity(name, polar=False)[0] for name in names] == pytest.approx([-1.0, 4.0, 0.0, 1.0])
+
+
+def test_an_ars408s_list_tells_orientation_and_size() -> None:
+    seen = obstacles(3, **BODIES)
+    (scan,) = scans(sensor("ars408"), OutputEncoder(output("esr_to_ars408")).encode(seen, STATUS, POSE))
+    rows = dict(zip(sensor("ars408").reader.quantities, scan.values, strict=True))
+    assert rows["heading"][:2].tolist() == pytest.approx([-1.2, 0.0], abs=math.radians(0.2))
+    assert rows["length"].tolist() == pytest.approx([4.6, math.nan, math.nan], abs=0.1001, nan_ok=True)
+    assert rows["width"].tolist() == pytest.approx([1.9, math.nan, 0.2], abs=0.1001, nan_ok=True)
 
 
 def test_what_is_no_number_leaves_the_other_axis_alone() -> None:

@@ -192,4 +192,4 @@ def test_another_output_begins_anew(before: Binding, frames: list[Frame], tmp_pa
     drive = Drive(before, configuration(tmp_path, change), frames)
     assert not drive.kept.output
     assert drive.before_and_after[0] == drive.before_and_after[1]
-    assert len(drive.later[0].frames) <= 1 + 3 * 8
+    assert len(drive.later[0].frames) <= 1 + 4 * 8

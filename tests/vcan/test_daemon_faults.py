@@ -131,7 +131,7 @@ def test_a_transmit_queue_fills(drive: Drive, vcan2: Link) -> None:
     whole = drive()
     before, sent = resumed(whole)
     began_s = time.monotonic()
-    vcan2.queue("tbf", "rate", "6kbit", "burst", "100", "limit", "320")  # 47 frames/s of 130, and 20 in the queue
+    vcan2.queue("tbf", "rate", "6kbit", "burst", "100", "limit", "320")  # 47 frames/s of 170, and 20 in the queue
     told = whole.status()["cycles"]["told"]
     heard = whole.ears.hear(5.0)
     throttled = whole.status()
