@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bind_signal import DIMENSIONS, SI_NAMES
 from candaemon.binding.bound import Binding, BoundEgo, BoundOutput, BoundSensor
-from candaemon.cli.arguments import CONFIG, input_path
-from candaemon.cli.console import Sheet, print_sheets
+from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path
+from candaemon.cli.console import Sheet, log_progress, print_sheets
 from candaemon.config.base import Condition
-from candaemon.config.ego import InsSettings
+from candaemon.config.ego import InsSettings, InsSignals, OdometrySettings
 from candaemon.config.estimators import (
     CsEstimatorSettings,
     EstimatorSettings,
@@ -32,16 +33,26 @@ from candaemon.dbc.types import MessageSpec
 from candaemon.frames.frame import EXTENDED
 from candaemon.objects.message_layout import MessageLayout
 from candaemon.objects.signals import SignalBinding
+from candaemon.playback.replay import Replayed, ReplayRequest, replay
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument(
+        "log", type=input_path, nargs="?", metavar="LOG", help=f"what came of ego motion in it: {LOG_FORMATS}"
+    )
 
 
 def execute(arguments: argparse.Namespace) -> None:
-    """Load a configuration, open nothing, and print what it does."""
-    print_sheets(check_report(bind(load_config(find_config(arguments.config)))))
+    """Load a configuration, open no bus, and print what it does, and what a log holds of its ego motion."""
+    binding = bind(load_config(find_config(arguments.config)))
+    sheets = list(check_report(binding))
+    if arguments.log is not None:
+        with log_progress(arguments.log.name) as progress:
+            replayed = replay(binding, ReplayRequest(arguments.log), progress)
+        sheets[-1:-1] = _ego_in_log(replayed)
+    print_sheets(sheets)
 
 
 def check_report(binding: Binding) -> Iterator[Sheet]:
@@ -94,8 +105,38 @@ def _ego(binding: Binding) -> Iterator[Sheet]:
         rows.append(("lever arm", f"x {settings.lever_arm.x:g} m, y {settings.lever_arm.y:g} m"))
         rows += [("place on earth", "not told")] if settings.gnss is None else _georeference(settings.gnss)
     rows += [(f"protection of {name}", _protection(each)) for name, each in settings.protection.items()]
+    rows.append(("yaw rate", _yaw_rate(settings)))
     yield Sheet("own motion", tuple(rows))
     yield _signals("own motion's signals", _ego_signals(ego))
+
+
+def _yaw_rate(settings: InsSettings | OdometrySettings) -> str:
+    """Say where the yaw rate comes from, and from what it is derived while that is silent."""
+    signals = settings.signals
+    sources = ["as sent"] if signals.yaw_rate is not None else []
+    if signals.curvature is not None:
+        sources.append("curvature × speed")
+    if isinstance(signals, InsSignals):
+        sources.append("successive headings")
+    elif signals.left_wheels:
+        sources.append("the wheels' difference")
+    return ", else ".join(sources)
+
+
+def _ego_in_log(replayed: Replayed) -> Iterator[Sheet]:
+    """Yield which signals of ego motion came in a log, and what was derived for want of one."""
+    ego, seconds = replayed.pipeline.binding.ego, (replayed.last_ns - replayed.first_ns) * 1e-9
+    if ego is None:
+        return
+    names = (f"{message.name}.{each.signal.name}" for message, each in _ego_signals(ego))
+    rows = (
+        (quantity, name, f"{count}" if count else "never", f"{count / seconds:.4g}" if seconds > 0.0 else "-")
+        for (quantity, count), name in zip(replayed.pipeline.ego_signals.items(), names, strict=True)
+    )
+    yield Sheet("own motion in the log", tuple(rows), ("", "signal", "came", "Hz"))
+    counts = replayed.pipeline.ego.counts
+    derived = ((name.replace("_", " "), f"{count}") for name, count in asdict(counts).items() if count)
+    yield Sheet("its samples", tuple(derived) or (("samples", "none"),))
 
 
 def _georeference(gnss: GnssSettings) -> Iterator[tuple[str, str]]:

@@ -175,7 +175,8 @@ class OdometryMotion:
         state = self._state
         rate = (state.yaw_rate or 0.0) - self.bias.yaw_rate if state.derived is None else state.derived
         most = SHARPEST_CURVE * abs(state.wheel_speed)
-        return max(-most, min(rate, most)) if most < abs(rate) <= LARGEST_BIAS else rate
+        is_bias = most < abs(rate) <= LARGEST_BIAS and state.counts.samples > 0
+        return max(-most, min(rate, most)) if is_bias else rate
 
     def _turn(self, time_ns: int) -> None:
         """Integrate the heading up to an instant with the latest yaw rate."""

@@ -20,8 +20,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     `buses`             per bus: frames, used, spare (not evaluated), unknown (no DBC entry), short
     `sensors`           per sensor: frames by outcome, objects rejected by cause, scans, incomplete and discarded scans,
                         frames missing
-    `own_motion`        frames of ego motion rejected, by cause; how often each of its signals came; its samples, and in
-                        how many of them what was derived
+    `own_motion`        frames of ego motion rejected, by cause
     `clock`             steps back and forward that were rebased; late frames whose time was raised; reordered frames;
                         stray time stamps, far from those before and after, that were corrected
     `cycles`            reported, coasting (every sensor silent), dropped for lack of ego motion
@@ -34,6 +33,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     `gnss`              only with `ego.gnss`: fixes received and by outcome, RMS innovation of the used ones, standard
                         deviation of the last georeference, m
     `seconds`           duration of the log
+    `ego_signals`       how often each signal of ego motion came
+    `ego_samples`       samples of ego motion, and in how many of them what was derived
     ==================  ==============================================================================
     """
     pipeline, log, score = replayed.pipeline, replayed.log, replayed.score
@@ -60,12 +61,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             sensor.name: asdict(assembler.counts)
             for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True)
         },
-        "own_motion": {
-            "short": counts.ego_motion_short,
-            **asdict(counts.ego_motion),
-            "signals": pipeline.ego_signals,
-            "samples": asdict(pipeline.ego.counts),
-        },
+        "own_motion": {"short": counts.ego_motion_short, **asdict(counts.ego_motion)},
         "clock": {
             "backward_steps": replayed.sequence.backward_steps,
             "late": replayed.sequence.late,
@@ -99,6 +95,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
         "output": {"frames": counts.sent, "saturated": pipeline.saturated},
         **({} if pipeline.georeferencer is None else {"gnss": _gnss(pipeline.georeferencer)}),
         "seconds": _rounded((replayed.last_ns - replayed.first_ns) * 1e-9),
+        "ego_signals": pipeline.ego_signals,
+        "ego_samples": asdict(pipeline.ego.counts),
     }
 
 

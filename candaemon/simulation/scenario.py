@@ -29,6 +29,8 @@ MOST_ACTORS: Final = 1000
 """Other road users in a scenario."""
 MOST_POSTS: Final = 10_000
 """Stationary points in a scenario, those of the rails among them."""
+MOST_SILENCES: Final = 1000
+"""Times in which a source of ego motion is silent, in a scenario."""
 
 _NARROW, _SHORT, _LONG = 1.2, 1.2, 6.5
 """m: a two-wheeler is narrower, a pedestrian also shorter, a car is shorter than a truck."""
@@ -148,7 +150,9 @@ class EgoMotionSensors(Settings):
     silent_below: dict[MotionQuantity, Annotated[float, Field(gt=0, le=100)]] = Field(
         default_factory=dict, description="m/s, by quantity: not sent by a vehicle that is slower; default: always sent"
     )
-    silent: tuple[Silence, ...] = Field((), max_length=1000, description="times in which a quantity is not sent")
+    silent: tuple[Silence, ...] = Field(
+        (), max_length=MOST_SILENCES, description="times in which a quantity is not sent"
+    )
 
 
 class Ego(Settings):

@@ -6,6 +6,7 @@ import gzip
 import json
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
@@ -279,3 +280,13 @@ def test_an_installed_candaemon_finds_its_configurations(tmp_path: Path) -> None
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert str(place / "candaemon" / "share" / "config" / "toyota_rav4.yaml") in done.stdout
+
+
+def test_check_says_what_came_of_own_motion(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "esr_ins", str(short / "drive.log")]) == 0
+    out = capsys.readouterr().out
+    came = out[out.index("own motion in the log") : out.index("warnings")]
+    assert re.search(r"curvature +TrackSlipCurvature.Curvature +[1-9]\d+ +100", came)
+    assert re.search(r"yaw rate from curvature +[1-9]", came)
+    assert out.index("yaw rate  ") < out.index("own motion in the log")
+    assert main(["check", "esr_ins", "nosuch.log"]) == 1

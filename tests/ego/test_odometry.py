@@ -158,6 +158,73 @@ def test_any_frames_of_odometry_give_a_finite_pose(frames: list[tuple[int, str, 
             assert np.isfinite(numbers).all()
 
 
+def test_a_yaw_rate_that_is_not_given_is_that_of_the_wheels() -> None:
+    wheels = {name: WHEELS[name] for name in ("left_wheels", "right_wheels")}
+    motion, circle = odometry(wheels, track_width=1.6), Circle(15.0, 0.3, 0.0)
+    for k in range(501):
+        motion.update(ns(0.02 * k), ("left_wheels", "right_wheels"), (15 - 0.24, 15 + 0.24))
+    pose = known(motion.pose(ns(9.99)))
+    assert np.hypot(*np.subtract((pose.east, pose.north), circle.position(9.99))) < 3.0  # begins half a second later
+    assert pose.yaw_rate == pytest.approx(0.3)
+    assert motion.counts.yaw_rate_from_wheels == motion.counts.samples == 501
+
+
+def test_a_curvature_gives_the_yaw_rate_while_that_is_silent() -> None:
+    motion, circle = odometry({"speed": ["M.v"], "yaw_rate": "M.w", "curvature": "M.c"}), Circle(15.0, 0.3, 0.0)
+    for k in range(501):
+        if not 100 <= k < 300:
+            motion.update(ns(0.02 * k), ("yaw_rate",), (0.3,))
+        motion.update(ns(0.02 * k), ("curvature",), (0.02,))
+        motion.update(ns(0.02 * k), ("speed",), (15.0,))
+    pose = known(motion.pose(ns(9.99)))
+    assert np.hypot(*np.subtract((pose.east, pose.north), circle.position(9.99))) < 0.02
+    assert motion.counts.samples == 501
+    assert motion.counts.yaw_rate_from_curvature == pytest.approx(200 - 25, abs=2)
+
+
+@pytest.mark.parametrize("signals", [WHEELS, {"speed": ["M.v"], "yaw_rate": "M.w"}], ids=["wheels", "speedometer"])
+@pytest.mark.parametrize("silent_at_rest", [True, False])
+def test_who_stands_neither_moves_nor_turns(signals: dict[str, Any], silent_at_rest: bool) -> None:
+    motion = odometry(signals)
+    names = ("left_wheels", "right_wheels") if "left_wheels" in signals else ("speed",)
+    for k in range(3000):
+        speed, bias = max(5.0 - 0.05 * k, 0.0), radians(0.5)
+        if speed > 0 or not silent_at_rest:
+            motion.update(ns(0.02 * k), ("yaw_rate",), (bias,))
+        motion.update(ns(0.02 * k), names, (speed,) * len(names))
+    begin, end = known(motion.pose(ns(2.1))), known(motion.pose(ns(59.9)))
+    assert np.hypot(end.east - begin.east, end.north - begin.north) < 0.01
+    assert abs(end.heading - begin.heading) < radians(0.3)
+    assert (end.ve, end.vn, end.status) == (0.0, 0.0, EgoStatus.VALID)
+    assert (degrees(motion.bias.yaw_rate) == pytest.approx(0.5, abs=0.1)) or silent_at_rest
+
+
+def test_a_robot_that_turns_on_the_spot_turns() -> None:
+    motion = odometry()
+    for k in range(200):
+        motion.update(ns(0.02 * k), ("yaw_rate",), (0.5,))
+        motion.update(ns(0.02 * k), ("speed",), (0.0,))
+    assert known(motion.pose(ns(3.98))).heading == pytest.approx(0.5 * 3.98, abs=0.05)
+
+
+def test_without_speed_the_car_coasts_round_its_bend_then_is_lost() -> None:
+    motion, circle = odometry(bias={"learning_time": 0}), Circle(15.0, 0.3, 0.0)
+    for k in range(800):
+        motion.update(ns(0.02 * k), ("yaw_rate",), (0.3,))
+        if k < 100:
+            motion.update(ns(0.02 * k), ("speed",), (15.0,))
+    for t, status in ((2.3, EgoStatus.VALID), (8.0, EgoStatus.DEAD_RECKONING), (15.0, EgoStatus.LOST)):
+        assert known(motion.pose(ns(t))).status is status
+    pose = known(motion.pose(ns(11.0)))
+    assert pose.heading == pytest.approx(circle.heading(11.0), abs=0.01)
+    assert np.hypot(*np.subtract((pose.east, pose.north), circle.position(11.0))) < 0.6
+
+
+def test_odometry_without_anything_that_tells_a_turn_is_refused() -> None:
+    with pytest.raises(ValueError, match="no yaw rate; give yaw_rate or curvature"):
+        odometry({"speed": ["M.v"]})
+
+
 @pytest.mark.parametrize(("wrong_rate_deg", "factor"), [(0.6, 1.0), (-0.5, 1.012)])
 def test_a_drive_past_guard_rails_finds_bias_and_factor(wrong_rate_deg: float, factor: float) -> None:
     """Through the whole pipeline: frames of the car and the radar, returns of a rail and of posts."""
