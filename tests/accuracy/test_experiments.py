@@ -7,7 +7,8 @@ import math
 import pytest
 
 from tests.accuracy.experiments.__main__ import main
-from tests.accuracy.experiments.finding import Finding
+from tests.accuracy.experiments.finding import Effort, Finding
+from tests.accuracy.experiments.on_lidar_and_radar import EXERCISE, course_findings
 from tests.accuracy.experiments.on_recorded_drive import drive_findings
 
 
@@ -32,6 +33,14 @@ def test_the_recorded_drive_is_predicted() -> None:
     found = figures(list(drive_findings("toyota_rav4_ins", (), 150)))
     assert 0.0 < found["0.5 s ahead, along"] < found["1 s ahead, along"] < 1.0
     assert found["duplicates"] < 5.0
+
+
+def test_lidar_and_radar_are_fused() -> None:
+    vehicle = (("estimator.kind", "vehicle"),)
+    found = figures(list(course_findings(EXERCISE, Effort((1,), vehicle, seconds=6.0))))
+    references = {name[0]: value for name, value in found.items() if name[2:6] == " EKF"}
+    assert all(0.0 < references[axis] < EXERCISE.lidar for axis in "xy")
+    assert found["position, lidar and radar"] < EXERCISE.lidar < found["position, radar alone"]
 
 
 def test_wrong_words_are_refused(capsys: pytest.CaptureFixture[str]) -> None:

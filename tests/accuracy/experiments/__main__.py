@@ -16,9 +16,10 @@ from candaemon.cli.console import console
 from candaemon.errors import CandaemonError
 from candaemon.evaluation.printing import Section, print_sections
 from tests.accuracy.experiments.finding import Effort, Experiment
+from tests.accuracy.experiments.on_lidar_and_radar import LIDAR_AND_RADAR
 from tests.accuracy.experiments.on_recorded_drive import RECORDED_DRIVE
 
-EXPERIMENTS: Mapping[str, Experiment] = {"drive": RECORDED_DRIVE}
+EXPERIMENTS: Mapping[str, Experiment] = {"drive": RECORDED_DRIVE, "fusion": LIDAR_AND_RADAR}
 
 
 def parser() -> argparse.ArgumentParser:
