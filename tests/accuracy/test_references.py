@@ -10,11 +10,18 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from candaemon.evaluation.pair_errors import ALL
+from candaemon.simulation.scenario import NoiseOverride
 from tests.accuracy.__main__ import main
 from tests.accuracy.oracle import informed, sources
 from tests.accuracy.scores import scored
 from tests.accuracy.simulated_runs import Job, cycles_of, simulated, track_rows, truth_rows
-from tests.accuracy.slot_filters import FIRST_PLACE, FIRST_SPEED, SlotFilters, constant_velocity
+from tests.accuracy.slot_filters import (
+    FIRST_PLACE,
+    FIRST_SPEED,
+    SlotFilters,
+    constant_velocity,
+    with_simulated_noise,
+)
 from tests.support.paths import ROOT
 
 SCENARIO = """
@@ -63,6 +70,29 @@ def test_n_is_filterpys_filter(config: str, scenario: Path) -> None:
     for row, kf in enumerate(theirs.values()):
         np.testing.assert_allclose(ours.mean[row, 1], kf.x, rtol=1e-9)
         np.testing.assert_allclose(ours.covariance[row, 1], kf.P, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("config", ["esr_ins", "ars408", "toyota_rav4_ins"])
+def test_the_noise_of_the_simulation_stands_in_for_that_of_the_configuration(config: str, scenario: Path) -> None:
+    simulation, pipeline = simulated(Job(ROOT / "config" / f"{config}.yaml", scenario, 1))
+    sensor = pipeline.binding.sensors[0].settings
+    stated = sensor.noise.model_dump(exclude_none=True)
+    cycle = next(one for one in cycles_of(simulation.frames(), pipeline) if one.detections is not None)
+    detections = cycle.detections
+    assert detections is not None
+    assert len(detections) == 2
+    before = detections.measurement
+    same = with_simulated_noise(detections, sensor, NoiseOverride(**stated), cycle.pose).measurement
+    np.testing.assert_allclose(same.noise, before.noise, rtol=1e-9, atol=1e-12)
+    doubled = NoiseOverride(**{name: 2 * value for name, value in stated.items()})
+    wider = with_simulated_noise(detections, sensor, doubled, cycle.pose).measurement
+    np.testing.assert_allclose(wider.noise, 4 * before.noise, rtol=1e-9, atol=1e-12)
+    if before.range_rate_variance is not None:
+        assert wider.range_rate_variance is not None
+        gained = wider.range_rate_variance - before.range_rate_variance
+        np.testing.assert_allclose(gained, 3 * stated["range_rate"] ** 2)
+    for one, other, name in zip(wider.projections, before.projections, ("vx", "vy"), strict=False):
+        np.testing.assert_allclose(one.variance - other.variance, 3 * stated[name] ** 2)
 
 
 def test_the_command_tells_figures_and_writes_them(
