@@ -7,7 +7,8 @@ split. Estimation, confirmation and deletion are the project's own.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -121,11 +122,6 @@ class OracleTracker(VehicleTracker):
 
 def _taken(detections: Detections, rows: Indices) -> Detections:
     """Return some of the detections of a scan."""
-    return replace(
-        detections,
-        object_id=detections.object_id[rows],
-        new=detections.new[rows],
-        measurement=detections.measurement.take(rows),
-        x=detections.x[rows],
-        y=detections.y[rows],
-    )
+    columns = {each.name: getattr(detections, each.name) for each in fields(Detections)}
+    taken: dict[str, Any] = {name: column[rows] for name, column in columns.items() if isinstance(column, np.ndarray)}
+    return replace(detections, **taken, measurement=detections.measurement.take(rows))

@@ -80,7 +80,7 @@ def test_the_noise_of_the_simulation_stands_in_for_that_of_the_configuration(con
     cycle = next(one for one in cycles_of(simulation.frames(), pipeline) if one.detections is not None)
     detections = cycle.detections
     assert detections is not None
-    assert len(detections) == 2
+    assert len(detections) > 0
     before = detections.measurement
     same = with_simulated_noise(detections, sensor, NoiseOverride(**stated), cycle.pose).measurement
     np.testing.assert_allclose(same.noise, before.noise, rtol=1e-9, atol=1e-12)
@@ -99,10 +99,10 @@ def test_the_command_tells_figures_and_writes_them(
     scenario: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     told = tmp_path / "figures.json"
-    words = ["--scenarios", str(scenario), "--configs", "esr_ins", "--seeds", "1", "--processes", "1"]
+    words = ["--scenarios", str(scenario), "--configs", "ars408", "--seeds", "1", "--processes", "1"]
     assert main([*words, "--json", str(told)]) == 0
     printed = capsys.readouterr()
-    assert "1 of 1  tiny esr_ins 1" in printed.err
+    assert "1 of 1  tiny ars408 1" in printed.err
     lines = printed.out.splitlines()
     assert any(line.split()[:1] == ["tiny"] for line in lines)
     assert "legend" in lines
