@@ -9,7 +9,7 @@ import numpy as np
 
 from candaemon.binding.bind_protection import bind_protector, check_written, counter_period
 from candaemon.binding.location import SettingLocation, collected, raise_all
-from candaemon.binding.look_up import find_message, find_signal
+from candaemon.binding.look_up import find_message, find_signal, signal_of
 from candaemon.config.output import StatusFormat
 from candaemon.config.protection import ProtectionSettings
 from candaemon.config.sensors import HeaderScan
@@ -77,13 +77,14 @@ def _wrap(quantity: str, signal: SignalSpec, protection: ProtectionSettings) -> 
     return counter_period(protection, signal) if quantity == "counter" else value_count(signal)
 
 
-def bind_header(scan: HeaderScan, database: Database, location: SettingLocation) -> ScanHeader:
+def bind_header(scan: HeaderScan, database: Database, location: SettingLocation, look: str | None = None) -> ScanHeader:
     """Bind a scan's header message.
 
     Args:
         scan: how the header gives the number of objects.
         database: the DBC.
         location: place of the scan's settings in the configuration.
+        look: signal that says which look a scan is, of this message or another; None: none does.
 
     Raises:
         ConfigError: the DBC lacks the message or a signal.
@@ -98,6 +99,9 @@ def bind_header(scan: HeaderScan, database: Database, location: SettingLocation)
         counter = find_signal(message, scan.counter, location.at("counter"))
         read_counter, period = compile_field_reader(message, counter), value_count(counter)
         names.append(counter.name)
+    says_look = None if look is None else signal_of(message, look)
+    if says_look is not None:
+        names.append(says_look.name)
     return ScanHeader(
         message=message,
         used_only=scan.used_only,
@@ -105,6 +109,7 @@ def bind_header(scan: HeaderScan, database: Database, location: SettingLocation)
         greatest_count=int(greatest) if math.isfinite(greatest) else int(np.iinfo(np.int64).max),
         counter=read_counter,
         period=period,
+        says_look=says_look is not None,
         encode=compile_encoder(message, names),
         protector=bind_protector([message], scan.protection, location.at("protection")),
     )

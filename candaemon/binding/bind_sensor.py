@@ -10,12 +10,14 @@ from candaemon.binding.bind_scan_messages import bind_header
 from candaemon.binding.bind_writer import bind_writer
 from candaemon.binding.bound import BoundSensor
 from candaemon.binding.location import SettingLocation
-from candaemon.binding.look_up import find_message, find_signal
+from candaemon.binding.look_up import check_alike, find_in_layouts, find_message, find_signal, signal_of
 from candaemon.config.base import SignalRef
-from candaemon.config.sensors import CounterScan, HeaderScan, ObjectSignals, SensorSettings, TriggerScan
+from candaemon.config.sensors import CounterScan, HeaderScan, LookSettings, ObjectSignals, SensorSettings, TriggerScan
+from candaemon.dbc.bits import sendable_values
 from candaemon.dbc.single_codec import compile_field_reader
 from candaemon.dbc.types import Database, MessageSpec
-from candaemon.objects.scan_messages import ScanHeader
+from candaemon.objects.reader import ObjectReader
+from candaemon.objects.scan_messages import LookReader, ScanHeader
 from candaemon.objects.writer import ObjectWriter
 from candaemon.protection.monitor import FrameMonitorSettings
 
@@ -57,7 +59,7 @@ def bind_sensor(
                 [trigger], scan.protection, place.at("protection"), cycle_time=settings.cycle_time
             )
     elif isinstance(scan, HeaderScan):
-        header = bind_header(scan, database, place)
+        header = bind_header(scan, database, place, None if settings.looks is None else settings.looks.signal)
         can_ids.add(header.can_id)
         mark_monitor = bind_frame_monitor(
             [header.message], scan.protection, place.at("protection"), cycle_time=settings.cycle_time
@@ -75,24 +77,59 @@ def bind_sensor(
         header,
         bind_frame_monitors(reader, settings, location),
         mark_monitor,
+        _bind_look(settings.looks, reader, header.message if header is not None else trigger, location.at("looks")),
     )
 
 
-def bind_sensor_writer(sensor: BoundSensor, location: SettingLocation | None = None) -> ObjectWriter:
+def _bind_look(
+    looks: LookSettings | None, reader: ObjectReader, mark: MessageSpec | None, location: SettingLocation
+) -> LookReader | None:
+    """Bind the signal that says which look a scan is: of its header or trigger, or of the objects' messages.
+
+    Raises:
+        ConfigError: no such signal, or it cannot have a configured look's value.
+
+    """
+    if looks is None:
+        return None
+    name, place = looks.signal, location.at("signal")
+    if mark is not None and mark.can_id in reader.routes:
+        mark = None
+    signal = None if mark is None else signal_of(mark, name)
+    if mark is not None and signal is not None:
+        found = LookReader(None, signal.name, compile_field_reader(mark, signal))
+    else:
+        layout, signal = find_in_layouts(reader.layouts, name, place)[0]
+        check_alike(layout, [signal.name], location)
+        found = LookReader(layout.index, signal.name, compile_field_reader(layout.shortest, signal))
+    low, high = sendable_values(signal)
+    for look in looks.fields_of_view:
+        if not low <= int(look) <= high:
+            raise location.at("fields_of_view", look).error(
+                f"look {look} cannot be, signal '{signal.name}' holds {low:g} to {high:g}"
+            )
+    return found
+
+
+def bind_sensor_writer(sensor: BoundSensor, location: SettingLocation | None = None, look: int = -1) -> ObjectWriter:
     """Bind the writer of a sensor's own frames, as the simulation needs it.
 
     Args:
         sensor: the bound sensor.
         location: its place in the configuration.
+        look: which of its looks the objects are written for, where their messages say it.
 
     Raises:
         ConfigError: a slot cannot be written as configured.
 
     """
-    settings = sensor.settings
+    settings, form = sensor.settings, sensor.settings.objects
+    if settings.looks is not None and sensor.look is not None and sensor.look.part is not None:
+        says = {settings.looks.signal: look}
+        form = form.model_copy(update={"fixed": {**form.fixed, **says}, "empty": {**form.empty, **says}})
     counters = [settings.scan.signal] if isinstance(settings.scan, CounterScan) else []
     return bind_writer(
-        settings.objects,
+        form,
         _quantities(settings.signals),
         sensor.database,
         settings.protection,

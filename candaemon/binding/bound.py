@@ -15,7 +15,7 @@ from candaemon.config.settings import Config
 from candaemon.dbc.single_codec import Decoder
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.objects.reader import ObjectReader
-from candaemon.objects.scan_messages import ScanHeader, StatusWriter
+from candaemon.objects.scan_messages import LookReader, ScanHeader, StatusWriter
 from candaemon.objects.signals import SignalBinding
 from candaemon.objects.writer import ObjectWriter
 from candaemon.protection.checksums import FrameProtector
@@ -65,6 +65,7 @@ class BoundSensor:
         header: the message that opens a scan, None unless one does.
         monitors: per layout, what its frames must be to be used, None where anything will do.
         mark_monitor: the same of the header or the trigger, where it is no message of the objects'.
+        look: what says which look a scan is, None where all are alike.
 
     """
 
@@ -80,6 +81,7 @@ class BoundSensor:
     header: ScanHeader | None
     monitors: tuple[FrameMonitorSettings | None, ...]
     mark_monitor: FrameMonitorSettings | None
+    look: LookReader | None = None
 
     @property
     def protectors(self) -> tuple[FrameProtector | None, ...]:

@@ -40,6 +40,12 @@ def find_signal(message: MessageSpec, name: str, location: SettingLocation) -> S
     return signal
 
 
+def signal_of(message: MessageSpec, name: str) -> SignalSpec | None:
+    """Return a signal named as SIGNAL or MESSAGE.SIGNAL if it is one of a message's."""
+    of, _, plain = name.rpartition(".")
+    return message.find(plain) if of in {"", message.name} else None
+
+
 def find_qualified(database: Database, name: str, location: SettingLocation) -> tuple[MessageSpec, SignalSpec]:
     """Find a signal named as MESSAGE.SIGNAL.
 

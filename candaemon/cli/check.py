@@ -25,7 +25,15 @@ from candaemon.config.estimators import (
 from candaemon.config.gnss import DriftFilterSettings, GnssSettings, ImmFilterSettings, SwitchingFilterSettings
 from candaemon.config.load import load_config
 from candaemon.config.protection import InputProtectionSettings, ProtectionSettings
-from candaemon.config.sensors import CounterScan, HeaderScan, ObjectFormat, ScanSettings, TimeoutScan, TriggerScan
+from candaemon.config.sensors import (
+    CounterScan,
+    HeaderScan,
+    LookSettings,
+    ObjectFormat,
+    ScanSettings,
+    TimeoutScan,
+    TriggerScan,
+)
 from candaemon.config.shipped import find_config
 from candaemon.config.tracker import TrackerSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
@@ -172,6 +180,8 @@ def _sensor(binding: Binding, sensor: BoundSensor) -> Iterator[Sheet]:
         ("plausible", _plausible(sensor)),
         ("tracked by", _group_of(binding, sensor.name)),
     ]
+    if settings.looks is not None:
+        rows.insert(4, ("looks", _looks(settings.looks)))
     yield Sheet(f"{settings.kind} {sensor.name}", tuple(rows))
     bound = [
         (part.shortest, each)
@@ -273,6 +283,15 @@ def _signals(title: str, bound: Iterable[tuple[MessageSpec, SignalBinding]]) -> 
 def _unit(quantity: str) -> str:
     dimension = DIMENSIONS.get(quantity, "number")
     return SI_NAMES[dimension].rpartition("or ")[2]
+
+
+def _looks(looks: LookSettings) -> str:
+    """Return the looks that a sensor takes in turn as text."""
+    views = (
+        f"{look}: {view.min_range:g} to {view.range:g} m, {view.yaw_deg:+g} ± {view.azimuth_deg:g}°"
+        for look, view in looks.fields_of_view.items()
+    )
+    return f"by {looks.signal}; {'; '.join(views)}"
 
 
 def _closing(scan: ScanSettings) -> str:

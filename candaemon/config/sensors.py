@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -198,11 +199,33 @@ class ObjectNoise(Settings):
 
 
 class FieldOfView(Settings):
-    """What the sensor can see; used by the simulation, and by the tracker to let go of what left it."""
+    """What the sensor can see; used by the simulation, and by the tracker to know what it should see."""
 
     range: float = Field(150.0, gt=0, le=1000, description="m")
     min_range: float = Field(1.0, ge=0, le=50, description="m")
     azimuth_deg: float = Field(45.0, gt=0, le=180, description="deg, half the opening angle")
+    yaw_deg: float = Field(
+        0.0, ge=-180, le=180, description="deg from the sensor's x axis to the middle of it, positive to the left"
+    )
+
+
+MOST_LOOKS: Final = 16
+"""Looks that a sensor can take in turn."""
+
+
+LookNumber = Annotated[str, Field(pattern=r"^(0|[1-9]\d*)$", min_length=1, max_length=5)]
+"""A key that is a number: keys are text."""
+
+
+class LookSettings(Settings):
+    """Looks that a sensor takes in turn: each scan is one of them, with a field of view of its own."""
+
+    signal: DbcName = Field(
+        description="signal that says which look a scan is: of its header or trigger, or of the objects' messages"
+    )
+    fields_of_view: dict[LookNumber, FieldOfView] = Field(
+        min_length=1, max_length=MOST_LOOKS, description="what each look can see, by the signal's value"
+    )
 
 
 class DetectionSettings(Settings):
@@ -269,6 +292,9 @@ class SensorSettings(Settings):
         "of_position", description="vx and vy are rates of x and y in the turning sensor axes, or velocity differences"
     )
     field_of_view: FieldOfView = Field(default_factory=FieldOfView)
+    looks: LookSettings | None = Field(
+        None, description="looks with different fields of view, in turn; default: each scan sees field_of_view"
+    )
     detection: DetectionSettings = Field(default_factory=DetectionSettings)
     protection: SensorProtectionSettings = Field(default_factory=SensorProtectionSettings)
     plausibility: PlausibilitySettings = Field(default_factory=PlausibilitySettings)
@@ -280,6 +306,24 @@ class SensorSettings(Settings):
     def identified(self) -> bool:
         """Whether its object ids say which object it was in the scan before."""
         return self.objects.identity is not False
+
+    @property
+    def views(self) -> Mapping[int, FieldOfView]:
+        """What its scans can see, by their look; −1 where they have none."""
+        if self.looks is None:
+            return {-1: self.field_of_view}
+        return {int(look): view for look, view in self.looks.fields_of_view.items()}
+
+    @property
+    def revisit_time(self) -> float:
+        """Time after which it has looked everywhere, s."""
+        return self.cycle_time * len(self.views)
+
+    @model_validator(mode="after")
+    def _sees_by_looks_or_without(self) -> SensorSettings:
+        if self.looks is not None and "field_of_view" in self.model_fields_set:
+            raise ValueError("looks give a field of view each, but field_of_view is given too; leave one of them out")
+        return self
 
     @model_validator(mode="after")
     def _front_end_is_a_radars(self) -> SensorSettings:

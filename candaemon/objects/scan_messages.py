@@ -66,6 +66,22 @@ class StatusWriter:
 
 
 @dataclass(frozen=True, slots=True)
+class LookReader:
+    """Reads which look a scan is; `binding.bind_sensor` makes it.
+
+    Attributes:
+        part: index of the objects' layout that says it, None where the header or trigger does.
+        signal: its name.
+        read: payload → look, −1 where it does not carry the signal.
+
+    """
+
+    part: int | None
+    signal: str
+    read: Callable[[bytes], int]
+
+
+@dataclass(frozen=True, slots=True)
 class ScanHeader:
     """Reads and writes a scan's header message; `binding.bind_header` makes it.
 
@@ -76,7 +92,8 @@ class ScanHeader:
         greatest_count: greatest number of objects that the signal holds.
         counter: payload → measurement counter, None where there is none.
         period: number of values of the measurement counter, 0 where there is none.
-        encode: of the number of objects and, where there is one, the measurement counter.
+        says_look: whether it says which look the scan is.
+        encode: of the number of objects and, where there are such, the measurement counter and the look.
         protector: counter and checksum, None where there are none.
 
     """
@@ -87,6 +104,7 @@ class ScanHeader:
     greatest_count: int
     counter: Callable[[bytes], int] | None
     period: int
+    says_look: bool
     encode: Encoder
     protector: FrameProtector | None
 
@@ -99,8 +117,10 @@ class ScanHeader:
         """Read the number of objects that follow and the measurement counter (−1 where there is none)."""
         return self.count(data), -1 if self.counter is None else self.counter(data)
 
-    def write(self, count: int, counter: int) -> tuple[int, bytes]:
+    def write(self, count: int, counter: int, look: int = 0) -> tuple[int, bytes]:
         """Write a header: CAN id and payload; a count over the greatest is clipped to it."""
         values = [min(count, self.greatest_count), *([] if self.counter is None else [counter % self.period])]
+        if self.says_look:
+            values.append(look)
         payload, _ = self.encode(values)
         return self.can_id, payload if self.protector is None else self.protector.seal(self.can_id, payload)

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Final, TypeAlias
 
@@ -30,6 +30,7 @@ import numpy as np
 from candaemon.binding.bound import BoundSensor
 from candaemon.frames.times import LONG_AGO_NS, NEVER_NS
 from candaemon.objects.object_batch import ObjectBatch
+from candaemon.objects.scan_messages import LookReader
 from candaemon.protection.monitor import FrameMonitor, FrameMonitorState
 from candaemon.radar.frame_validity import FrameValidity, FrameValidityState
 from candaemon.radar.plausibility import ObjectPlausibilityState, count_keys
@@ -68,6 +69,7 @@ class AssemblerState:
         closed_counter: of the last closed scan.
         count: objects that the header of the open scan announces; None before the header.
         measurement: the latest header's measurement counter; −1 where there is none.
+        look: of the open scan, where its header or trigger says it; −1 before.
     """
 
     counts: ScanCounts
@@ -87,6 +89,7 @@ class AssemblerState:
     closed_counter: int | None = None
     count: int | None = None
     measurement: int = -1
+    look: int = -1
 
 
 class ScanAssembler(ABC):
@@ -125,6 +128,7 @@ class ScanAssembler(ABC):
         self._slot_list = list(range(reader.slots))
         self._in_order = itemgetter(*range(reader.slots)) if reader.slots > 1 else None
         self._keys = count_keys(sensor)
+        self._look, self._views = sensor.look, sensor.settings.views
         self._state = AssemblerState(
             counts,
             [None if monitor is None else monitor.state for monitor in self._monitors],
@@ -316,13 +320,34 @@ class ScanAssembler(ABC):
             else:
                 slots = self._complete_objects()
                 scan = self._read(slots, missing) if slots else self._nothing(missing)
+            if self._look is not None:
+                scan = replace(scan, look=self._known_look(self._look))
             counts.used += stored
             counts.scans += 1
         counts.missing += missing
         counts.incomplete += missing > 0
         self._validity.closed(state.last_ns)
-        state.is_open, state.deadline_ns, state.closed_ns = False, NEVER_NS, state.first_ns
+        state.is_open, state.deadline_ns, state.closed_ns, state.look = False, NEVER_NS, state.first_ns, -1
         return scan
+
+    def _known_look(self, look: LookReader) -> int:
+        """Return which of the configured looks the open scan is; −1 where it does not say, or is none, which counts."""
+        if look.part is None:
+            found = self._state.look
+        else:
+            data = next(iter(self._state.frames[look.part].values()), None)
+            if data is None:  # a scan without objects
+                return -1
+            found = look.read(data)
+        if found in self._views:
+            return found
+        self._state.counts.unknown_look += 1
+        return -1
+
+    def _take_look(self, data: bytes) -> None:
+        """Take the look from the scan's header or trigger, where that says it."""
+        if self._look is not None and self._look.part is None:
+            self._state.look = self._look.read(data)
 
     def _missing(self, stored: int) -> int:
         """Count the objects' frames that did not come; of optional messages only if one came."""

@@ -92,7 +92,7 @@ class WholeScans:
 def whole_scans(sensor: BoundSensor, assembler: ScanAssembler) -> WholeScans | None:
     """Return what finds the whole scans of a sensor; None where its frames must be looked at one by one."""
     several = sensor.reader.slots * len(sensor.reader.layouts) > 1
-    if isinstance(assembler, CounterAssembler) and assembler.takes_all_alike and several:
+    if isinstance(assembler, CounterAssembler) and assembler.takes_all_alike and several and sensor.look is None:
         return WholeScans(sensor, assembler)
     return None
 

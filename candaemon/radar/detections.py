@@ -22,6 +22,7 @@ class Detections:
         length, width: as the sensor says (n,), m; NaN where it does not, None where it never does.
         heading: likewise, of the front in the local frame, positive to the left from east, −π to π rad.
         identified: whether an object id says anything of another scan.
+        look: which of the sensor's looks the scan is; −1 where it has none, or does not say.
     """
 
     time_ns: int
@@ -35,6 +36,7 @@ class Detections:
     width: Floats | None = None
     heading: Floats | None = None
     identified: bool = True
+    look: int = -1
 
     def __len__(self) -> int:
         return len(self.object_id)

@@ -43,6 +43,7 @@ class HeaderAssembler(TimeoutAssembler):
         if not state.is_open:
             self._start(time_ns)
         state.counts.used += 1
+        self._take_look(data)
         state.count = max(count, 0)
         state.last_ns = time_ns
         state.awaited = self._awaits() - sum(map(len, state.frames))

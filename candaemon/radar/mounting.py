@@ -26,15 +26,19 @@ class SensorView:
     Attributes:
         mount: its pose in vehicle axes.
         field: range and opening angle.
+        sensor: its number; −1: of no scan in particular.
+        look: in which look it sees that; −1 where it has none.
     """
 
     mount: Mount
     field: FieldOfView
+    sensor: int = -1
+    look: int = -1
 
     @property
     def yaw(self) -> float:
         """Direction of its middle from the vehicle's x axis, rad."""
-        return radians(self.mount.yaw_deg)
+        return radians(self.mount.yaw_deg + self.field.yaw_deg)
 
     @property
     def area(self) -> float:
@@ -52,9 +56,9 @@ class SensorView:
         return np.asarray(near_enough & (np.abs(azimuth) < radians(self.field.azimuth_deg)))
 
 
-def sensor_views(settings: SensorSettings) -> dict[int, SensorView]:
+def sensor_views(settings: SensorSettings, sensor: int = -1) -> dict[int, SensorView]:
     """Return what a sensor can see, by the number of its look; −1 where a scan has none."""
-    return {-1: SensorView(settings.mount, settings.field_of_view)}
+    return {look: SensorView(settings.mount, view, sensor, look) for look, view in settings.views.items()}
 
 
 class Mounting:
@@ -126,6 +130,7 @@ class Mounting:
             None if self._width is None else values[self._width],
             None if self._heading is None else np.remainder(values[self._heading] + (yaw + np.pi), 2 * np.pi) - np.pi,
             self._identified,
+            scan.look,
         )
 
     def _projections(

@@ -21,6 +21,7 @@ class Scan:
         values: (quantities, n) in SI and sensor axes, rows as the sensor's `reader.quantities`; NaN where an optional
             message did not come, or said that it is not known, and where a size cannot be.
         missing: frames that should have been in it and were not.
+        look: which of the sensor's looks it is; −1 where it has none, or does not say.
 
     """
 
@@ -31,6 +32,7 @@ class Scan:
     new: Booleans
     values: Floats
     missing: int = 0
+    look: int = -1
 
     @property
     def complete(self) -> bool:
@@ -63,6 +65,7 @@ class ScanCounts(FrameFaults):
         distrusted: scans discarded whole because too many of their frames failed.
         incomplete: scans with frames missing.
         skipped: scans that never came, by the header's measurement counter.
+        unknown_look: scans that are none of the looks configured; nothing is expected in them.
 
     """
 
@@ -83,6 +86,7 @@ class ScanCounts(FrameFaults):
     distrusted: int = 0
     incomplete: int = 0
     skipped: int = 0
+    unknown_look: int = 0
 
     @property
     def frames(self) -> int:

@@ -46,6 +46,7 @@ class TriggerAssembler(TimeoutAssembler):
                 state.counts.late += 1
                 return None
             self._start(time_ns)  # a cycle without objects
+        self._take_look(data)
         state.last_ns = time_ns
         state.counts.used += 1
         return self._close(marked=True)

@@ -38,7 +38,9 @@ class SensorEncoder:
     def __init__(self, sensor: BoundSensor, transmission: Transmission, *, seed: int, where: SettingLocation) -> None:
         form, scan = sensor.settings.objects, sensor.settings.scan
         self._settings, self._bus, self._transmission = sensor.settings, sensor.bus, transmission
-        self._writer = bind_sensor_writer(sensor, where)
+        self._looks = tuple(sensor.settings.views)
+        self._writers = {look: bind_sensor_writer(sensor, where, look) for look in self._looks}
+        self._writer = self._writers[self._looks[0]]
         self._packed = bool(form.identity) and not form.multiplexed
         self._used_only = form.multiplexed or (isinstance(scan, HeaderScan) and scan.used_only)
         objects = {message.can_id: (part.index, message) for part in self._writer.layouts for message in part.messages}
@@ -46,16 +48,19 @@ class SensorEncoder:
         self._rank = {can_id: part for can_id, (part, _) in objects.items()} if form.multiplexed else {}
         self._header = sensor.header
         self._last_id = sensor.trigger_id
-        self._trigger: MessageWriter | None = None
+        self._triggers: dict[int, MessageWriter] = {}
         if sensor.trigger is not None and sensor.trigger.can_id not in objects:
-            self._trigger = MessageWriter(sensor.trigger, [])
+            says = None if sensor.look is None or sensor.look.part is not None else sensor.look.signal
+            self._triggers = {
+                look: MessageWriter(sensor.trigger, [], None if says is None else {says: look}) for look in self._looks
+            }
         self._order = stream(seed, sensor.index, "frames")
         self._loss = stream(seed, sensor.index, "loss")
 
     @property
     def saturated(self) -> int:
         """Number of values so far that were outside the range of their signal."""
-        return self._writer.saturated
+        return sum(writer.saturated for writer in self._writers.values())
 
     def frames(self, report: SlotReport, index: int, measured_ns: int) -> list[Frame]:
         """Return the frames of one scan in order of time, lost ones left out.
@@ -66,11 +71,14 @@ class SensorEncoder:
             measured_ns: measurement time, log clock.
 
         """
+        look = self._looks[index % len(self._looks)]
+        self._writer = self._writers[look]
         sent = self._in_order(self._objects(report, index))
         if self._header is not None:
-            sent.insert(0, self._header.write(len(report.slot), index))
-        if self._trigger is not None:
-            sent.append((self._trigger.message.can_id, self._trigger.payloads(np.empty((0, 1)))[0]))
+            sent.insert(0, self._header.write(len(report.slot), index, look))
+        if self._triggers:
+            trigger = self._triggers[look]
+            sent.append((trigger.message.can_id, trigger.payloads(np.empty((0, 1)))[0]))
         times = stamps(measured_ns, len(sent), self._settings, self._transmission, self._order)
         kept = self._loss.random(len(sent)) >= self._transmission.loss
         bus, fd = self._bus, self._fd

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 
@@ -119,6 +120,8 @@ class SensorModel:
         self, scene: Scene, settings: SensorSettings, measurement: MeasurementEffects, *, seed: int, source: int
     ) -> None:
         self._scene, self._settings, self._measurement = scene, settings, measurement
+        self._looks = cycle(settings.views.values())
+        self._view = settings.field_of_view
         self._reflections = VisibleReflections(scene)
         self.quantities = tuple(name for name in QUANTITIES if getattr(settings.signals, name) is not None)
         self._noise = np.array(
@@ -146,6 +149,7 @@ class SensorModel:
     def observe(self, instant: SceneState) -> SimulatedDetections:
         """Return one scan's detections; call it for each scan in order."""
         sensor = instant.ego.at_mount(self._settings.mount)
+        self._view = next(self._looks)
         motion, detectable = self._motion(instant, sensor)
         chance = self._detection.random(len(self._owner))
         noise = self._draw.standard_normal((len(self._noise), len(self._owner))) * self._noise
@@ -182,7 +186,7 @@ class SensorModel:
             np.concatenate([moving.acceleration, self._still]),
         )
         motion = relative(points, sensor, self._settings)
-        detectable = in_view(motion.position, self._settings.field_of_view)
+        detectable = in_view(motion.position, self._view)
         detectable[: len(reflections.actor)] &= np.abs(motion.position[: len(reflections.actor)]) <= reflections.reach
         if measurement.occlusion:
             candidates = np.flatnonzero(detectable)
@@ -246,11 +250,12 @@ class SensorModel:
 
     def _renew_clutter(self) -> None:
         """Remove most false objects and draw others, uniform over the area of the field of view."""
-        view, measurement, random = self._settings.field_of_view, self._measurement, self._clutter_random
+        view, measurement, random = self._view, self._measurement, self._clutter_random
         stay = random.random(len(self._clutter_key)) < measurement.clutter_persistence
         count = int(random.poisson(measurement.clutter * (1 - measurement.clutter_persistence)))
         distance = np.sqrt(random.uniform(view.min_range**2, view.range**2, count))
-        direction = np.exp(1j * random.uniform(-1.0, 1.0, count) * math.radians(view.azimuth_deg))
+        angle = random.uniform(-1.0, 1.0, count) * math.radians(view.azimuth_deg) + math.radians(view.yaw_deg)
+        direction: ComplexPlane = np.exp(1j * angle)
         velocity = random.uniform(-_CLUTTER_SPEED, _CLUTTER_SPEED, count) * direction
         motion = RelativeMotion(distance * direction, velocity, np.zeros(count, dtype=np.complex128))
         fresh = self._values(motion, np.zeros(count), np.zeros(count), np.zeros(count), score=0.2)

@@ -52,7 +52,8 @@ class Truth:
         self._occlusion = occlusion
         self._reflections = VisibleReflections(scene)
         self._no_drift = np.zeros(len(self._reflections.actor))
-        self._reach = max((settings.field_of_view.range for settings in self._sensors), default=0.0) + _MARGIN
+        views = [view for settings in self._sensors for view in settings.views.values()]
+        self._reach = max((view.range for view in views), default=0.0) + _MARGIN
 
     def visible(self, instant: SceneState) -> Booleans:
         """Return which actors are visible to any sensor at an instant, by any of their reflections, shape (actors,)."""
@@ -63,7 +64,7 @@ class Truth:
             offset = self._reflections.offsets(seen_from(instant, sensor.position), self._no_drift)
             point = instant.on_actors(actor, offset).position
             local = (point - sensor.position) * np.exp(-1j * sensor.yaw)
-            in_sight = in_view(local, settings.field_of_view)
+            in_sight = np.any([in_view(local, view) for view in settings.views.values()], axis=0)
             if self._occlusion:
                 in_sight &= ~hidden(self._scene, instant, sensor, local, actor)
             np.logical_or.at(seen, actor, in_sight)
@@ -74,7 +75,8 @@ class Truth:
         seen = np.zeros((len(self._scene.actors), 4), dtype=bool)
         for settings in self._sensors:
             sensor = instant.ego.at_mount(settings.mount)
-            seen |= sides_seen(self._scene, instant, sensor, settings.field_of_view, occlusion=self._occlusion)
+            for view in settings.views.values():
+                seen |= sides_seen(self._scene, instant, sensor, view, occlusion=self._occlusion)
         return np.asarray(np.minimum(np.count_nonzero(seen, axis=1), 2), dtype=np.int64)
 
     def references(self, instant: SceneState) -> Points:

@@ -126,7 +126,7 @@ def sides_seen(scene: Scene, instant: SceneState, sensor: Pose, view: FieldOfVie
 def in_view(point: ComplexPlane, view: FieldOfView) -> Booleans:
     """Return which points (sensor axes, m, shape (n,)) lie in a field of view."""
     distance = np.abs(point)
-    direction = np.abs(np.angle(point))
+    direction = np.abs(np.angle(point * np.exp(-1j * np.radians(view.yaw_deg))))
     near_enough = (distance >= view.min_range) & (distance <= view.range)
     return np.asarray(near_enough & (direction <= np.radians(view.azimuth_deg)))
 

@@ -74,7 +74,12 @@ def _by_id(
     covariance: Floats,
     settings: AssociationSettings,
 ) -> None:
-    """Associate by ids; one that comes twice in a scan stands for nothing, nor does that of an object called new."""
+    """Associate by ids; one that comes twice in a scan stands for nothing, nor does that of an object called new.
+
+    A sensor that tells no identity has none.
+    """
+    if not detections.identified:
+        return
     keys = detections.object_id
     row = np.where(detections.new, -1, bodies.rows_of(detections.sensor, keys))
     if len(np.unique(keys)) < len(keys):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.settings import Config
-from candaemon.radar.mounting import SensorView
+from candaemon.radar.mounting import sensor_views
 from candaemon.tracking.any_tracker import AnyTracker, make_tracker, set_state
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.tracker import TrackerState
@@ -50,9 +50,15 @@ class TrackerGroups:
         tracker_of: dict[str, AnyTracker] = {}
         for settings, names in groups:
             members = [each for name, each in sensors.items() if name in names]
-            cycle_time = max(each.cycle_time for each in members)
-            slack_ns = round(1.5 * cycle_time * 1e9) if len(sensors) > 1 else 0
-            views = [SensorView(each.mount, each.field_of_view) for each in members]
+            cycle_time = max(each.revisit_time for each in members)
+            in_turn = len(sensors) > 1 or members[0].looks is not None
+            slack_ns = round(1.5 * cycle_time * 1e9) if in_turn else 0
+            views = [
+                view
+                for number, (name, each) in enumerate(sensors.items())
+                if name in names
+                for view in sensor_views(each, number).values()
+            ]
             tracker = make_tracker(settings, self.identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views)
             self.trackers.append(tracker)
             tracker_of.update(dict.fromkeys(names, tracker))

@@ -17,7 +17,7 @@ import numpy as np
 
 from candaemon.arrays import Booleans, Floats
 from candaemon.config.sensors import SensorSettings
-from candaemon.radar.mounting import SensorView, sensor_views
+from candaemon.radar.mounting import sensor_views
 
 LEAST_PROBABILITY: Final = 0.01
 """Of detection, whatever hides an obstacle: a field of view is only known approximately, and radars see below cars."""
@@ -133,7 +133,7 @@ class Visibility:
             length: (k,), m; NaN where it is not known.
             width: (k,), m; NaN where it is not known.
             sensor: its number.
-            look: which of its looks the scan is; −1: it has none.
+            look: which of its looks the scan is; −1: it has none, or did not say which.
             missed: whether the sensor's last scan that should have held it did not (k,); None: held by all.
         """
         model = self._models[sensor]
@@ -210,9 +210,9 @@ class _DetectionModel:
     """
 
     def __init__(self, settings: SensorSettings) -> None:
-        self._views: Mapping[int, SensorView] = sensor_views(settings)
+        self._views, self._mount = sensor_views(settings), settings.mount
         detection = settings.detection
-        prior = np.array([detection.probability, 1.0 - exp(-settings.cycle_time / detection.gap)])
+        prior = np.array([detection.probability, 1.0 - exp(-settings.revisit_time / detection.gap)])
         self._prior = prior[:, None] * _PRIOR_WEIGHT
         self._clutter = detection.clutter
         self._bin = max(view.field.range for view in self._views.values()) / RANGE_BINS
@@ -223,10 +223,12 @@ class _DetectionModel:
         self, centre: Floats, reference: Floats, heading: Floats, length: Floats, width: Floats, look: int
     ) -> tuple[Floats, Floats]:
         """Return the share of each obstacle in sight (k,), and its distance (k,), m."""
-        view = self._views.get(look) or self._views[-1]
-        x, y = centre[:, 0] - view.mount.x, centre[:, 1] - view.mount.y
+        view = self._views.get(look)
+        distance = np.hypot(reference[:, 0] - self._mount.x, reference[:, 1] - self._mount.y)
+        if view is None:  # a scan that does not say which of the looks it is: nothing is expected
+            return np.zeros(len(distance)), distance
+        x, y = centre[:, 0] - self._mount.x, centre[:, 1] - self._mount.y
         away = np.hypot(x, y)
-        distance = np.hypot(reference[:, 0] - view.mount.x, reference[:, 1] - view.mount.y)
         bearing = np.arctan2(y, x) - view.yaw
         half = _half_angle(bearing, away, heading - view.yaw, length, width) + _ANGLE_MARGIN
         azimuth = np.remainder(bearing + pi, 2 * pi) - pi

@@ -139,7 +139,7 @@ class Tracker:
         link = self._tracks.smoother_link(self._dt > 0.0) if self._tracks.estimator.linking else None
         if detections is not None:
             tracks, rows = self._associate(detections)
-            nis = self._update_tracks(tracks, rows, detections)
+            nis = self._update_tracks(tracks, rows, detections, pose)
             initiated, unassociated = self._initiate(rows, detections, pose)
             self._record_update(tracks, rows, nis, initiated, unassociated, detections)
         self._confirm_and_delete(pose)
@@ -237,12 +237,14 @@ class Tracker:
         rows = (track_of >= 0).nonzero()[0]
         return track_of.take(rows), rows
 
-    def _update_tracks(self, tracks: Indices, rows: Indices, detections: Detections) -> Floats:
+    def _update_tracks(self, tracks: Indices, rows: Indices, detections: Detections, pose: EgoPose) -> Floats:
         """Update the tracks with their detections; return the normalised innovations squared."""
         self.counts.cycles += 1
         self.counts.detections += len(detections)
         obstacles = self._tracks.obstacles
         expected = obstacles.sensors & (1 << detections.sensor) != 0
+        if detections.look >= 0:
+            expected &= self._in_look(detections, pose)
         obstacles.history = obstacles.history << expected & _HISTORY
         obstacles.scans += expected
         measurement = detections.measurement
@@ -317,6 +319,12 @@ class Tracker:
         """Return which obstacles lie within some sensor's field of view."""
         points = pose.to_vehicle(self._tracks.reference_points())
         return np.asarray(np.any([view.sees(points) for view in self._views], axis=0))
+
+    def _in_look(self, detections: Detections, pose: EgoPose) -> Booleans:
+        """Return which obstacles lie where the scan's look can see."""
+        points = pose.to_vehicle(self._tracks.reference_points())
+        looking = [each for each in self._views if (each.sensor, each.look) == (detections.sensor, detections.look)]
+        return np.asarray(np.any([view.sees(points) for view in looking], axis=0) | (not looking))
 
     def _merge_and_split(self) -> None:
         """Hand over reference points, split what moves apart, merge what moves together."""

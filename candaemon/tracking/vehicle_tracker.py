@@ -246,7 +246,8 @@ class VehicleTracker:
         gain = variance / (variance + noise)
         reflections.offset[row] += gain[:, None] * to_travel_axes(place, obstacles.axis[body])
         reflections.variance[row] = (1.0 - gain) * variance
-        for each, key in zip(row.tolist(), detections.object_id[rows].tolist(), strict=True):
+        named = zip(row.tolist(), detections.object_id[rows].tolist(), strict=True) if detections.identified else ()
+        for each, key in named:
             if reflections.object_id[each] != key or reflections.sensor[each] != detections.sensor:
                 bodies.assign_id(each, detections.sensor, key)
         box.learn(bodies, rows, row, detections)
