@@ -75,8 +75,10 @@ class InsMotion:
         self._components = "velocity_north" in given
         if self._components:
             given.discard("speed")
-        clock = "velocity_north" if self._components else "speed"
-        self._epoch = MotionEpoch(clock, given - {clock, "valid"}, settings.age_limit)
+        self._clock = "velocity_north" if self._components else "speed"
+        self._epoch = MotionEpoch(self._clock, given - {self._clock, "valid"}, settings.age_limit)
+        self._gives_yaw_rate, self._gives_curvature = "yaw_rate" in given, "curvature" in given
+        self._gives_acceleration, self._is_gated = "ax" in given, "valid" in given
         self._latency_ns = round(settings.latency * 1e9)
         self._age_limit_ns = round(settings.age_limit * 1e9)
         self.wanted = frozenset(given)
@@ -109,18 +111,18 @@ class InsMotion:
 
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Take the quantities of one frame."""
-        if self._epoch.ends(names):  # what has not come until now was lost or is silent
+        if self._state.epoch.is_open and self._clock in names:  # what has not come until now was lost or is silent
             self._add_sample()
         if self._epoch.take(time_ns, names, values):
             self._add_sample()
-        elif "heading" in names:
+        elif "heading" in names and time_ns - self._state.epoch.time_ns > self._age_limit_ns:
             self._coast(time_ns)
 
     def _add_sample(self) -> None:
         """Make a sample of an epoch that is complete, or as complete as it becomes."""
         epoch, state = self._epoch, self._state
         signals = state.epoch.signals
-        if not self._is_valid() or (self._components and not epoch.belongs("velocity_east")):
+        if (self._is_gated and not self._is_valid()) or (self._components and not epoch.belongs("velocity_east")):
             return
         time_ns = state.epoch.time_ns - self._latency_ns
         ve = vn = 0.0
@@ -149,7 +151,8 @@ class InsMotion:
             state.curvature = turn / speed
             if state.heard_ns != heard_ns:
                 state.sideways += _SIDEWAYS_SHARE * (vn * c - ve * s - state.sideways)
-        self.history.add(time_ns, heading, ve, vn, turn, self._acceleration(c, s, speed * turn))
+        acceleration = self._acceleration(c, s, speed * turn) if self._gives_acceleration else None
+        self.history.add(time_ns, heading, ve, vn, turn, acceleration)
 
     def _is_valid(self) -> bool:
         valid = self._state.epoch.signals.get("valid")
@@ -157,10 +160,10 @@ class InsMotion:
 
     def _given_turn(self, speed: float) -> float | None:
         """Return the yaw rate that is given, rad/s, as such or as the path's curvature; None while neither comes."""
-        turn = self._epoch.fresh("yaw_rate")
+        turn = self._epoch.fresh("yaw_rate") if self._gives_yaw_rate else None
         if turn is not None:
             return turn
-        curvature = self._epoch.fresh("curvature")
+        curvature = self._epoch.fresh("curvature") if self._gives_curvature else None
         if curvature is None:
             return None
         self._state.counts.yaw_rate_from_curvature += 1

@@ -81,12 +81,11 @@ class MotionEpoch:
             raise ValueError("a quantity with a negative period")
         self._state = state
 
-    def ends(self, names: Sequence[str]) -> bool:
-        """Return whether a frame of these quantities ends an epoch that is still open: its clock comes again."""
-        return self._state.is_open and self._clock in names
-
     def take(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> bool:
-        """Take the quantities of one frame; return whether it completes an epoch."""
+        """Take the quantities of one frame; return whether it completes an epoch.
+
+        An epoch that is open when its clock comes again does not become more complete: it is to be used before.
+        """
         state = self._state
         signals, waiting = state.signals, state.waiting
         for name, value in zip(names, values):  # noqa: B905 - binding pairs them once for all frames
@@ -99,7 +98,7 @@ class MotionEpoch:
                 signals[name] = ReceivedSignal(value, time_ns)
             else:
                 interval_ns = time_ns - signal.arrived_ns
-                if interval_ns > _SHORTEST_PERIOD_NS:
+                if interval_ns > _SHORTEST_PERIOD_NS and interval_ns != signal.period_ns:
                     self._learn_period(signal, interval_ns)
                 signal.value, signal.arrived_ns = value, time_ns
             waiting.discard(name)
@@ -110,18 +109,21 @@ class MotionEpoch:
 
     def fresh(self, name: str) -> float | None:
         """Return the latest value of a quantity that was not silent when the epoch began; else None."""
-        signal = self._state.signals.get(name)
-        if signal is None:
+        state = self._state
+        signal = state.signals.get(name)
+        if signal is None or state.time_ns - signal.arrived_ns > _LATE * (signal.period_ns or self._longest_ns):
             return None
-        age_ns = self._state.time_ns - signal.arrived_ns
-        return signal.value if age_ns <= _LATE * self._period_ns(signal) else None
+        return signal.value
 
     def belongs(self, name: str) -> bool:
         """Return whether the latest value of a quantity is of the epoch's own instant."""
         state, signal = self._state, self._state.signals.get(name)
         if signal is None:
             return False
-        return abs(state.time_ns - signal.arrived_ns) <= _EARLY * self._period_ns(state.signals[self._clock])
+        if signal.arrived_ns == state.time_ns:
+            return True
+        period_ns = state.signals[self._clock].period_ns or self._longest_ns
+        return abs(state.time_ns - signal.arrived_ns) <= _EARLY * period_ns
 
     def _begin(self, time_ns: int, clock: ReceivedSignal | None) -> None:
         """Begin an epoch; after a pause, and at first, everything is due."""
@@ -140,9 +142,6 @@ class MotionEpoch:
                 due = age_ns >= _EARLY * own_ns and (paused or age_ns <= _LATE * own_ns)
             if due:
                 state.waiting.add(name)
-
-    def _period_ns(self, signal: ReceivedSignal) -> int:
-        return signal.period_ns or self._longest_ns
 
     def _learn_period(self, signal: ReceivedSignal, interval_ns: int) -> None:
         """Follow the interval at which a quantity comes; a pause, or frames stamped in a batch, move it little."""

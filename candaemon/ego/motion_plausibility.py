@@ -100,6 +100,7 @@ class MotionPlausibility:
     def __init__(self, message: EgoMessage, settings: MotionPlausibilitySettings, faults: MotionFaults) -> None:
         self.faults = faults
         self._limits = [_limit(binding, settings) for binding in message.bindings]
+        self._rated = [(index, limit) for index, limit in enumerate(self._limits) if limit.rate < float_info.max]
         self._state = MotionPlausibilityState([ValueHistory() for _ in self._limits])
 
     @property
@@ -125,20 +126,22 @@ class MotionPlausibility:
             values: SI, in the order of the message's quantities; NaN where the DBC's multiplexer leaves one out.
         """
         faults = self.faults
-        for value, limit in zip(values, self._limits, strict=True):
-            if isnan(value):
-                if not limit.optional:
-                    faults.not_finite += 1
-                    return False
-            elif not limit.low <= value <= limit.high:
+        for value, limit in zip(values, self._limits):  # noqa: B905 - binding pairs them once for all frames
+            if limit.low <= value <= limit.high:
+                continue
+            if not isnan(value):
                 faults.out_of_range += 1
                 return False
-        jumps = [
-            limit.rate < float_info.max and not isnan(value) and limit.jumps(before, value, time_ns)
-            for value, limit, before in zip(values, self._limits, self._state.values, strict=True)
-        ]
-        faults.impossible += any(jumps)
-        return not any(jumps)
+            if not limit.optional:
+                faults.not_finite += 1
+                return False
+        jumps = False
+        for index, limit in self._rated:  # each remembers its value, whatever the others are
+            value = values[index]
+            if not isnan(value) and limit.jumps(self._state.values[index], value, time_ns):
+                jumps = True
+        faults.impossible += jumps
+        return not jumps
 
 
 def _limit(binding: SignalBinding, settings: MotionPlausibilitySettings) -> _Limit:
