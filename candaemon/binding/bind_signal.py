@@ -97,11 +97,17 @@ def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, location: Set
         factor = known[1]
     elif dimension != "number" and not (ref.unit is None and known == ("number", 1.0)):
         raise location.error(f"signal '{signal.name}' has the unit '{unit}' ({known[0]}) by {source}, {expected}")
-    unknown = ref.unknown if isinstance(ref, ObjectSignalRef) else None
-    if unknown is not None and not has_value(signal, unknown):
-        low, high = representable_values(signal)
-        raise location.error(
-            f"'unknown' is {unknown:g}, which signal '{signal.name}' cannot be; expected a value from {low:g} to "
-            f"{high:g} in steps of {abs(signal.scale):g}"
-        )
-    return SignalBinding(quantity, signal, factor * ref.scale, factor * ref.offset, unknown)
+    gain, bias = factor * ref.scale, factor * ref.offset
+    if not isinstance(ref, ObjectSignalRef):
+        return SignalBinding(quantity, signal, gain, bias)
+    if ref.codes is not None and quantity != "class":
+        raise location.error(f"'codes' are values for classes, but '{signal.name}' is {quantity}; leave them out")
+    named = [("unknown", ref.unknown)] if ref.unknown is not None else []
+    for key, value in (*named, *(("codes", code) for code in ref.codes or ())):
+        if not has_value(signal, value):
+            low, high = representable_values(signal)
+            raise location.error(
+                f"'{key}' has {value:g}, which signal '{signal.name}' cannot be; expected a value from {low:g} to "
+                f"{high:g} in steps of {abs(signal.scale):g}"
+            )
+    return SignalBinding(quantity, signal, gain, bias, ref.unknown, ref.codes)

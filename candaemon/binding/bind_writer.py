@@ -389,7 +389,17 @@ def _quantity_column(row: int, written: _WrittenSignal, binding: SignalBinding) 
             step = abs(written.signal.scale)
             low, high = low + step * (unknown <= low), high - step * (unknown >= high)
     limits = written.interval if lossy or written.interval is not None else (low, high)
-    return QuantityColumn(row, binding.quantity, written.wrap, binding.gain, binding.bias, limits, lossy, unknown)
+    return QuantityColumn(
+        row,
+        binding.quantity,
+        written.wrap,
+        binding.gain,
+        binding.bias,
+        limits,
+        lossy,
+        unknown,
+        None if binding.codes is None else np.array(binding.codes),
+    )
 
 
 def _of_one_length(layout: MessageLayout, checksum: str | None) -> list[list[int]]:

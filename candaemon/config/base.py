@@ -9,6 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_valida
 
 from candaemon.config.names import DbcName
 from candaemon.config.numbers import SMALLEST, Factor, SignalValue
+from candaemon.frames.bodies import CLASSES
 
 Unit = Literal["m", "rad", "deg", "m/s", "km/h", "mph", "rad/s", "deg/s", "m/s^2", "g", "1/m", "s", "%", "1"]
 
@@ -66,10 +67,16 @@ class SignalRef(Settings):
 
 
 class ObjectSignalRef(SignalRef):
-    """A signal of an object, one value of which may say that the quantity is not known."""
+    """A signal of an object: which of its values says that the quantity is not known, and which stand for classes."""
 
     unknown: SignalValue | None = Field(
         None, description="value of the signal, in the DBC's unit, that says that the quantity is not known"
+    )
+    codes: tuple[SignalValue, ...] | None = Field(
+        None,
+        min_length=len(CLASSES),
+        max_length=len(CLASSES),
+        description=f"of `class` only: values of the signal for {', '.join(CLASSES)}; default: 0, 1, 2, …",
     )
 
 

@@ -41,6 +41,7 @@ class LayoutReader:
         bias: (quantities, 1) in SI, None where all are 0.
         uncertain: whether a quantity may be NaN, as floats and multiplexed signals can.
         unknown: row of each signal with a value that says nothing, that value, and how near it is as good.
+        codes: row of each signal with values for classes, and those values (1, classes).
 
     """
 
@@ -64,6 +65,7 @@ class LayoutReader:
             for row, each in enumerate(bindings)
             if each.unknown is not None
         )
+        self.codes = tuple((row, np.array([each.codes])) for row, each in enumerate(bindings) if each.codes is not None)
         self.uncertain = any(each.signal.is_float or each.signal.multiplexer_signal for each in bindings)
 
 
@@ -153,6 +155,8 @@ class ObjectReader:
                     finite.append(np.logical_and.reduce(np.isfinite(rows)))
                 for row, unknown, near in reader.unknown:
                     rows[row, np.abs(raw[row] - unknown) < near] = np.nan
+                for row, codes in reader.codes:  # a value that stands for no class is the first: unknown
+                    rows[row] = (raw[row][:, None] == codes).argmax(axis=1)
                 if missing is not None:
                     rows[:, missing] = np.nan
             # Where some objects lack a message, nothing is known of those.

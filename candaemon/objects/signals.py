@@ -18,6 +18,8 @@ class SignalBinding:
         gain: SI units of the quantity per DBC unit of the signal.
         bias: quantity where the signal's value is 0.
         unknown: value of the signal, in the DBC's unit, that says that the quantity is not known; None: no value does.
+        codes: values of the signal for each class, in the order of `CLASSES`; None: the quantity is no class, or the
+            signal's values are those of the classes.
 
     """
 
@@ -26,6 +28,7 @@ class SignalBinding:
     gain: float
     bias: float
     unknown: float | None = None
+    codes: tuple[float, ...] | None = None
 
 
 def dbc_range(binding: SignalBinding) -> tuple[float, float] | None:

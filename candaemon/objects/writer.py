@@ -33,6 +33,7 @@ class QuantityColumn:
         limits: values it is clipped to, None where the encoder's own limits do.
         lossy: whether clipping counts as saturated.
         unknown: the signal's value where the quantity is NaN; None where it never is.
+        codes: the signal's values by class; None where the quantity is none, or its own value.
 
     """
 
@@ -44,9 +45,12 @@ class QuantityColumn:
     limits: tuple[float, float] | None
     lossy: bool
     unknown: float | None = None
+    codes: Floats | None = None
 
     def signal_values(self, found: Floats | npt.NDArray[np.integer]) -> tuple[Floats, Booleans | None]:
         """Convert the quantity into the signal's values; return with them which were clipped, None if that is free."""
+        if self.codes is not None:
+            return self.codes.take(found.astype(np.intp), mode="clip"), None
         wire: Floats = np.asarray(found % self.wrap if self.wrap else found, np.float64)
         if self.bias:
             wire = wire - self.bias

@@ -16,6 +16,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from candaemon.binding.bind_output import bind_output
+from candaemon.binding.bind_reader import bind_reader
 from candaemon.binding.bound import BoundOutput, BoundSensor
 from candaemon.binding.location import SettingLocation
 from candaemon.config.base import ObjectSignalRef
@@ -261,9 +262,17 @@ def test_a_body_turns_with_the_mount() -> None:
     assert [view.quantity(name, polar=False)[0] for name in names] == pytest.approx([-1.0, 4.0, 0.0, 1.0])
 
 
-def test_an_ars408s_list_tells_orientation_and_size() -> None:
+def test_an_ars408s_list_tells_orientation_size_and_class() -> None:
     seen = obstacles(3, **BODIES)
-    (scan,) = scans(sensor("ars408"), OutputEncoder(output("esr_to_ars408")).encode(seen, STATUS, POSE))
+    bound = output("esr_to_ars408")
+    frames = OutputEncoder(bound).encode(seen, STATUS, POSE)
+    reader = bind_reader(bound.settings.objects, {"class": bound.settings.signals["class"][0]}, bound.database)
+    columns = [[data for can_id, data in frames if can_id == part.messages[0].can_id] for part in reader.layouts]
+    told = [dbc("ars408.dbc").decode_message("Obj_3_Extended", data)["Obj_Class"] for data in columns[2]]  # type: ignore[call-overload]  # plain
+    assert [str(kind) for kind in told] == ["truck", "point", "point"]
+    # what has no code of its own is unknown to who reads it
+    assert reader.read(columns).values.tolist() == [[CLASSES.index("truck"), 0, 0]]
+    (scan,) = scans(sensor("ars408"), frames)
     rows = dict(zip(sensor("ars408").reader.quantities, scan.values, strict=True))
     assert rows["heading"][:2].tolist() == pytest.approx([-1.2, 0.0], abs=math.radians(0.2))
     assert rows["length"].tolist() == pytest.approx([4.6, math.nan, math.nan], abs=0.1001, nan_ok=True)

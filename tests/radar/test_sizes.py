@@ -81,8 +81,17 @@ def signal(**given: float) -> SignalSpec:
 @pytest.mark.parametrize("unknown", [51.2, -0.2, 0.1])
 def test_what_says_unknown_must_be_a_value_of_the_signal(unknown: float) -> None:
     ref = ObjectSignalRef(signal="Size", unknown=unknown)
-    with pytest.raises(ConfigError, match=r"'unknown' is .*'Size' cannot be; expected a value from 0 to 51"):
+    with pytest.raises(ConfigError, match=r"'unknown' has .*'Size' cannot be; expected a value from 0 to 51"):
         bind_signal("length", ref, signal(), SettingLocation())
+
+
+def test_codes_are_values_of_the_signal_and_of_a_class() -> None:
+    codes = (0.0, 0.2, 0.4, 0.6, 0.8, 51.0)
+    assert bind_signal("class", ObjectSignalRef(signal="Size", codes=codes), signal(), SettingLocation()).codes == codes
+    with pytest.raises(ConfigError, match=r"'codes' has 51\.2, which signal 'Size' cannot be"):
+        bind_signal("class", ObjectSignalRef(signal="Size", codes=(*codes[1:], 51.2)), signal(), SettingLocation())
+    with pytest.raises(ConfigError, match="'codes' are values for classes, but 'Size' is length"):
+        bind_signal("length", ObjectSignalRef(signal="Size", codes=codes), signal(), SettingLocation())
 
 
 @pytest.mark.parametrize("unknown", [0.0, 0.6, 51.0])
