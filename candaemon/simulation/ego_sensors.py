@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,11 +16,12 @@ from candaemon.config.protection import InputProtectionSettings
 from candaemon.frames.frame import Frame
 from candaemon.objects.signals import SignalBinding
 from candaemon.simulation.actor_motion import TrueMotion
+from candaemon.simulation.faults import FrameLosses, Spells, Steps
 from candaemon.simulation.message_writer import MessageWriter
 from candaemon.simulation.random_streams import stream
 from candaemon.simulation.scenario import EgoMotionSensors, EgoStart, Scenario
 from candaemon.simulation.scene import Scene
-from candaemon.simulation.schedule import start_ns
+from candaemon.simulation.schedule import batched, start_ns
 
 LEAD_IN = 0.3
 """The ego motion is sent from this many s before the scenario's time 0, so that it is known at the first scan."""
@@ -54,6 +56,12 @@ class EgoEncoder:
         self._protectors = [None if each.monitor is None else each.monitor.protector for each in ego.messages.values()]
         self._names = [each.quantities for each in ego.messages.values()]
         sensors = scenario.ego.own_motion
+        draws = stream(seed, source, "faults")
+        self._losses = FrameLosses(scenario.frames.faults, draws)
+        self._faults, self._gaps, self._steps = sensors.faults, None, None
+        if sensors.faults is not None:
+            self._gaps = Spells(sensors.faults.gap_interval, sensors.faults.gap, draws)
+            self._steps = Steps(sensors.faults.step_interval, sensors.faults.step, draws)
         self._drift: Drift | None = None
         if isinstance(ego.settings, InsSettings):
             noise = ego.settings.noise
@@ -71,12 +79,14 @@ class EgoEncoder:
             steps = first + np.arange(begin, min(begin + _BLOCK, count))
             micro = np.rint(steps / sensors.rate * 1e6).astype(np.int64)
             motion = scene.ego(micro / 1e6)
-            exact = self._exact(motion)
+            exact = self._exact(motion, micro / 1e6)
             coded = [(writer.message, self._payloads(k, steps, exact)) for k, writer in enumerate(self._writers)]
             delay = self._settings.latency + transmission.jitter * self._loss.exponential(1.0, len(steps))
-            stamped = start + (micro + np.rint(delay * 1e6).astype(np.int64)) * 1000
+            stamped = batched(start + (micro + np.rint(delay * 1e6).astype(np.int64)) * 1000, transmission)
             kept = self._loss.random((len(steps), len(coded))) >= transmission.loss
-            kept &= ~self._silent(micro / 1e6, np.abs(motion.velocity))
+            kept &= ~self._silent(micro / 1e6, np.abs(motion.velocity)) & ~self._faulty(
+                start + micro * 1000, len(coded)
+            )
             for k, time in enumerate(stamped.tolist()):
                 last = max(time, last)
                 for (message, payloads), keep in zip(coded, kept[k], strict=True):
@@ -96,6 +106,11 @@ class EgoEncoder:
                     silent[:, index] |= (times >= silence.begin) & (times < silence.end)
         return silent
 
+    def _faulty(self, times_ns: Integers, messages: int) -> Booleans:
+        """Return which messages of n instants a fault keeps away, (n, messages)."""
+        lost = self._losses.lost(np.repeat(times_ns, messages)).reshape(len(times_ns), messages)
+        return lost if self._gaps is None else lost | self._gaps.cover(times_ns)[:, None]
+
     def _payloads(self, index: int, steps: Integers, exact: dict[str, Floats]) -> list[bytes]:
         """Write one message at several instants, counted and with its checksum where it has them."""
         writer, period, protector = self._writers[index], self._periods[index], self._protectors[index]
@@ -106,13 +121,23 @@ class EgoEncoder:
             return payloads
         return [protector.seal(writer.message.can_id, payload) for payload in payloads]
 
-    def _exact(self, motion: TrueMotion) -> dict[str, Floats]:
-        """Return the quantities that the ego's sensors measure, by name, in SI units; an INS's drift is included."""
+    def _exact(self, motion: TrueMotion, times: Floats) -> dict[str, Floats]:
+        """Return the quantities that the ego's sensors measure, by name, in SI units, with an INS's drift and faults.
+
+        Args:
+            motion: at n instants.
+            times: the instants, s since the scenario's start.
+
+        """
         settings, sensors = self._settings, self._scenario.ego.own_motion
         if isinstance(settings, OdometrySettings):
             return odometry_values(motion, settings, sensors)
         count = len(motion.yaw)
         errors = np.zeros((4, count)) if self._drift is None else self._drift.next(count)
+        if self._faults is not None and self._steps is not None:
+            errors[2] += math.radians(self._faults.heading_bias_deg)
+            east, north = self._steps.at(times)
+            motion = replace(motion, position=motion.position + east + 1j * north)
         return ins_values(motion, errors, settings, self._scenario.ego.start)
 
     def _reading(self, quantity: str, exact: Floats) -> Floats:

@@ -6,9 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-Purpose = Literal["cycle", "detection", "noise", "drift", "clutter", "slots", "frames", "loss", "own_motion"]
+Purpose = Literal[
+    "cycle", "detection", "noise", "drift", "clutter", "slots", "frames", "loss", "own_motion",
+    "reflections", "errors", "ghosts", "swaps", "faults",
+]  # fmt: skip
 _PURPOSES: tuple[Purpose, ...] = (
     "cycle", "detection", "noise", "drift", "clutter", "slots", "frames", "loss", "own_motion",
+    "reflections", "errors", "ghosts", "swaps", "faults",
 )  # fmt: skip
 
 

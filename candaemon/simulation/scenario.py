@@ -22,13 +22,14 @@ from candaemon.config.names import Name
 from candaemon.config.settings import Location
 from candaemon.config.yaml_text import read_yaml
 from candaemon.printable import LONGEST_SHOWN, printable
+from candaemon.simulation.effects import OwnMotionFaults, TrafficEffects, TransmissionFaults
 
 LONGEST_DRIVE: Final = 86_400.0
 """s, a day."""
 MOST_ACTORS: Final = 1000
 """Other road users in a scenario."""
 MOST_POSTS: Final = 10_000
-"""Stationary points in a scenario, those of the rails among them."""
+"""Stationary points in a scenario, those of rails, parked cars and bridges among them."""
 MOST_SILENCES: Final = 1000
 """Times in which a source of ego motion is silent, in a scenario."""
 
@@ -153,6 +154,7 @@ class EgoMotionSensors(Settings):
     silent: tuple[Silence, ...] = Field(
         (), max_length=MOST_SILENCES, description="times in which a quantity is not sent"
     )
+    faults: OwnMotionFaults | None = Field(None, description="default: none")
 
 
 class Ego(Settings):
@@ -210,7 +212,9 @@ class Actor(Settings):
     segments: tuple[Segment, ...] = ()
     size: Size = Field(default_factory=Size)
     road_user: RoadUser | None = Field(None, description="its class in the truth; default: what its size suggests")
-    reflections: int = Field(2, ge=1, le=8, description="objects it can be reported as; a point is always one")
+    reflections: int | None = Field(
+        None, ge=1, le=8, description="objects it can be reported as; a point is always one; default: 2, or as drawn"
+    )
     reflections_range: float = Field(
         70.0, gt=0, le=500, description="m up to which the second one is seen; the third half as far, …"
     )
@@ -239,28 +243,57 @@ class Post(Settings):
     y: Coordinate = Field(description="m")
 
 
-class Rail(Settings):
-    """A guard rail: posts at even distances, in the scenario's axes."""
+class PostRow(Settings):
+    """Things at even distances, in the scenario's axes."""
 
     begin: Post
     end: Post
-    spacing: float = Field(4.0, gt=0.5, le=100, description="m between posts")
+    spacing: float = Field(4.0, gt=0.5, le=100, description="m between them")
 
     @property
     def spans(self) -> int:
-        """How many times two posts are neighbours."""
+        """How many times two of them are neighbours."""
         return max(round(math.hypot(self.end.x - self.begin.x, self.end.y - self.begin.y) / self.spacing), 1)
 
 
+class Rail(PostRow):
+    """A guard rail: posts at even distances."""
+
+
+class ParkedRow(PostRow):
+    """Parked cars, along the sides that face the road: both ends and the middle of each reflect, and hide nothing."""
+
+    spacing: float = Field(6.5, gt=0.5, le=100, description="m from car to car")
+
+
+class Bridge(PostRow):
+    """A bridge across the road: seen from afar, and passed under."""
+
+    spacing: float = Field(3.0, gt=0.5, le=100, description="m between its reflections")
+    near: float = Field(40.0, ge=0, le=1000, description="m from which on it is above what the sensor sees")
+    far: float = Field(150.0, ge=0, le=1000, description="m up to which it is seen")
+
+
+class Drain(Post):
+    """A drain or an expansion joint: flat and weak, seen from near by and not in every scan."""
+
+    far: float = Field(40.0, ge=0, le=1000, description="m up to which it is seen")
+    detection: float = Field(0.5, ge=0, le=1, description="times the probability of detection")
+
+
 class Stationary(Settings):
-    """Stationary objects. Each post is a point reflector and occludes nothing."""
+    """Stationary objects. Each is a point reflector, or several, and occludes nothing."""
 
     posts: tuple[Post, ...] = ()
     rails: tuple[Rail, ...] = ()
+    parked: tuple[ParkedRow, ...] = ()
+    bridges: tuple[Bridge, ...] = ()
+    drains: tuple[Drain, ...] = ()
 
     @model_validator(mode="after")
     def _are_not_too_many(self) -> Stationary:
-        count = len(self.posts) + sum(rail.spans + 1 for rail in self.rails)
+        rows = sum(row.spans + 1 for row in (*self.rails, *self.bridges)) + sum(3 * (r.spans + 1) for r in self.parked)
+        count = len(self.posts) + len(self.drains) + rows
         if count > MOST_POSTS:
             raise ValueError(f"found {count:,} posts in all, expected {MOST_POSTS:,} at most; space the rails wider")
         return self
@@ -300,6 +333,9 @@ class MeasurementEffects(Settings):
         0.4, ge=0, le=1, description="probability that a new object takes a slot freed in the same scan"
     )
     cycle_jitter: float = Field(0.001, ge=0, le=0.02, description="s, standard deviation of the measurement's instant")
+    traffic: TrafficEffects | None = Field(
+        None, description="what measurements of traffic show beyond that; default: fixed reflections with white noise"
+    )
 
 
 class Transmission(Settings):
@@ -311,6 +347,8 @@ class Transmission(Settings):
     order: Literal["shuffled", "slots"] = Field("shuffled", description="order of a scan's object frames")
     loss: float = Field(0.0, ge=0, lt=1, description="probability that a frame is lost")
     jitter: float = Field(0.0, ge=0, le=0.05, description="s, mean delay of a frame's time stamp")
+    latency: float = Field(0.0, ge=0, le=0.5, description="s of a sensor's latency that its configuration does not say")
+    faults: TransmissionFaults | None = Field(None, description="default: none")
 
 
 class Scenario(Settings):

@@ -12,7 +12,7 @@ import numpy as np
 from candaemon.arrays import ComplexPlane, Floats
 from candaemon.config.sensors import Mount
 from candaemon.simulation.actor_motion import Trajectory, TrueMotion, trajectory
-from candaemon.simulation.scenario import Actor, Rail, Scenario
+from candaemon.simulation.scenario import Actor, PostRow, Scenario, Stationary
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,10 +86,49 @@ class SceneState:
         )
 
 
-def _posts_of(rail: Rail) -> ComplexPlane:
-    """Return a rail's posts in the scenario's axes, both ends included."""
-    begin, end = complex(rail.begin.x, rail.begin.y), complex(rail.end.x, rail.end.y)
-    return np.asarray(begin + (end - begin) * np.linspace(0.0, 1.0, rail.spans + 1))
+@dataclass(frozen=True, slots=True)
+class Reflectors:
+    """Stationary points, shape (n,) each.
+
+    Attributes:
+        position: in the scenario's axes, m.
+        near, far: m, between which one is seen, besides the limits of the sensor.
+        detection: factor on the probability of detection.
+    """
+
+    position: ComplexPlane
+    near: Floats
+    far: Floats
+    detection: Floats
+
+
+_PARKED = np.array([-2.1, 0.0, 2.1])
+"""Reflections of a parked car along the row, m from its middle."""
+
+
+def _row_of(row: PostRow) -> ComplexPlane:
+    """Return the places of a row in the scenario's axes, both ends included."""
+    begin, end = complex(row.begin.x, row.begin.y), complex(row.end.x, row.end.y)
+    return np.asarray(begin + (end - begin) * np.linspace(0.0, 1.0, row.spans + 1))
+
+
+def _parked_of(row: PostRow) -> ComplexPlane:
+    """Return the reflections of a row of parked cars in the scenario's axes."""
+    along = complex(row.end.x - row.begin.x, row.end.y - row.begin.y)
+    direction = along / abs(along) if along else 1.0 + 0j
+    return (_row_of(row)[:, None] + direction * _PARKED).ravel()
+
+
+def reflectors(stationary: Stationary) -> Reflectors:
+    """Return the points of all stationary objects: posts, rails, parked cars, bridges, drains."""
+    plain = [np.array([complex(post.x, post.y) for post in stationary.posts], dtype=np.complex128)]
+    plain += [_row_of(rail) for rail in stationary.rails] + [_parked_of(row) for row in stationary.parked]
+    parts = [(points, 0.0, np.inf, 1.0) for points in plain]
+    parts += [(_row_of(bridge), bridge.near, bridge.far, 1.0) for bridge in stationary.bridges]
+    parts += [(np.array([complex(one.x, one.y)]), 0.0, one.far, one.detection) for one in stationary.drains]
+    counts = [len(points) for points, *_ in parts]
+    near, far, detection = (np.repeat([part[k] for part in parts], counts) for k in (1, 2, 3))
+    return Reflectors(np.concatenate([points for points, *_ in parts]), near, far, detection)
 
 
 class Scene:
@@ -98,7 +137,9 @@ class Scene:
     Attributes:
         actors: the actors' settings, in the scenario's order.
         half_length, half_width: of each actor, m, shape (actors,); 0 for a point.
-        stationary: posts and rails' posts in local axes, shape (stationary,).
+        reflectors: of the stationary objects, in the scenario's axes.
+        stationary: their places in local axes, shape (stationary,).
+        rails: both ends of each rail in local axes, shape (rails, 2).
 
     """
 
@@ -112,9 +153,10 @@ class Scene:
         self.actors = scenario.actors
         self.half_length: Floats = np.array([actor.size.length / 2 for actor in scenario.actors])
         self.half_width: Floats = np.array([actor.size.width / 2 for actor in scenario.actors])
-        posts = np.array([complex(post.x, post.y) for post in scenario.stationary.posts], dtype=np.complex128)
-        rails = [_posts_of(rail) for rail in scenario.stationary.rails]
-        self.stationary: ComplexPlane = origin + axes * np.concatenate([posts, *rails])
+        self.reflectors = reflectors(scenario.stationary)
+        self.stationary: ComplexPlane = origin + axes * self.reflectors.position
+        rails = [(complex(r.begin.x, r.begin.y), complex(r.end.x, r.end.y)) for r in scenario.stationary.rails]
+        self.rails: ComplexPlane = origin + axes * np.array(rails, dtype=np.complex128).reshape(-1, 2)
 
     def ego(self, times: Floats) -> TrueMotion:
         """Return the ego's motion at seconds since the scenario's start, shape (n,)."""

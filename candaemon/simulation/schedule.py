@@ -41,12 +41,19 @@ def stamps(
     """Return the time stamps of a scan's frames, ns, in order, shape (count,).
 
     The first frame (or the last, according to the sensor's `time_from`) follows the measurement by the sensor's
-    latency; the others are spread over the burst at random.
+    latency, and what of it is unknown; the others are spread over the burst at random. Frames of a batch have the time
+    at which it ends.
     """
     burst = min(frames.burst, _LARGEST_BURST * settings.cycle_time)
     after = np.sort(random.random(count)) * burst
     if count:
         after -= after[0] if settings.time_from == "first" else after[-1]
     delay = random.exponential(1.0, count) * frames.jitter
-    micro = np.rint((after + settings.latency + delay) * 1e6).astype(np.int64)
-    return np.asarray(measured_ns + np.sort(micro) * _MICROSECOND)
+    micro = np.rint((after + settings.latency + frames.latency + delay) * 1e6).astype(np.int64)
+    return batched(np.asarray(measured_ns + np.sort(micro) * _MICROSECOND), frames)
+
+
+def batched(times_ns: Indices, frames: Transmission) -> Indices:
+    """Return the times at which an adapter hands on frames that come at these times, ns."""
+    batch = 0 if frames.faults is None else round(frames.faults.batch * 1e6) * _MICROSECOND
+    return np.asarray(-(-times_ns // batch) * batch) if batch else times_ns

@@ -10,6 +10,7 @@ from candaemon.binding.bound import BoundSensor
 from candaemon.binding.location import SettingLocation
 from candaemon.config.sensors import HeaderScan
 from candaemon.frames.frame import Frame
+from candaemon.simulation.faults import FrameLosses
 from candaemon.simulation.message_writer import MessageWriter
 from candaemon.simulation.random_streams import stream
 from candaemon.simulation.scenario import Transmission
@@ -56,6 +57,7 @@ class SensorEncoder:
             }
         self._order = stream(seed, sensor.index, "frames")
         self._loss = stream(seed, sensor.index, "loss")
+        self._faults = FrameLosses(transmission.faults, stream(seed, sensor.index, "faults"))
 
     @property
     def saturated(self) -> int:
@@ -81,6 +83,7 @@ class SensorEncoder:
             sent.append((trigger.message.can_id, trigger.payloads(np.empty((0, 1)))[0]))
         times = stamps(measured_ns, len(sent), self._settings, self._transmission, self._order)
         kept = self._loss.random(len(sent)) >= self._transmission.loss
+        kept &= ~self._faults.lost(times, whole=True)
         bus, fd = self._bus, self._fd
         return [
             Frame(time, bus, can_id, data, can_id in fd)

@@ -15,10 +15,7 @@ from candaemon.config.sensors import SensorSettings
 from candaemon.simulation.random_streams import stream
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scene import Scene, SceneState
-from candaemon.simulation.sensor_model import SensorModel
-
-FALSE = -1
-"""Owner of a false object in `SlotReport.owner`."""
+from candaemon.simulation.sensor_model import FALSE, SensorModel, SimulatedDetections
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +58,14 @@ class SlotReporter:
         self._table = RadarSlots(
             slots, hold=measurement.hold, reuse=measurement.slot_reuse, random=stream(seed, source, "slots")
         )
-        self._coast = measurement.missing == "coast"
+        self._coasting = 1.0 if measurement.missing == "coast" else 0.0
+        self._swaps, self._swap_distance = 0.0, 0.0
+        tracks = settings.identified and len(settings.views) == 1  # else it has nothing to follow an object by
+        if measurement.traffic is not None and tracks:
+            self._coasting = max(self._coasting, measurement.traffic.coasting)
+            self._swaps = measurement.traffic.swaps * settings.cycle_time
+            self._swap_distance = measurement.traffic.swap_distance
+        self._random = stream(seed, source, "swaps")
         self._cycle = settings.cycle_time
         self._values = np.zeros((len(self.quantities), slots))
         self._owner = np.full(slots, FALSE, dtype=np.int64)
@@ -69,6 +73,7 @@ class SlotReporter:
     def report(self, instant: SceneState) -> SlotReport:
         """Return one scan's report; call it for each scan in order."""
         seen = self._sensor.observe(instant)
+        self._swap_neighbours(seen)
         assigned = self._table.assign(seen.key.tolist(), seen.urgency.tolist(), seen.detectable)
         slot = np.array(assigned.slot, dtype=np.int64)
         placed = np.flatnonzero(slot >= 0)
@@ -76,13 +81,23 @@ class SlotReporter:
         new = np.zeros(self._values.shape[1], dtype=bool)
         new[slot[order]] = np.array(assigned.new, dtype=bool)[order]
         self._values[:, slot[order]] = seen.values[:, order]
-        self._owner[slot[order]] = self._sensor.owner(seen.key[order])
+        self._owner[slot[order]] = seen.owner[order]
         reported = slot[order]
-        if self._coast and assigned.missed:
+        if self._coasting > 0.0 and assigned.missed:
             missed = np.array(assigned.missed, dtype=np.int64)
             self._extrapolate(missed)
-            reported = np.sort(np.concatenate([reported, missed]))
+            coasted = missed[self._random.random(len(missed)) < self._coasting]
+            reported = np.sort(np.concatenate([reported, coasted]))
         return SlotReport(reported, new[reported], self.quantities, self._values[:, reported], self._owner[reported])
+
+    def _swap_neighbours(self, seen: SimulatedDetections) -> None:
+        """Let neighbours exchange their slots now and then."""
+        if self._swaps == 0.0:
+            return
+        near = np.abs(seen.place[:, None] - seen.place) <= self._swap_distance
+        one, other = np.nonzero(np.triu(near, 1))
+        for k in np.flatnonzero(self._random.random(len(one)) < self._swaps).tolist():
+            self._table.swap(int(seen.key[one[k]]), int(seen.key[other[k]]))
 
     def _extrapolate(self, slot: Indices) -> None:
         """Extrapolate objects that were missed by their last reported rates."""
@@ -175,6 +190,12 @@ class RadarSlots:
             [key in admitted and holder is not None for key, holder in zip(keys, holders, strict=True)],
             [slot for slot in missed if slot not in held],
         )
+
+    def swap(self, one: int, other: int) -> None:
+        """Exchange the slots of two objects, if both hold one."""
+        holders = self._holders.get(one), self._holders.get(other)
+        if holders[0] is not None and holders[1] is not None:
+            holders[0].slot, holders[1].slot = holders[1].slot, holders[0].slot
 
     def _release(self, seen: set[int], visible: Collection[int]) -> tuple[list[int], list[int]]:
         """Free the slots of objects that left or were missed too long; return the freed and the missed slots."""

@@ -25,6 +25,8 @@ _GRAZING = np.sin(np.radians(5.0))
 """Sine of the angle to a side below which its extent cannot be judged."""
 _ALONG_SIDE = np.linspace(-0.8, 0.8, 5)
 """Where a side is tried, from its middle, in half its extent; it is seen where most of these points are."""
+_USUAL = 2
+"""Reflections of an actor that does not say how many it has."""
 _CORNERS = np.array([1 + 1j, 1 - 1j, -1 - 1j, -1 + 1j])
 
 
@@ -91,7 +93,7 @@ class VisibleReflections:
 
 def _reflections_of(actor: Actor) -> int:
     """Return how many reflections an actor has; a point has one."""
-    return actor.reflections if actor.size.length > 0.0 else 1
+    return (actor.reflections or _USUAL) if actor.size.length > 0.0 else 1
 
 
 def sides_seen(scene: Scene, instant: SceneState, sensor: Pose, view: FieldOfView, *, occlusion: bool) -> Booleans:
