@@ -28,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's arguments."""
     shown = argparse.ArgumentParser(prog="python -m tests.accuracy", description=__doc__)
     shown.add_argument("--scenarios", nargs="+", metavar="NAME", help="of config/scenarios, or paths; all of traffic_*")
-    shown.add_argument("--configs", nargs="+", metavar="NAME", help="of config, or paths; default: all that bind")
+    shown.add_argument("--configs", nargs="+", metavar="NAME", help="of config, or paths; default: one of each radar")
     shown.add_argument("--seeds", type=int, default=10, metavar="N", help="runs of each, seeds 1 to N; default: 10")
     shown.add_argument(
         "--tracker",
@@ -48,7 +48,7 @@ def main(words: Sequence[str] | None = None) -> int:
     shown = parser()
     arguments = shown.parse_args(words)
     scenarios = _scenarios(arguments.scenarios)
-    configs = _configs(arguments.configs)
+    configs = configurations(arguments.configs)
     tracker = tuple(_setting(shown, word) for word in arguments.tracker)
     if arguments.estimator is not None:
         tracker = (("estimator.kind", arguments.estimator), *tracker)
@@ -86,12 +86,19 @@ def _scenarios(names: Sequence[str] | None) -> list[Path]:
     return [_file(folder, name) for name in names]
 
 
-def _configs(names: Sequence[str] | None) -> list[Path]:
-    """Return the configurations' files: those given, or all that have a moving vehicle."""
+def configurations(names: Sequence[str] | None) -> list[Path]:
+    """Return the configurations' files: those given, or one of each radar that is shipped on a vehicle that moves."""
     folder = ROOT / "config"
     if names is not None:
         return [_file(folder, name) for name in names]
-    return [path for path in sorted(folder.glob("*.yaml")) if load_config(path).config.ego.kind != "static"]
+    found: dict[str, Path] = {}
+    # the demonstration has a radar that others have too
+    for path in sorted(folder.glob("*.yaml"), key=lambda path: (path.stem == "demo", path.stem)):
+        config = load_config(path).config
+        if config.ego.kind != "static":
+            radars = [each.model_dump(exclude={"bus", "dbc"}) for each in config.sensors.values()]
+            found.setdefault(repr((radars, config.ego.kind)), path)
+    return list(found.values())
 
 
 def _file(folder: Path, name: str) -> Path:

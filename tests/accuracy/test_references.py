@@ -11,7 +11,7 @@ from filterpy.kalman import KalmanFilter
 
 from candaemon.evaluation.pair_errors import ALL
 from candaemon.simulation.scenario import NoiseOverride
-from tests.accuracy.__main__ import main
+from tests.accuracy.__main__ import configurations, main
 from tests.accuracy.oracle import informed, sources
 from tests.accuracy.scores import scored
 from tests.accuracy.simulated_runs import Job, cycles_of, simulated, track_rows, truth_rows
@@ -130,6 +130,13 @@ def test_o_keeps_one_obstacle_of_each_object_and_none_of_what_is_false(scenario:
     score = scored(track_rows(told), truth_rows(simulation))
     assert (score.switches, score.surplus, score.false, score.missed) == (0, 0, 0, 0)
     assert score.value("position") < 1.0
+
+
+def test_each_shipped_radar_is_measured_once() -> None:
+    names = [path.stem for path in configurations(None)]
+    assert {"esr_ins", "ars408", "toyota_rav4", "toyota_rav4_ins"} <= set(names)
+    assert not {"demo", "esr_ins_fd", "esr_to_ars408", "ars408_to_esr"} & set(names)
+    assert [path.stem for path in configurations(["demo", str(ROOT / "config" / "mando.yaml")])] == ["demo", "mando"]
 
 
 def test_settings_of_the_tracker_are_replaced_and_checked(capsys: pytest.CaptureFixture[str]) -> None:
