@@ -6,6 +6,7 @@ Plane vectors are complex numbers here, x + iy: a turn is a product, and (n,) of
 from __future__ import annotations
 
 from cmath import exp
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import cos, radians, sin
 
@@ -59,6 +60,14 @@ class SensorView:
 def sensor_views(settings: SensorSettings, sensor: int = -1) -> dict[int, SensorView]:
     """Return what a sensor can see, by the number of its look; −1 where a scan has none."""
     return {look: SensorView(settings.mount, view, sensor, look) for look, view in settings.views.items()}
+
+
+def in_look(views: Iterable[SensorView], detections: Detections, points: Floats) -> Booleans:
+    """Return which points in vehicle axes (n, 2) lie where the look of a scan can see; all where it has none."""
+    looking = [each for each in views if (each.sensor, each.look) == (detections.sensor, detections.look)]
+    if detections.look < 0 or not looking:
+        return np.ones(len(points), dtype=np.bool_)
+    return np.asarray(np.any([view.sees(points) for view in looking], axis=0))
 
 
 class Mounting:

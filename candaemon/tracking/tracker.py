@@ -13,7 +13,7 @@ from candaemon.ego.pose import EgoPose
 from candaemon.estimation.measurement import Measurement
 from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
-from candaemon.radar.mounting import SensorView
+from candaemon.radar.mounting import SensorView, in_look
 from candaemon.tracking.association import nearest_neighbours, pair_nis
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.initiation import TrackInitiation
@@ -244,7 +244,7 @@ class Tracker:
         obstacles = self._tracks.obstacles
         expected = obstacles.sensors & (1 << detections.sensor) != 0
         if detections.look >= 0:
-            expected &= self._in_look(detections, pose)
+            expected &= in_look(self._views, detections, pose.to_vehicle(self._tracks.reference_points()))
         obstacles.history = obstacles.history << expected & _HISTORY
         obstacles.scans += expected
         measurement = detections.measurement
@@ -319,12 +319,6 @@ class Tracker:
         """Return which obstacles lie within some sensor's field of view."""
         points = pose.to_vehicle(self._tracks.reference_points())
         return np.asarray(np.any([view.sees(points) for view in self._views], axis=0))
-
-    def _in_look(self, detections: Detections, pose: EgoPose) -> Booleans:
-        """Return which obstacles lie where the scan's look can see."""
-        points = pose.to_vehicle(self._tracks.reference_points())
-        looking = [each for each in self._views if (each.sensor, each.look) == (detections.sensor, detections.look)]
-        return np.asarray(np.any([view.sees(points) for view in looking], axis=0) | (not looking))
 
     def _merge_and_split(self) -> None:
         """Hand over reference points, split what moves apart, merge what moves together."""

@@ -17,7 +17,7 @@ from candaemon.estimation.measurement import line_of_sight
 from candaemon.estimation.smoothing import Link
 from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
-from candaemon.radar.mounting import SensorView
+from candaemon.radar.mounting import SensorView, in_look
 from candaemon.tracking import box
 from candaemon.tracking.body_association import Association, associate
 from candaemon.tracking.body_initiation import BodyInitiation
@@ -148,7 +148,7 @@ class VehicleTracker:
         link = self._smoother_link() if self._bodies.filter.linking else None
         if detections is not None:
             association = self._associate(detections)
-            self._update(association, detections)
+            self._update(association, detections, pose)
             self._initiate(association, detections, pose)
             self._record(association, detections)
         self._turn_axes()
@@ -221,13 +221,15 @@ class VehicleTracker:
         self.counts.slot_jumps += found.slot_jumps
         return found
 
-    def _update(self, association: Association, detections: Detections) -> None:
+    def _update(self, association: Association, detections: Detections, pose: EgoPose) -> None:
         """Update the bodies with all their detections, then the places of their reflections."""
         self.counts.cycles += 1
         self.counts.detections += len(detections)
         bodies = self._bodies
         obstacles, reflections = bodies.obstacles, bodies.reflections
         expected = obstacles.sensors & (1 << detections.sensor) != 0
+        if detections.look >= 0:
+            expected &= in_look(self._views, detections, pose.to_vehicle(bodies.moments().mean[:, POSITION]))
         obstacles.history = obstacles.history << expected & _HISTORY
         obstacles.scans += expected
         rows = np.flatnonzero(association.reflection >= 0)

@@ -139,8 +139,9 @@ def test_a_scan_whose_header_was_lost_has_no_look(tmp_path: Path) -> None:
     assert unknown == len(found)
 
 
-def test_obstacles_live_on_through_the_looks_that_do_not_see_them(tmp_path: Path) -> None:
-    binding = bound(tmp_path, HEADER, "LOOK", ("sensors:", "tracker: {estimator: {kind: imm}}\nsensors:"))
+@pytest.mark.parametrize("kind", ["imm", "vehicle"])
+def test_obstacles_live_on_through_the_looks_that_do_not_see_them(tmp_path: Path, kind: str) -> None:
+    binding = bound(tmp_path, HEADER, "LOOK", ("sensors:", f"tracker: {{estimator: {{kind: {kind}}}}}\nsensors:"))
     ids = []
     for cycle in Pipeline(binding).run(frames(binding)):
         obstacles = cycle.obstacles
