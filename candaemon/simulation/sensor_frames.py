@@ -22,8 +22,9 @@ class SensorEncoder:
     """Writes one sensor's scans.
 
     An object keeps its slot. Where the DBC has an identity signal, the objects are instead packed into the first slots
-    and only the identity is constant, as with such radars; it is the slot assigned by the simulation, plus 1. Where a
-    header counts the objects that follow, or all share one message, only occupied slots are sent; otherwise all are.
+    and only the identity is constant, as with such radars; it is the slot assigned by the simulation, plus 1. Where
+    there is no identity, the objects are listed by their distance, and nothing is constant. Where a header counts the
+    objects that follow, or all share one message, only occupied slots are sent; otherwise all are.
 
     Args:
         sensor: of the configuration, bound to its DBC.
@@ -43,6 +44,7 @@ class SensorEncoder:
         self._writers = {look: bind_sensor_writer(sensor, where, look) for look in self._looks}
         self._writer = self._writers[self._looks[0]]
         self._packed = bool(form.identity) and not form.multiplexed
+        self._listed = form.identity is False
         self._used_only = form.multiplexed or (isinstance(scan, HeaderScan) and scan.used_only)
         objects = {message.can_id: (part.index, message) for part in self._writer.layouts for message in part.messages}
         self._fd = frozenset(can_id for can_id, (_, message) in objects.items() if message.is_fd)
@@ -93,11 +95,13 @@ class SensorEncoder:
 
     def identities(self, report: SlotReport) -> Indices:
         """Return the object id with which each occupied slot is read, shape (n,)."""
+        if self._listed:
+            return _ranks(report)
         return report.slot + 1 if self._packed else report.slot
 
     def _objects(self, report: SlotReport, index: int) -> list[tuple[int, bytes]]:
         """Return the object messages, in order of the message layout's parts."""
-        held = report.slot
+        held = _ranks(report) if self._listed else report.slot
         count = len(held)
         place = np.arange(count) if self._packed else held
         values = dict(zip(report.quantities, report.values, strict=True))
@@ -123,6 +127,14 @@ class SensorEncoder:
         if self._last_id is not None:
             sent.sort(key=lambda frame: frame[0] == self._last_id)
         return sent
+
+
+def _ranks(report: SlotReport) -> Indices:
+    """Return the place of each object among those of its scan, the nearest first, shape (n,)."""
+    values = dict(zip(report.quantities, report.values, strict=True))
+    distance = values["range"] if "range" in values else np.hypot(values["x"], values["y"])
+    ranks: Indices = distance.argsort(kind="stable").argsort()
+    return ranks
 
 
 def _spread(row: Floats, place: Indices, slots: int) -> Floats:
