@@ -23,7 +23,7 @@ class ReflectionEffects(Settings):
     gone: float = Field(1.0, gt=0.01, le=1000, description="s, mean time until another one takes its place")
     renewal: float = Field(10.0, gt=0.01, le=1000, description="s, mean time until the first is another object")
     slide: float = Field(
-        0.25, ge=0, le=1, description="of half the apparent width, how far one wanders along it (standard deviation)"
+        0.3, ge=0, le=10, description="m across the sight, how far one wanders on the outline (standard deviation)"
     )
     slide_time: float = Field(1.0, gt=0.01, le=100, description="s, correlation time of that: wheels and edges pass")
     depth: float = Field(

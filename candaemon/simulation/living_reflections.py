@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 
 import numpy as np
 
@@ -58,8 +59,9 @@ class LivingReflections:
         self._slide = settings.slide * random.standard_normal(n)
         self._place, self._depth = np.zeros(n), np.zeros(n)
         self._settle()
-        same = np.equal.outer(self.actor, self.actor)
-        self._one, self._other = np.nonzero(np.triu(same, 1))
+        bodies = (range(start, start + count) for start, count in zip(self.first.tolist(), counts, strict=True))
+        pairs = [pair for body in bodies for pair in combinations(body, 2)]
+        self._one, self._other = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
         self._merged = np.zeros(len(self._one), dtype=bool)
 
     def advance(self) -> None:
@@ -95,7 +97,8 @@ class LivingReflections:
         towards = -at / np.maximum(np.abs(at), 1e-9)
         angle = np.angle((self._box - at[:, None]) * np.conj(towards)[:, None])
         low, high = angle.min(axis=1), angle.max(axis=1)
-        share = np.clip(self._place + self._slide, -_WITHIN, _WITHIN)
+        reach = np.maximum(np.abs(at) * (high - low) / 2, 1e-9)
+        share = np.clip(self._place + self._slide / reach, -_WITHIN, _WITHIN)
         ray = towards * np.exp(1j * (low + high + share * (high - low)) / 2)
         hit = at + ray * _distance_to_box(at, ray, self._half)
         inwards = np.minimum(self._depth / np.maximum(np.abs(hit), 1e-9), 1.0)

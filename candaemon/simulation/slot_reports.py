@@ -94,10 +94,11 @@ class SlotReporter:
         """Let neighbours exchange their slots now and then."""
         if self._swaps == 0.0:
             return
-        near = np.abs(seen.place[:, None] - seen.place) <= self._swap_distance
-        one, other = np.nonzero(np.triu(near, 1))
+        held = np.array([self._table.holds(key) for key in seen.key.tolist()], dtype=bool)
+        key, place = seen.key[held], seen.place[held]
+        one, other = np.nonzero(np.triu(np.abs(place[:, None] - place) <= self._swap_distance, 1))
         for k in np.flatnonzero(self._random.random(len(one)) < self._swaps).tolist():
-            self._table.swap(int(seen.key[one[k]]), int(seen.key[other[k]]))
+            self._table.swap(int(key[one[k]]), int(key[other[k]]))
 
     def _extrapolate(self, slot: Indices) -> None:
         """Extrapolate objects that were missed by their last reported rates."""
@@ -191,11 +192,14 @@ class RadarSlots:
             [slot for slot in missed if slot not in held],
         )
 
+    def holds(self, key: int) -> bool:
+        """Return whether an object has a slot."""
+        return key in self._holders
+
     def swap(self, one: int, other: int) -> None:
-        """Exchange the slots of two objects, if both hold one."""
-        holders = self._holders.get(one), self._holders.get(other)
-        if holders[0] is not None and holders[1] is not None:
-            holders[0].slot, holders[1].slot = holders[1].slot, holders[0].slot
+        """Exchange the slots of two objects that have one."""
+        first, second = self._holders[one], self._holders[other]
+        first.slot, second.slot = second.slot, first.slot
 
     def _release(self, seen: set[int], visible: Collection[int]) -> tuple[list[int], list[int]]:
         """Free the slots of objects that left or were missed too long; return the freed and the missed slots."""

@@ -122,7 +122,7 @@ def test_reflections_come_and_go_on_the_visible_outline_and_cover_it() -> None:
     assert all_places.imag.min() < -4.5
     assert all_places.imag.max() > 4.5
     slots = [tuple(report.slot.tolist()) for report in reports(scenario)]
-    assert len(set(slots)) > 10
+    assert len(set(slots)) >= 5
 
 
 def test_reflections_slide_and_a_new_one_has_its_own_slot() -> None:
