@@ -8,8 +8,12 @@ import pytest
 
 from tests.accuracy.experiments.__main__ import main
 from tests.accuracy.experiments.finding import Effort, Finding
+from tests.accuracy.experiments.on_cost import run as costs
 from tests.accuracy.experiments.on_lidar_and_radar import EXERCISE, course_findings
 from tests.accuracy.experiments.on_recorded_drive import drive_findings
+from tests.accuracy.experiments.on_ring import run as around
+
+VEHICLE = (("estimator.kind", "vehicle"),)
 
 
 def figures(findings: list[Finding]) -> dict[str, float]:
@@ -35,12 +39,24 @@ def test_the_recorded_drive_is_predicted() -> None:
     assert found["duplicates"] < 5.0
 
 
+def test_a_car_is_one_obstacle_of_two_radars() -> None:
+    found = figures(list(around(Effort((1,), VEHICLE, seconds=3.0), numbers=(2,))))
+    assert found["2: error in the first radar's view"] < 2.5
+    assert found["2: laps in which the id changes"] == 0
+    assert found["2: cycles with duplicates"] == 0
+
+
 def test_lidar_and_radar_are_fused() -> None:
-    vehicle = (("estimator.kind", "vehicle"),)
-    found = figures(list(course_findings(EXERCISE, Effort((1,), vehicle, seconds=6.0))))
+    found = figures(list(course_findings(EXERCISE, Effort((1,), VEHICLE, seconds=6.0))))
     references = {name[0]: value for name, value in found.items() if name[2:6] == " EKF"}
     assert all(0.0 < references[axis] < EXERCISE.lidar for axis in "xy")
     assert found["position, lidar and radar"] < EXERCISE.lidar < found["position, radar alone"]
+
+
+def test_what_a_cycle_costs_is_told() -> None:
+    found = figures(list(costs(Effort((1,), seconds=0.3))))
+    assert len(found) == 5
+    assert all(0.0 < value < 1e4 for value in found.values())
 
 
 def test_wrong_words_are_refused(capsys: pytest.CaptureFixture[str]) -> None:

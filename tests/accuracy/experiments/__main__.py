@@ -16,10 +16,12 @@ from candaemon.cli.console import console
 from candaemon.errors import CandaemonError
 from candaemon.evaluation.printing import Section, print_sections
 from tests.accuracy.experiments.finding import Effort, Experiment
+from tests.accuracy.experiments.on_cost import COST
 from tests.accuracy.experiments.on_lidar_and_radar import LIDAR_AND_RADAR
 from tests.accuracy.experiments.on_recorded_drive import RECORDED_DRIVE
+from tests.accuracy.experiments.on_ring import RING
 
-EXPERIMENTS: Mapping[str, Experiment] = {"drive": RECORDED_DRIVE, "fusion": LIDAR_AND_RADAR}
+EXPERIMENTS: Mapping[str, Experiment] = {"drive": RECORDED_DRIVE, "fusion": LIDAR_AND_RADAR, "ring": RING, "cost": COST}
 
 
 def parser() -> argparse.ArgumentParser:
