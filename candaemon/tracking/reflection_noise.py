@@ -42,7 +42,7 @@ _TRIMMED = 0.8  # share of the displacements that count
 _TRIMMED_VARIANCE = 0.43769  # variance of a standard normal variable whose largest fifth, by magnitude, is left out
 _LEAST_WHITE = 0.03  # m; below it quantisation counts
 _WALK = (0.03, 0.1)  # m²/s along and across, as long as nothing is known
-_RATIO_WHITE, _RATIO_WALK = 2.5, 5.0  # ratio of the variances up to which all is white, and from which it is a walk
+_RATIO_WHITE, _RATIO_WALK = 3.0, 6.0  # ratio of the variances up to which all is white, and from which it is a walk
 _TYPICAL_RANGE = 40.0  # m, at which an angle's noise counts
 _REFRESH = 16  # displacements until the estimate is made again
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from candaemon.arrays import Floats
+from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.config.directions import AlongAcross
 from candaemon.config.load import load_config
 from candaemon.evaluation.object_runs import ObjectRuns
+from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
+from candaemon.simulation.scenario import Scenario
+from candaemon.simulation.simulate import simulate
 from candaemon.tracking.reflection_noise import (
     MOST_DISPLACEMENTS,
     MOST_FOLLOWED,
@@ -23,6 +28,7 @@ from candaemon.tracking.reflection_noise import (
 )
 from tests.support.bound import binding
 from tests.support.paths import ROOT
+from tests.support.simulated import scenario
 
 FRONT = load_config(ROOT / "config" / "toyota_rav4.yaml").config.sensors["front"]
 CYCLE_NS = 50_000_000
@@ -153,13 +159,11 @@ def test_what_is_known_follows_a_sensors_number() -> None:
     assert noise.state.sensors.keys() == {4}
 
 
-def learnt_from(drive: Path, log: str, config: str, seconds: float) -> ReflectionNoise:
-    """Return what the first seconds of the recorded drive teach; what stands is told by range rate alone."""
-    bound = binding(config)
-    noise = ReflectionNoise({0: FRONT})
-    runs, channels = ObjectRuns([0.05]), {bus.settings.channel: bus.index for bus in bound.buses}
+def learnt_from(bound: Binding, frames: Iterable[Frame], seconds: float) -> ReflectionNoise:
+    """Return what the first seconds of a drive teach; what stands is told by range rate alone."""
+    noise, runs = ReflectionNoise({0: FRONT}), ObjectRuns([0.05])
     first_ns: int | None = None
-    for cycle in Pipeline(bound).run(read_log(drive / log, channels, LogCounts())):
+    for cycle in Pipeline(bound).run(frames):
         seen, pose = cycle.detections, cycle.pose
         if seen is None:
             continue
@@ -181,8 +185,24 @@ def learnt_from(drive: Path, log: str, config: str, seconds: float) -> Reflectio
     ("log", "config"), [("drive.log.gz", "toyota_rav4"), ("drive_with_ins.log.gz", "toyota_rav4_ins")]
 )
 def test_the_recorded_radar_filters_by_itself_and_shows_it_in_ten_seconds(drive: Path, log: str, config: str) -> None:
-    noise = learnt_from(drive, log, config, 12.0)
+    bound = binding(config)
+    channels = {bus.settings.channel: bus.index for bus in bound.buses}
+    noise = learnt_from(bound, read_log(drive / log, channels, LogCounts()), 12.0)
     assert noise.known(0)
     assert noise.ratio(0)[1] > 9.0
     assert 0.04 < noise.walk(0)[1] < 0.4
     assert max(noise.white(0)) < 0.06
+
+
+@pytest.mark.parametrize("filters", [False, True])
+def test_a_simulated_radar_shows_in_eight_seconds_whether_it_filters(filters: bool) -> None:
+    effects = {"own_filter": {"white": 0.05, "walk": 0.15}} if filters else {}
+    told = scenario("traffic_town").model_dump() | {"measurement": {"traffic": effects}, "duration": 8.0}
+    bound = binding("esr_ins")
+    noise = learnt_from(bound, simulate(Scenario.model_validate(told), bound, seed=3).frames(), 8.0)
+    assert noise.known(0)
+    if filters:
+        assert noise.walk(0)[1] == pytest.approx(0.15, rel=0.5)
+        assert noise.white(0) == pytest.approx((0.05, 0.05), abs=0.04)
+    else:
+        assert noise.walk(0) == (0.0, 0.0)
