@@ -9,6 +9,7 @@ import pytest
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
+from candaemon.cli.main import main
 from candaemon.config.load import load_config
 from candaemon.config.sensors import MOST_LOOKS
 from candaemon.errors import ConfigError
@@ -198,3 +199,16 @@ def test_a_sensor_has_so_many_looks(tmp_path: Path) -> None:
     assert len(with_looks(MOST_LOOKS).sensors[0].settings.views) == MOST_LOOKS
     with pytest.raises(ConfigError, match=f"at most {MOST_LOOKS}"):
         with_looks(MOST_LOOKS + 1)
+
+
+def test_check_tells_the_looks_and_that_there_is_no_identity(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    bound(tmp_path)
+    assert main(["check", str(tmp_path / "vehicle.yaml")]) == 0
+    lines = {words[0]: " ".join(words[1:]) for line in capsys.readouterr().out.splitlines() if (words := line.split())}
+    assert lines["identity"] == "none"
+    assert lines["looks"].startswith(
+        "by LOOK; 0: 1 to 60 m, +0 ± 60°; 1: 1 to 160 m, +0 ± 12°; 2: 1 to 60 m, +45 ± 30°"
+    )
