@@ -10,8 +10,10 @@ from tests.accuracy.experiments.__main__ import main
 from tests.accuracy.experiments.finding import Effort, Finding
 from tests.accuracy.experiments.on_cost import run as costs
 from tests.accuracy.experiments.on_lidar_and_radar import EXERCISE, course_findings
+from tests.accuracy.experiments.on_own_filters import run as later_words
 from tests.accuracy.experiments.on_recorded_drive import drive_findings
 from tests.accuracy.experiments.on_ring import run as around
+from tests.accuracy.experiments.on_unidentified import run as unidentified
 
 VEHICLE = (("estimator.kind", "vehicle"),)
 
@@ -51,6 +53,21 @@ def test_lidar_and_radar_are_fused() -> None:
     references = {name[0]: value for name, value in found.items() if name[2:6] == " EKF"}
     assert all(0.0 < references[axis] < EXERCISE.lidar for axis in "xy")
     assert found["position, lidar and radar"] < EXERCISE.lidar < found["position, radar alone"]
+
+
+def test_the_later_word_of_a_radar_that_filters_is_compared() -> None:
+    found = figures(list(later_words(Effort((1,), VEHICLE, seconds=4.0), (0.4,), ("ars408",), ("traffic_town",))))
+    name = "ars408, walk 0.4 m²/s: 0.5 s ahead"
+    # what walks so stays no better in place than its walk
+    assert found[f"{name}, across, holding"] > 0.2
+    assert 0.0 < found[f"{name}, along"] < 2.0
+    assert 0.0 < found[f"{name}, across"] < 3.0
+
+
+def test_detections_without_identity_are_tracked() -> None:
+    found = figures(list(unidentified(Effort((1,), VEHICLE, seconds=2.5), ("traffic_country_road",))))
+    assert found["position"] < 2.0
+    assert found["missed"] < 50.0
 
 
 def test_what_a_cycle_costs_is_told() -> None:

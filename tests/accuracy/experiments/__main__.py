@@ -18,10 +18,19 @@ from candaemon.evaluation.printing import Section, print_sections
 from tests.accuracy.experiments.finding import Effort, Experiment
 from tests.accuracy.experiments.on_cost import COST
 from tests.accuracy.experiments.on_lidar_and_radar import LIDAR_AND_RADAR
+from tests.accuracy.experiments.on_own_filters import OWN_FILTERS
 from tests.accuracy.experiments.on_recorded_drive import RECORDED_DRIVE
 from tests.accuracy.experiments.on_ring import RING
+from tests.accuracy.experiments.on_unidentified import UNIDENTIFIED
 
-EXPERIMENTS: Mapping[str, Experiment] = {"drive": RECORDED_DRIVE, "fusion": LIDAR_AND_RADAR, "ring": RING, "cost": COST}
+EXPERIMENTS: Mapping[str, Experiment] = {
+    "drive": RECORDED_DRIVE,
+    "fusion": LIDAR_AND_RADAR,
+    "ring": RING,
+    "filtered": OWN_FILTERS,
+    "identity": UNIDENTIFIED,
+    "cost": COST,
+}
 
 
 def parser() -> argparse.ArgumentParser:
