@@ -98,7 +98,9 @@ class SlotReporter:
         key, place = seen.key[held], seen.place[held]
         one, other = np.nonzero(np.triu(np.abs(place[:, None] - place) <= self._swap_distance, 1))
         for k in np.flatnonzero(self._random.random(len(one)) < self._swaps).tolist():
-            self._table.swap(int(key[one[k]]), int(key[other[k]]))
+            slots = self._table.swap(int(key[one[k]]), int(key[other[k]]))
+            self._values[:, slots] = self._values[:, slots[::-1]]
+            self._owner[slots] = self._owner[slots[::-1]]
 
     def _extrapolate(self, slot: Indices) -> None:
         """Extrapolate objects that were missed by their last reported rates."""
@@ -196,10 +198,11 @@ class RadarSlots:
         """Return whether an object has a slot."""
         return key in self._holders
 
-    def swap(self, one: int, other: int) -> None:
-        """Exchange the slots of two objects that have one."""
+    def swap(self, one: int, other: int) -> list[int]:
+        """Exchange the slots of two objects that have one, and return these."""
         first, second = self._holders[one], self._holders[other]
         first.slot, second.slot = second.slot, first.slot
+        return [first.slot, second.slot]
 
     def _release(self, seen: set[int], visible: Collection[int]) -> tuple[list[int], list[int]]:
         """Free the slots of objects that left or were missed too long; return the freed and the missed slots."""

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from candaemon.arrays import Floats
+from candaemon.config.sensors import SensorSettings
 from candaemon.simulation.scenario import Scenario
+from candaemon.simulation.scene import Scene
 from candaemon.simulation.simulate import simulate
-from candaemon.simulation.slot_reports import SlotReport
+from candaemon.simulation.slot_reports import SlotReport, SlotReporter
 from tests.support.bound import binding as bound
 
 MOUNT = 3.6  # m, of the radars of `config/`
@@ -168,6 +170,20 @@ def test_the_radar_coasts_what_it_misses() -> None:
 
     assert share(0.0) == pytest.approx(0.5, abs=0.1)
     assert share(1.0) > 0.8
+
+
+def test_a_radar_that_tells_no_identity_coasts_nothing() -> None:
+    missed = scene([point(30.0, 0.0)], {"coasting": 1.0}, measurement={"detection_probability": 0.5})
+    sensor = bound("ars408").sensors[0].settings
+    blind = sensor.model_copy(update={"objects": sensor.objects.model_copy(update={"identity": False})})
+
+    def share(settings: SensorSettings) -> float:
+        world = Scene(missed)
+        reporter = SlotReporter(world, settings, missed, seed=1, source=0)
+        return float(np.mean([len(reporter.report(each).slot) for each in world.states(np.arange(200.0) / 14)]))
+
+    assert share(sensor) > 0.8
+    assert share(blind) == pytest.approx(0.5, abs=0.15)
 
 
 def test_ghosts_move_with_what_they_are_of() -> None:
