@@ -152,7 +152,12 @@ def _outside(tracks: TrackTable, truth: TrackTable, mine: Integers, actors: Inte
 
 
 def assign(
-    distance: Floats, actor: Integers, track: Integers, previous: Mapping[int, int], gate: float
+    distance: Floats,
+    actor: Integers,
+    track: Integers,
+    previous: Mapping[int, int],
+    gate: float,
+    still_distance: Floats | float = math.inf,
 ) -> tuple[Integers, Integers]:
     """Pair actors and tracks one to one: keep the previous cycle's pairs, then add as many as possible at least cost.
 
@@ -162,6 +167,8 @@ def assign(
         track: ids, shape (n,).
         previous: the track's id of each actor that was paired in the cycle before.
         gate: m; greatest distance of a pair.
+        still_distance: m from each track to the nearest stationary object (n,): a track begins no pair with an actor
+            that is farther away, or what passes a post would be paired with the post's track.
 
     Returns:
         Rows and columns of `distance` that are paired, each of shape (k,).
@@ -175,6 +182,7 @@ def assign(
     ]
     rows = np.array([row for row, _ in kept], dtype=np.int64)
     columns = np.array([k for _, k in kept], dtype=np.int64)
+    near &= distance <= still_distance
     near[rows] = near[:, columns] = False
     free_rows, free_columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
     if not len(free_rows) or not len(free_columns):

@@ -115,7 +115,7 @@ def _pair_cycle(pairing: Pairing, cycle: MatchedCycle, previous: dict[int, int])
     """Note one cycle's pairs; return the track's id of each actor that has one."""
     tracks, gate, mine = pairing.tracks, pairing.options.gate, cycle.tracks
     actor, track = pairing.truth.id[cycle.actors], tracks.id[mine]
-    rows, columns = assign(cycle.distance, actor, track, previous, gate)
+    rows, columns = assign(cycle.distance, actor, track, previous, gate, cycle.still_distance)
     pairing.partner[cycle.actors[rows]] = mine[columns]
     nearest = cycle.outside.min(axis=0, initial=np.inf)
     pairing.confirmed[mine] = True

@@ -113,6 +113,18 @@ def test_a_pair_is_kept_while_another_track_comes_nearer() -> None:
     assert result.errors.x == pytest.approx(2.0)
 
 
+def test_an_actor_that_passes_a_post_is_not_paired_with_the_posts_track() -> None:
+    passing = [(k * CYCLE, 1, "actor", still(10.0 + 1.5 * k, 3.0, vx=30.0)) for k in range(20)]
+    post = rows(range(20), 2, "stationary", still(25.0, 2.0))
+    alone = straight(rows(range(20), 7, "confirmed", still(25.0, 1.8)), passing + post)
+    assert alone.errors.samples == 0
+    assert alone.false_tracks.samples == alone.surplus.samples == 0
+    # its own track stays its own, though the post's is nearer for a while
+    own = [(k * CYCLE, 8, "confirmed", still(10.0 + 1.5 * k, 2.2, vx=30.0)) for k in range(20)]
+    both = straight([*own, *rows(range(20), 7, "confirmed", still(25.0, 1.8))], passing + post)
+    assert (both.errors.samples, both.id_switches, both.errors.vx) == (20, 0, 0.0)
+
+
 def test_false_tracks_are_far_from_everything_true() -> None:
     truth = (
         rows(range(10), 1, "actor", still(10.0, 0.0))
