@@ -16,9 +16,9 @@ from candaemon.radar.detections import Detections
 from candaemon.tracking.body_association import Association, beside
 from candaemon.tracking.body_modes import CRUISING, FREE, MANOEUVRING, SLIDING, STANDING
 from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.box import CAR_LENGTH, CAR_WIDTH
 from candaemon.tracking.reflections import to_travel_axes
 
-_LENGTH, _WIDTH = 4.5, 1.8  # m, a car's
 _FIRST_SHARE = np.array([0.3, 0.2, 0.25, 0.01, 0.24])  # of the modes, in their order
 _STANDING_SPREAD = 0.1  # m/s
 
@@ -86,7 +86,7 @@ class BodyInitiation:
         )
         velocity = modes[CRUISING][0]
         backwards = float(velocity @ heading) < 0.0
-        return bodies.add(detections.time_ns, -heading if backwards else heading, _LENGTH, _WIDTH)
+        return bodies.add(detections.time_ns, -heading if backwards else heading, CAR_LENGTH, CAR_WIDTH)
 
     @staticmethod
     def _first_velocity(

@@ -13,7 +13,8 @@ from candaemon.tracking.reflections import to_travel_axes
 _COURSE_SPEED = 4.0  # m/s, above which the course is known well enough to join by it
 _COURSE_ALONG, _COURSE_ACROSS = 4.5, 1.8  # m between two obstacles of one course
 _COURSE_FASTER, _COURSE_DRIFT = 1.5, 3.0  # m/s by which they may differ along and across
-_COURSE_TIME = 0.2  # s side by side
+_COURSE_TIME = 0.2  # s side by side, longer where their places are not clear
+_CLEAR = 0.4  # m
 
 
 def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Integers, Floats]:
@@ -53,7 +54,9 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
     )
     beside = (by_course | by_speed) & obstacles.confirmed[old]
     found[young[beside][::-1]] = old[beside][::-1]  # reversed, so that the oldest of several is written last
-    needed[young[by_course]] = np.minimum(_COURSE_TIME, settings.merge_time)
+    spread = np.trace(moments.shown_covariance[:, :2, :2], axis1=1, axis2=2)
+    unclear = 1.0 + (spread[young] + spread[old]) / _CLEAR**2
+    needed[young[by_course]] = np.minimum(_COURSE_TIME * unclear[by_course], settings.merge_time)
     return found, needed
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.body_filter import POSITION
+from candaemon.estimation.body_filter import POSITION, VELOCITY
 from candaemon.estimation.outline import facing_point
 from candaemon.radar.detections import Detections
 from candaemon.tracking.body_store import Bodies
@@ -21,7 +21,11 @@ _SIZE_NOISE = 0.5  # m, of a size that a sensor tells
 _HEADING_SHARE = 0.1  # of a heading that a sensor tells, a scan
 _SIZE_WALK = 0.05  # m²/s, at which what is known of a size grows old
 _MARGIN = 0.4  # m by which a body goes on behind its outermost reflections, both sides together
-_GROWTH = 0.2  # share of what reflections show beyond a size, a scan
+_GROWTH = 0.1  # share of what reflections show beyond a size, a scan
+_SHRINKAGE = 0.002  # share of what a length not told has beyond a car's, a scan
+_AXIS_SPEED, _AXIS_AGE = 3.0, 1.0  # m/s and s from which on the axis is known well enough
+CAR_LENGTH, CAR_WIDTH, TRUCK_WIDTH = 4.5, 1.8, 2.5  # m
+_TOLD = 0.1  # m²; a width known better was told
 _CLASSES = 6
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(_CLASSES)
 _TRUCK_LENGTH, _NARROW, _WALKING = 7.0, 1.1, 3.5
@@ -43,7 +47,7 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
         _average(obstacles.width, obstacles.width_variance, body, detections.width[rows])
     if detections.heading is not None:
         _turn(bodies, body, detections.heading[rows])
-    _grow(bodies)
+    _grow(bodies, detections.time_ns)
 
 
 def _average(size: Floats, variance: Floats, body: Indices, told: Floats) -> None:
@@ -70,17 +74,27 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
     axis[body[known]] = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-6)[:, None]
 
 
-def _grow(bodies: Bodies) -> None:
-    """Let boxes hold all their reflections."""
+def _grow(bodies: Bodies, time_ns: int) -> None:
+    """Let boxes of known axis hold the reflections of this scan, along them; a long one is as wide as lorries are.
+
+    Across, the spread of reflections is mostly noise.
+    """
     obstacles, reflections = bodies.obstacles, bodies.reflections
+    obstacles.length -= _SHRINKAGE * np.maximum(obstacles.length - CAR_LENGTH, 0.0) * (obstacles.length_variance > 1.0)
     if len(reflections) == len(obstacles):
         return
-    for axis, size in ((0, obstacles.length), (1, obstacles.width)):
-        low, high = np.zeros(len(obstacles)), np.zeros(len(obstacles))
-        np.minimum.at(low, reflections.body, reflections.offset[:, axis])
-        np.maximum.at(high, reflections.body, reflections.offset[:, axis])
-        span = high - low
-        size += _GROWTH * np.maximum(np.where(span > 0.0, span + _MARGIN, 0.0) - size, 0.0)
+    now = np.flatnonzero(reflections.last_ns == time_ns)
+    body, place = reflections.body[now], reflections.offset[now, 0]
+    low, high = np.full(len(obstacles), np.inf), np.full(len(obstacles), -np.inf)
+    np.minimum.at(low, body, place)
+    np.maximum.at(high, body, place)
+    velocity = bodies.moments().mean[:, VELOCITY]
+    known = (velocity * velocity).sum(axis=1) > _AXIS_SPEED**2
+    known &= (time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
+    shown = np.where(known & (high > low), high - low + _MARGIN, 0.0)
+    obstacles.length += _GROWTH * np.maximum(shown - obstacles.length, 0.0)
+    long = (obstacles.length > _TRUCK_LENGTH) & (obstacles.width_variance > _TOLD)
+    obstacles.width = np.where(long, TRUCK_WIDTH, obstacles.width)
 
 
 def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
