@@ -50,9 +50,15 @@ class FreeSettings(Settings):
 class ReflectionPlaceSettings(Settings):
     """Where on a body its reflections lie, and how they wander."""
 
-    walk: float = Field(0.005, ge=0, le=10, description="m²/s, random walk of sensors whose walk is not known")
     bias_time: float = Field(2.0, gt=0.05, le=60, description="s, with which the leading reflection's bias fades")
-    first_bias: float = Field(0.15, gt=0, le=5, description="m, standard deviation of a new body's bias")
+    first_bias: float = Field(0.2, gt=0, le=5, description="m, standard deviation of a new body's bias")
+    settling: float = Field(
+        2.0,
+        gt=0.02,
+        le=1e4,
+        description="s, with which a speed across the axis settles where the sensor's reflections are found to walk",
+    )
+    body: float = Field(0.3, ge=0, le=5, description="m, standard deviation of the bias once two are seen")
     spread: float = Field(0.5, gt=0, le=5, description="m, standard deviation of where further reflections lie")
     spread_time: float = Field(2.0, gt=0.05, le=60, description="s, within which they wander so far")
 

@@ -46,6 +46,7 @@ class BodyMode:
         velocity_noise: white acceleration in any direction, (m/s²)²/Hz.
         bias_walk: random walk of the bias beyond the sensors' own, m²/s.
         dwell: mean time for which a body stays in the mode, s.
+        settles: whether its velocity across the axis settles where the sensors' walk hides it.
     """
 
     moves: bool
@@ -54,6 +55,7 @@ class BodyMode:
     velocity_noise: float
     bias_walk: float
     dwell: float
+    settles: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +117,7 @@ class BodyFilter:
         self._velocity_noise = np.array([mode.velocity_noise for mode in modes])
         self._walk = np.array([mode.bias_walk for mode in modes])
         self._dwell = np.array([mode.dwell for mode in modes])
+        self._settles = np.array([float(mode.settles) for mode in modes])
         self._share = self._dwell / self._dwell.sum()
         self._state = self._empty()
         self.linking = False
@@ -178,28 +181,43 @@ class BodyFilter:
         """Move the reference points by steps (n, 2), m: what they lie on has turned, or is another part of the body."""
         self._state.mean[:, :, POSITION] += step[:, None]
 
+    def loosen(self, rows: Indices, variance: float) -> None:
+        """Let it be open again where on rows' bodies the leading reflections lie: position and bias, not their sum.
+
+        Args:
+            rows: of the bodies.
+            variance: of each component, m².
+        """
+        covariance = self._state.covariance
+        for at in (0, 1):
+            covariance[rows, :, at, at] += variance
+            covariance[rows, :, 6 + at, 6 + at] += variance
+            covariance[rows, :, at, 6 + at] -= variance
+            covariance[rows, :, 6 + at, at] -= variance
+
     def rebase(self, rows: Indices, step: Floats, variance: Floats) -> None:
         """Let the bias of rows refer to another reflection, which lies steps (m, 2) away, known to a variance (m,)."""
         self._state.mean[rows, :, BIAS] += step[:, None]
         for axis in (6, 7):
             self._state.covariance[rows, :, axis, axis] += variance[:, None]
 
-    def predict(self, dt: float, axis: Floats, walk: Floats) -> None:
+    def predict(self, dt: float, axis: Floats, walk: Floats, settling: Floats) -> None:
         """Predict all bodies by dt, s.
 
         Args:
             dt: s.
             axis: unit vector along each body (n, 2), which a slow one speeds up along.
-            walk: random walk of each one's bias, as its sensors have it (n,), m²/s.
+            walk: random walk of each one's bias along and across that axis, as its sensors have it (n, 2), m²/s.
+            settling: rate at which the velocity across the axis settles in the modes that do (n,), 1/s.
         """
         self.link = None
         if not len(self):
             return
         self._interact(dt)
         before = self.combined() if self.linking else None
-        transition = self._transition(dt, axis)
+        transition = self._transition(dt, axis, settling)
         covariance = np.matmul(np.matmul(transition, self._state.covariance), np.swapaxes(transition, -2, -1))
-        self._add_noise(covariance, dt, walk)
+        self._add_noise(covariance, dt, axis, walk)
         self._state.covariance = covariance
         if before is not None:
             weighted = np.matmul(self.probability[:, None], transition.reshape(len(self), -1, WIDTH * WIDTH))
@@ -234,7 +252,7 @@ class BodyFilter:
         covariance -= mixed[..., :, None] * mixed[..., None, :]
         state.mean, state.covariance, state.probability = origin + mixed, covariance, predicted
 
-    def _transition(self, dt: float, axis: Floats) -> Floats:
+    def _transition(self, dt: float, axis: Floats, settling: Floats) -> Floats:
         """Predict the means; return the Jacobians F (n, M, 8, 8)."""
         dynamics, mean = self._dynamics, self._state.mean
         moves, steers = self._moves, self._steers
@@ -262,21 +280,34 @@ class BodyFilter:
         f[..., 6, 6] = f[..., 7, 7] = np.exp(-dt / dynamics.bias_time)
         gained = course * (mean[..., ACCELERATION] * dt * steers)[..., None]
         after = (np.stack([vx, vy], axis=-1) + gained) * moves[:, None]
+        if settling.any():
+            left = np.stack([-axis[:, 1], axis[:, 0]], axis=1)[:, None]
+            settled = -np.expm1(-dt * settling[:, None] * self._settles)
+            after -= (settled * (left * after).sum(axis=-1))[..., None] * left
+            across = (left[..., None] * f[..., 2:4, :]).sum(axis=-2)
+            f[..., 2:4, :] -= settled[..., None, None] * left[..., None] * across[..., None, :]
         mean[..., POSITION] += half * (velocity * moves[:, None] + after)
         mean[..., VELOCITY] = after
         mean[..., 4:] *= np.diagonal(f[0, 0])[4:]
         return f
 
-    def _add_noise(self, covariance: Floats, dt: float, walk: Floats) -> None:
+    def _add_noise(self, covariance: Floats, dt: float, axis: Floats, walk: Floats) -> None:
         """Add the process noise Q of a step of dt, s, to the predicted covariances."""
         dynamics, mean = self._dynamics, self._state.mean
         white = self._velocity_noise
-        for axis in (0, 1):
-            covariance[..., axis, axis] += white * (dt**3 / 3.0)
-            covariance[..., axis, 2 + axis] += white * (dt**2 / 2.0)
-            covariance[..., 2 + axis, axis] += white * (dt**2 / 2.0)
-            covariance[..., 2 + axis, 2 + axis] += white * dt + (1.0 - self._moves) * dynamics.standing**2
-            covariance[..., 6 + axis, 6 + axis] += (self._walk + walk[:, None]) * dt
+        for at in (0, 1):
+            covariance[..., at, at] += white * (dt**3 / 3.0)
+            covariance[..., at, 2 + at] += white * (dt**2 / 2.0)
+            covariance[..., 2 + at, at] += white * (dt**2 / 2.0)
+            covariance[..., 2 + at, 2 + at] += white * dt + (1.0 - self._moves) * dynamics.standing**2
+            covariance[..., 6 + at, 6 + at] += self._walk * dt
+        c, sine = axis[:, 0], axis[:, 1]
+        across = walk[:, 1] * dt
+        more = (walk[:, 0] - walk[:, 1]) * dt
+        covariance[..., 6, 6] += (across + more * c * c)[:, None]
+        covariance[..., 7, 7] += (across + more * sine * sine)[:, None]
+        covariance[..., 6, 7] += (more * c * sine)[:, None]
+        covariance[..., 7, 6] += (more * c * sine)[:, None]
         speed = np.hypot(mean[..., 2], mean[..., 3])
         turn_rate = np.minimum(self._lateral_acceleration / np.maximum(speed, _SLOW), dynamics.turn_rate)
         covariance[..., TURN, TURN] += turn_rate**2 * -np.expm1(-2.0 * dt / dynamics.turn_time)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
+from candaemon.config.sensors import SensorSettings
 from candaemon.config.tracker import TrackerSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.radar.mounting import SensorView
@@ -22,6 +23,7 @@ def make_tracker(
     cycle_time: float,
     slack_ns: int,
     views: Sequence[SensorView],
+    sensors: Mapping[int, SensorSettings] | None = None,
 ) -> AnyTracker:
     """Return the tracker of one filter an obstacle for a `vehicle` estimator, else that of one a reflection.
 
@@ -31,9 +33,13 @@ def make_tracker(
         cycle_time: the longest of its sensors, s.
         slack_ns: how long an obstacle may be without a detection and not count as coasting.
         views: what the sensors can see.
+        sensors: settings of the sensors by their number; of one left out nothing is learnt, its noise is white.
     """
-    kind = VehicleTracker if isinstance(settings.estimator, VehicleEstimatorSettings) else Tracker
-    return kind(settings, identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views)
+    if isinstance(settings.estimator, VehicleEstimatorSettings):
+        return VehicleTracker(
+            settings, sensors or {}, identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views
+        )
+    return Tracker(settings, identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views)
 
 
 def set_state(tracker: AnyTracker, state: TrackerState | VehicleTrackerState) -> None:

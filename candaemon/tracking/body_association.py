@@ -52,8 +52,9 @@ def associate(
     if not len(bodies) or not n:
         return found
     mean, covariance = bodies.reflection_states()
-    _by_id(found, bodies, detections, mean, covariance, settings)
-    if settings.method == "nearest":
+    if detections.identified:
+        _by_id(found, bodies, detections, mean, covariance, settings)
+    if settings.method == "nearest" or not detections.identified:
         free_reflections = np.ones(len(mean), dtype=np.bool_)
         free_reflections[found.reflection[found.reflection >= 0]] = False
         _by_place(found, mean, covariance, np.flatnonzero(free_reflections), measurement, settings.gate)
@@ -96,8 +97,11 @@ def _by_id(
         confirmed = bodies.obstacles.confirmed[bodies.reflections.body[row]]
         within = nis <= np.where(confirmed, settings.id_gate, settings.gate)
         found.slot_jumps = int(len(within) - within.sum())
-    found.reflection[known[within]] = row[within]
-    found.nis[known[within]] = nis[within]
+    order = np.flatnonzero(within)[np.argsort(nis[within], kind="stable")]
+    _, first = np.unique(row[order], return_index=True)  # of two ids for one reflection the likelier one counts
+    chosen = order[first]
+    found.reflection[known[chosen]] = row[chosen]
+    found.nis[known[chosen]] = nis[chosen]
 
 
 def _by_place(

@@ -62,8 +62,9 @@ class BodyInitiation:
                 apart = measurement.position[row] - bodies.moments().shown[body, :2]
                 offset = to_travel_axes(apart, bodies.obstacles.axis[body])
             association.body[row] = body
+            key = int(detections.object_id[row]) if detections.identified else None
             association.reflection[row] = bodies.add_reflection(
-                body, detections.sensor, int(detections.object_id[row]), detections.time_ns, offset
+                body, detections.sensor, key, detections.time_ns, offset
             )
 
     def _add_body(self, row: int, detections: Detections, heading: Floats, bodies: Bodies) -> int:

@@ -14,8 +14,8 @@ def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
     """Return the modes in the order of `CRUISING`, `MANOEUVRING`, `STANDING`, `SLIDING`, `FREE`."""
     cruising, manoeuvring, sliding, free = settings.cruising, settings.manoeuvring, settings.sliding, settings.free
     return (
-        _driving(cruising),
-        _driving(manoeuvring),
+        _driving(cruising, settles=True),
+        _driving(manoeuvring, settles=False),
         BodyMode(
             moves=False,
             acceleration=0.0,
@@ -24,7 +24,7 @@ def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
             bias_walk=0.0,
             dwell=settings.standing.dwell,
         ),
-        replace(_driving(cruising), bias_walk=sliding.walk, dwell=sliding.dwell),
+        replace(_driving(cruising, settles=True), bias_walk=sliding.walk, dwell=sliding.dwell),
         BodyMode(
             moves=True,
             acceleration=0.0,
@@ -36,7 +36,7 @@ def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
     )
 
 
-def _driving(settings: DrivingSettings) -> BodyMode:
+def _driving(settings: DrivingSettings, *, settles: bool) -> BodyMode:
     return BodyMode(
         moves=True,
         acceleration=settings.acceleration,
@@ -44,6 +44,7 @@ def _driving(settings: DrivingSettings) -> BodyMode:
         velocity_noise=settings.noise,
         bias_walk=0.0,
         dwell=settings.dwell,
+        settles=settles,
     )
 
 

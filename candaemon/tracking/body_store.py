@@ -40,6 +40,7 @@ class BodyReflectionTable(Table):
 
     Attributes:
         sensor: index of the sensor that reports it.
+        serial: number that no other reflection ever has.
         object_id: that sensor's own id, −1 once the id has gone to something else.
         body: row of its body.
         last_ns: when it was last detected.
@@ -49,6 +50,7 @@ class BodyReflectionTable(Table):
     """
 
     sensor: Integers = field(default_factory=_integers)
+    serial: Integers = field(default_factory=_integers)
     object_id: Integers = field(default_factory=_integers)
     body: Integers = field(default_factory=_integers)
     last_ns: Integers = field(default_factory=_integers)
@@ -108,12 +110,14 @@ class BodiesState:
         obstacles: one row a body.
         estimator: of the filter, one row a body.
         row_of: row of the reflection that a sensor's object id stands for, by the sensor's number and the id.
+        serials: given to reflections so far.
     """
 
     reflections: BodyReflectionTable
     obstacles: BodyTable
     estimator: BodyFilterState
     row_of: dict[tuple[int, int], int] = field(default_factory=dict)
+    serials: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,13 +211,16 @@ class Bodies:
         return np.array([find((sensor, key), -1) for key in object_id.tolist()], dtype=np.intp)
 
     def assign_id(self, reflection: int, sensor: int, key: int) -> None:
-        """Assign a sensor's object id to a reflection; it no longer stands for another, nor another id for this."""
+        """Assign a sensor's object id to a reflection; it stands for no other, nor another of its ids for this.
+
+        An id of each sensor is kept, since several may see the same point in turn.
+        """
         reflections, row_of = self.reflections, self._state.row_of
         latest = int(reflections.sensor[reflection]), int(reflections.object_id[reflection])
-        if row_of.get(latest) == reflection:
+        if latest[0] == sensor and row_of.get(latest) == reflection:
             del row_of[latest]
         former = row_of.get((sensor, key))
-        if former is not None:
+        if former is not None and reflections.sensor[former] == sensor:
             reflections.object_id[former] = -1
         row_of[sensor, key] = reflection
         reflections.sensor[reflection], reflections.object_id[reflection] = sensor, key
@@ -245,8 +252,10 @@ class Bodies:
         """Append a reflection of a body, an offset (2,) away from the leading one; return its row."""
         row, obstacles = len(self.reflections), self.obstacles
         leads = int(obstacles.leader[body]) == row
+        self._state.serials += 1
         self.reflections.append(
             sensor=np.array([sensor]),
+            serial=np.array([self._state.serials]),
             object_id=np.array([-1]),
             body=np.array([body]),
             last_ns=np.array([time_ns]),
@@ -256,6 +265,9 @@ class Bodies:
         )
         if key is not None:
             self.assign_id(row, sensor, key)
+        if not leads and np.count_nonzero(self.reflections.body == body) == 2:
+            self.filter.loosen(np.array([body]), self._places.body**2)
+            self.changed()
         obstacles.last_ns[body] = time_ns
         obstacles.history[body] |= 1
         obstacles.sensors[body] |= 1 << sensor

@@ -49,17 +49,15 @@ class TrackerGroups:
             groups.insert(0, (config.tracker, rest))
         tracker_of: dict[str, AnyTracker] = {}
         for settings, names in groups:
-            members = [each for name, each in sensors.items() if name in names]
+            numbered = {number: each for number, (name, each) in enumerate(sensors.items()) if name in names}
+            members = list(numbered.values())
             cycle_time = max(each.revisit_time for each in members)
             in_turn = len(sensors) > 1 or members[0].looks is not None
             slack_ns = round(1.5 * cycle_time * 1e9) if in_turn else 0
-            views = [
-                view
-                for number, (name, each) in enumerate(sensors.items())
-                if name in names
-                for view in sensor_views(each, number).values()
-            ]
-            tracker = make_tracker(settings, self.identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views)
+            views = [view for number, each in numbered.items() for view in sensor_views(each, number).values()]
+            tracker = make_tracker(
+                settings, self.identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views, sensors=numbered
+            )
             self.trackers.append(tracker)
             tracker_of.update(dict.fromkeys(names, tracker))
         self.by_sensor = [tracker_of[name] for name in sensors]

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from math import exp
+from dataclasses import dataclass, replace
+from math import cos, exp, isnan, sin
 
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.config.sensors import SensorSettings
 from candaemon.config.tracker import TrackerSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import ACCELERATION, BIAS, POSITION, TURN, VELOCITY, reported
-from candaemon.estimation.measurement import line_of_sight
+from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.estimation.smoothing import Link
 from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
@@ -23,11 +24,13 @@ from candaemon.tracking.body_association import Association, associate
 from candaemon.tracking.body_initiation import BodyInitiation
 from candaemon.tracking.body_measurement import of_bodies
 from candaemon.tracking.body_merging import merge_candidates, split_candidates
+from candaemon.tracking.body_modes import MANOEUVRING, STANDING
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies, BodiesState
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import Obstacles
-from candaemon.tracking.reflections import to_travel_axes
+from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoiseState, stated_white
+from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.smoother_history import SmootherHistory
 from candaemon.tracking.update import TrackerCounts, Update, Used
 
@@ -36,6 +39,10 @@ _EARLIEST_NS = -LATEST_NS // 2  # a measurement may lie before the first instant
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 _AXIS_TIME = 0.15  # s, with which the axis follows the course
+_WHITE_RATIO, _WALK_RATIO = 2.5, 5.0  # of spreads after a second and a scan: white noise, and surely a walk
+_LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
+_LEAST_RATE = 1e-6  # 1/s
+_STANDS = 0.5  # probability of the mode
 _RATE_MEMORY = 0.3  # s, of a reflection's range rate beside its body's
 
 
@@ -47,11 +54,13 @@ class VehicleTrackerState:
         time_ns: the instant that its bodies hold for.
         counts: what it did.
         tracks: the bodies.
+        noise: of the sensors' reflections.
     """
 
     time_ns: int
     counts: TrackerCounts
     tracks: BodiesState
+    noise: ReflectionNoiseState
 
 
 class VehicleTracker:
@@ -59,6 +68,7 @@ class VehicleTracker:
 
     Args:
         settings: of a `vehicle` estimator, association, reflections and life cycle.
+        sensors: settings of the sensors by their number; of one left out nothing is learnt, its noise is white.
         identities: the numbers of new obstacles; shared by the trackers of a run. None: its own.
         cycle_time: the longest of its sensors, s; a tentative obstacle survives one missed scan of it.
         slack_ns: how long an obstacle may be without a detection and not count as coasting.
@@ -73,6 +83,7 @@ class VehicleTracker:
     def __init__(
         self,
         settings: TrackerSettings,
+        sensors: Mapping[int, SensorSettings],
         identities: Identities | None = None,
         *,
         cycle_time: float = 0.05,
@@ -88,7 +99,9 @@ class VehicleTracker:
         self._views, self._slack_ns = views, slack_ns
         self._bodies = Bodies(estimator, identities or Identities())
         self._initiation = BodyInitiation(settings, estimator)
-        self._state = VehicleTrackerState(0, TrackerCounts(), self._bodies.state)
+        self._noise = ReflectionNoise(sensors)
+        self._stated = {number: stated_white(each.noise) for number, each in sensors.items()}
+        self._state = VehicleTrackerState(0, TrackerCounts(), self._bodies.state, self._noise.state)
         self._dt = 0.0
         self.update: Update | None = None
         self.smoother_history: SmootherHistory | None = None
@@ -110,6 +123,7 @@ class VehicleTracker:
         if not _EARLIEST_NS <= state.time_ns <= LATEST_NS:
             raise ValueError("the obstacles' time is out of range")
         self._bodies.state = state.tracks
+        self._noise.state = state.noise
         self._state = state
         self.update = None
         self.smoother_history = None
@@ -126,6 +140,8 @@ class VehicleTracker:
             sensors: number of a sensor from here on, by the number it had.
         """
         self._bodies.renumber_sensors(sensors)
+        self._noise.renumber_sensors(sensors)
+        self._state.noise = self._noise.state
 
     def keep_smoother_history(self) -> None:
         """Give a `smoother_history` after each step from here on; the obstacles reported do not change by it."""
@@ -147,10 +163,12 @@ class VehicleTracker:
         self._predict(pose.time_ns)
         link = self._smoother_link() if self._bodies.filter.linking else None
         if detections is not None:
+            detections = replace(detections, measurement=self._as_noisy(detections.measurement))
             association = self._associate(detections)
             self._update(association, detections, pose)
             self._initiate(association, detections, pose)
             self._record(association, detections)
+            self._observe_noise(detections, pose)
         self._turn_axes()
         self._confirm_and_delete(pose)
         if detections is not None and self.settings.reflections.merge and len(self):
@@ -171,7 +189,13 @@ class VehicleTracker:
         body = bodies.reflections.body[rows]
         mean = bodies.moments().mean[body]
         bias = mean[:, BIAS] * exp(-horizon / self._places.bias_time)
-        return predicted_positions(mean, horizon) + bias + bodies.offsets()[rows]
+        ahead = predicted_positions(mean, horizon) - mean[:, POSITION]
+        _, settling = self._walks()
+        drift = to_travel_axes(ahead, bodies.obstacles.axis[body])
+        rate = np.maximum(settling[body] * (1.0 - bodies.filter.probability[body, MANOEUVRING]), _LEAST_RATE)
+        drift[:, 1] *= -np.expm1(-rate * horizon) / (rate * horizon)
+        ahead = from_travel_axes(drift, bodies.obstacles.axis[body])
+        return mean[:, POSITION] + ahead + bias + bodies.offsets()[rows]
 
     def _used(self, detections: Detections | None) -> Used:
         """Return what this cycle's detections updated."""
@@ -185,9 +209,10 @@ class VehicleTracker:
         dt = (time_ns - self._state.time_ns) * 1e-9 if len(self) else 0.0
         self._dt = max(dt, 0.0)
         self._state.time_ns = time_ns
-        bodies, places = self._bodies, self._places
+        bodies = self._bodies
         if dt > 0.0:
-            bodies.filter.predict(dt, bodies.obstacles.axis, np.full(len(self), places.walk))
+            walk, settling = self._walks()
+            bodies.filter.predict(dt, bodies.obstacles.axis, walk, settling)
             self._let_wander(dt)
             bodies.changed()
         elif dt < 0.0:
@@ -205,6 +230,59 @@ class VehicleTracker:
             state, covariance = reported(moments.mean, moments.covariance)
             link = Link(state, covariance, np.broadcast_to(np.eye(6), covariance.shape))
         return self._bodies.obstacles.id.copy(), link
+
+    def _walks(self) -> tuple[Floats, Floats]:
+        """Return each body's walk of the bias (k, 2), m²/s, and the rate at which its speed across settles (k,), 1/s.
+
+        Both are those of the sensor that its leading reflection is of.
+        """
+        bodies = self._bodies
+        sensor = bodies.reflections.sensor[bodies.obstacles.leader]
+        walk, settling = np.zeros((len(self), 2)), np.zeros(len(self))
+        for number in self._stated:
+            of_it = sensor == number
+            walk[of_it] = self._noise.walk(number)
+            settling[of_it] = self._walking(number) / self._places.settling
+        return walk, settling
+
+    def _walking(self, sensor: int) -> float:
+        """Return how surely a sensor's reflections walk across, 0 to 1."""
+        if sensor not in self._stated:
+            return 0.0
+        share = (self._noise.ratio(sensor)[1] - _WHITE_RATIO) / (_WALK_RATIO - _WHITE_RATIO)
+        return 0.0 if isnan(share) else min(max(share, 0.0), 1.0)
+
+    def _as_noisy(self, measurement: Measurement) -> Measurement:
+        """Return a measurement as noisy as its sensor was found to be, where its reflections walk."""
+        sensor = measurement.sensor
+        if not self._walking(sensor):
+            return measurement
+        white, stated = self._noise.white(sensor), self._stated[sensor]
+        share = np.clip(max(white[0] / stated[0], white[1] / stated[1]) ** 2, _LEAST_SHARE, 1.0)
+        return measurement.scaled(np.full(len(measurement.position), share))
+
+    def _observe_noise(self, detections: Detections, pose: EgoPose) -> None:
+        """Let the noise of the sensor's reflections be learnt from what stands."""
+        if self.update is None or not detections.identified or detections.sensor not in self._stated:
+            return
+        bodies, rows = self._bodies, self.update.reflection
+        body = bodies.reflections.body[rows]
+        velocity = bodies.moments().mean[body, VELOCITY]
+        standing = (
+            (bodies.filter.probability[body, STANDING] > _STANDS)
+            & ((velocity * velocity).sum(axis=1) < 1.0)
+            & bodies.obstacles.confirmed[body]
+        )
+        ahead = np.array([cos(pose.heading), sin(pose.heading)])
+        self._noise.observe(
+            detections.sensor,
+            detections.time_ns,
+            bodies.reflections.serial[rows],
+            detections.measurement.position[self.update.detection],
+            np.tile(ahead, (len(rows), 1)),
+            standing,
+            float(np.hypot(pose.ve, pose.vn)),
+        )
 
     def _let_wander(self, dt: float) -> None:
         """Let the offsets return towards the leading reflection, and their variance towards the spread."""
@@ -248,10 +326,12 @@ class VehicleTracker:
         gain = variance / (variance + noise)
         reflections.offset[row] += gain[:, None] * to_travel_axes(place, obstacles.axis[body])
         reflections.variance[row] = (1.0 - gain) * variance
-        named = zip(row.tolist(), detections.object_id[rows].tolist(), strict=True) if detections.identified else ()
-        for each, key in named:
-            if reflections.object_id[each] != key or reflections.sensor[each] != detections.sensor:
+        if detections.identified:
+            keys = detections.object_id[rows]
+            renamed = (reflections.object_id[row] != keys) | (reflections.sensor[row] != detections.sensor)
+            for each, key in zip(row[renamed].tolist(), keys[renamed].tolist(), strict=True):
                 bodies.assign_id(each, detections.sensor, key)
+        reflections.sensor[row] = detections.sensor
         box.learn(bodies, rows, row, detections)
         reflections.last_ns[row] = detections.time_ns
         obstacles.last_ns[seen] = detections.time_ns
@@ -297,7 +377,9 @@ class VehicleTracker:
         squared = (velocity * velocity).sum(axis=1)
         spread = moments.covariance[:, 2, 2] + moments.covariance[:, 3, 3]
         known = squared / (squared + 4.0 * spread + 0.25)
-        share = known * known * -np.expm1(-self._dt / _AXIS_TIME)
+        _, settling = self._walks()
+        time = _AXIS_TIME + settling * self._places.settling * (self.settings.travel.time_constant - _AXIS_TIME)
+        share = known * known * -np.expm1(-self._dt / time)
         speed = np.sqrt(np.maximum(squared, 1e-6))
         forward = np.where((velocity * obstacles.axis).sum(axis=1) < -2.0, -1.0, 1.0)
         course = velocity / speed[:, None]
