@@ -29,7 +29,7 @@ def _manoeuvring() -> DrivingSettings:
 class StandingSettings(Settings):
     """A body that stands."""
 
-    speed: float = Field(0.03, gt=0, le=2, description="m/s, standard deviation of the speed of what stands")
+    speed: float = Field(0.15, gt=0, le=2, description="m/s, standard deviation of what stands, as own motion errs")
     dwell: float = Field(10.0, gt=0.02, le=1e4, description="s, mean time for which a body stands")
 
 
@@ -53,7 +53,7 @@ class ReflectionPlaceSettings(Settings):
     bias_time: float = Field(2.0, gt=0.05, le=60, description="s, with which the leading reflection's bias fades")
     first_bias: float = Field(0.2, gt=0, le=5, description="m, standard deviation of a new body's bias")
     settling: float = Field(
-        2.0,
+        0.6,
         gt=0.02,
         le=1e4,
         description="s, with which a speed across the axis settles where the sensor's reflections are found to walk",

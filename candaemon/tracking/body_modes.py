@@ -15,7 +15,7 @@ def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
     cruising, manoeuvring, sliding, free = settings.cruising, settings.manoeuvring, settings.sliding, settings.free
     return (
         _driving(cruising, settles=True),
-        _driving(manoeuvring, settles=False),
+        _driving(manoeuvring, settles=True),
         BodyMode(
             moves=False,
             acceleration=0.0,

@@ -24,7 +24,7 @@ from candaemon.tracking.body_association import Association, associate
 from candaemon.tracking.body_initiation import BodyInitiation
 from candaemon.tracking.body_measurement import of_bodies
 from candaemon.tracking.body_merging import merge_candidates, split_candidates
-from candaemon.tracking.body_modes import MANOEUVRING, STANDING
+from candaemon.tracking.body_modes import MANOEUVRING
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies, BodiesState
 from candaemon.tracking.identities import Identities
@@ -42,7 +42,7 @@ _AXIS_TIME = 0.15  # s, with which the axis follows the course
 _WHITE_RATIO, _WALK_RATIO = 2.5, 5.0  # of spreads after a second and a scan: white noise, and surely a walk
 _LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
 _LEAST_RATE = 1e-6  # 1/s
-_STANDS = 0.5  # probability of the mode
+_STANDS = 0.6  # m/s along the line of sight; across it, a slide looks like motion
 _RATE_MEMORY = 0.3  # s, of a reflection's range rate beside its body's
 
 
@@ -268,9 +268,11 @@ class VehicleTracker:
         bodies, rows = self._bodies, self.update.reflection
         body = bodies.reflections.body[rows]
         velocity = bodies.moments().mean[body, VELOCITY]
+        sight = detections.measurement.position[self.update.detection] - detections.measurement.origin
+        sight = sight / np.maximum(np.linalg.norm(sight, axis=1), 1.0)[:, None]
         standing = (
-            (bodies.filter.probability[body, STANDING] > _STANDS)
-            & ((velocity * velocity).sum(axis=1) < 1.0)
+            (np.abs((velocity * sight).sum(axis=1)) < _STANDS)
+            & ((velocity * velocity).sum(axis=1) < (4.0 * _STANDS) ** 2)
             & bodies.obstacles.confirmed[body]
         )
         ahead = np.array([cos(pose.heading), sin(pose.heading)])
