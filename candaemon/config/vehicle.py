@@ -77,3 +77,9 @@ class VehicleEstimatorSettings(Settings):
     turn_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the turn rate")
     turn_rate: float = Field(0.3, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
     first_acceleration: float = Field(1.0, gt=0, le=20, description="m/s², standard deviation of a body's first one")
+    evidence: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="power of the likelihoods that weigh the modes; below 1, since successive errors are alike",
+    )

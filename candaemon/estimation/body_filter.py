@@ -70,6 +70,7 @@ class BodyDynamics:
         standing: standard deviation of the speed of what stands, m/s.
         bias_time: time constant with which the bias returns to zero, s.
         first_bias: standard deviation of a body's first bias, m.
+        evidence: power of the likelihoods that weigh the modes: below 1 where successive errors are alike.
     """
 
     first_acceleration: float
@@ -79,6 +80,7 @@ class BodyDynamics:
     standing: float
     bias_time: float
     first_bias: float
+    evidence: float
 
 
 @dataclass(slots=True)
@@ -337,7 +339,8 @@ class BodyFilter:
             wide[..., VELOCITY] = part.direction[:, None]
             innovation = part.value[:, None] - (wide[..., VELOCITY] * mean[..., VELOCITY]).sum(axis=-1)
             self._update_scalar(mean, covariance, wide, innovation, part.variance, nis, log_likelihood)
-        weight = prior * np.exp(log_likelihood - log_likelihood.max(axis=1, keepdims=True))
+        evidence = self._dynamics.evidence * (log_likelihood - log_likelihood.max(axis=1, keepdims=True))
+        weight = prior * np.exp(evidence)
         weight = np.maximum(weight / weight.sum(axis=1, keepdims=True), _LEAST_PROBABILITY)
         posterior = weight / weight.sum(axis=1, keepdims=True)
         weighted = np.asarray((prior * nis).sum(axis=1))

@@ -59,4 +59,5 @@ def dynamics_of(settings: VehicleEstimatorSettings) -> BodyDynamics:
         standing=settings.standing.speed,
         bias_time=places.bias_time,
         first_bias=places.first_bias,
+        evidence=settings.evidence,
     )

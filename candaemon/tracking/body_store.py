@@ -76,6 +76,8 @@ class BodyTable(Table):
         axis: unit vector along the body, local frame.
         length, width: of its box, m.
         length_variance, width_variance: of those, m².
+        alone: time for which it was near and showed one reflection only, s; below 0 once it has shown several.
+        fastest: greatest speed it had, m/s.
         facing: reference point minus centre of the box (n, 2), local frame, m.
         alongside_ns: time for which it has been a merge candidate.
         sensors: bit k set where sensor k detected it.
@@ -93,6 +95,8 @@ class BodyTable(Table):
     width: Floats = field(default_factory=_numbers)
     length_variance: Floats = field(default_factory=_numbers)
     width_variance: Floats = field(default_factory=_numbers)
+    alone: Floats = field(default_factory=_numbers)
+    fastest: Floats = field(default_factory=_numbers)
     facing: Floats = field(default_factory=_pairs)
     alongside_ns: Integers = field(default_factory=_integers)
     sensors: Integers = field(default_factory=_integers)
@@ -241,6 +245,8 @@ class Bodies:
             width=np.array([width]),
             length_variance=np.array([_LENGTH_SPREAD**2]),
             width_variance=np.array([_WIDTH_SPREAD**2]),
+            alone=np.zeros(1),
+            fastest=np.zeros(1),
             facing=np.zeros((1, 2)),
             alongside_ns=zero,
             sensors=zero,
@@ -364,7 +370,18 @@ class Bodies:
 
 
 _LENGTH_SPREAD, _WIDTH_SPREAD = 2.0, 0.4  # m, of vehicles about a car's
-_COPIED = ("first_ns", "axis", "length", "width", "length_variance", "width_variance", "facing", "sensors")
+_COPIED = (
+    "first_ns",
+    "axis",
+    "length",
+    "width",
+    "length_variance",
+    "width_variance",
+    "alone",
+    "fastest",
+    "facing",
+    "sensors",
+)
 
 
 def _check_rows(state: BodiesState) -> None:

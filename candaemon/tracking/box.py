@@ -25,13 +25,16 @@ _GROWTH = 0.1  # share of what reflections show beyond a size, a scan
 _SHRINKAGE = 0.002  # share of what a length not told has beyond a car's, a scan
 _AXIS_SPEED, _AXIS_AGE = 3.0, 1.0  # m/s and s from which on the axis is known well enough
 CAR_LENGTH, CAR_WIDTH, TRUCK_WIDTH = 4.5, 1.8, 2.5  # m
+WALKER, RIDER = (0.5, 0.6), (1.9, 0.7)  # m, length and width
+_NEAR, _ALONE = 30.0, 1.5  # m and s for which a car would have shown several reflections
+_MOVED, _RIDING = 0.5, 9.0  # m/s
 _TOLD = 0.1  # m²; a width known better was told
 _CLASSES = 6
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(_CLASSES)
 _TRUCK_LENGTH, _NARROW, _WALKING = 7.0, 1.1, 3.5
 
 
-def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detections) -> None:
+def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detections, dt: float) -> None:
     """Let boxes learn from the detections of a scan.
 
     Args:
@@ -39,6 +42,7 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
         rows: of the detections that belong to a reflection (m,).
         reflections: rows of those (m,).
         detections: the scan.
+        dt: s since the scan before.
     """
     obstacles, body = bodies.obstacles, bodies.reflections.body[reflections]
     if detections.length is not None:
@@ -47,6 +51,7 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
         _average(obstacles.width, obstacles.width_variance, body, detections.width[rows])
     if detections.heading is not None:
         _turn(bodies, body, detections.heading[rows])
+    _note_size(bodies, body, detections, rows, dt)
     _grow(bodies, detections.time_ns)
 
 
@@ -72,6 +77,23 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
     told = np.stack([np.cos(heading[known]), np.sin(heading[known])], axis=1)
     turned = axis[body[known]] + _HEADING_SHARE * (told - axis[body[known]])
     axis[body[known]] = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-6)[:, None]
+
+
+def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices, dt: float) -> None:
+    """Take what stays a single reflection close by for something small: a walker, or a rider where it was faster."""
+    obstacles = bodies.obstacles
+    count = np.bincount(body, minlength=len(obstacles))
+    distance = np.hypot(detections.x[rows], detections.y[rows])
+    near = np.zeros(len(obstacles), dtype=np.bool_)
+    near[body[distance < _NEAR]] = True
+    obstacles.alone = np.where(count > 1, -np.inf, obstacles.alone + dt * (near & (count == 1)))
+    speed = np.hypot(*bodies.moments().mean[:, VELOCITY].T)
+    sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
+    obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))
+    small = (obstacles.alone > _ALONE) & (obstacles.width_variance > _TOLD) & (obstacles.fastest > _MOVED)
+    walks, rides = small & (obstacles.fastest < _WALKING), small & (obstacles.fastest < _RIDING)
+    obstacles.length = np.where(walks, WALKER[0], np.where(rides, RIDER[0], obstacles.length))
+    obstacles.width = np.where(walks, WALKER[1], np.where(rides, RIDER[1], obstacles.width))
 
 
 def _grow(bodies: Bodies, time_ns: int) -> None:
@@ -122,7 +144,7 @@ def classes(
         speed: m/s.
         standing: which bodies stand and never moved.
     """
-    told = length_variance < 1.0
+    told = (length_variance < 1.0) | (length < CAR_LENGTH / 2)
     kind = np.full(len(length), UNKNOWN, dtype=np.int8)
     kind[told & (width >= _NARROW)] = CAR
     kind[length > _TRUCK_LENGTH] = TRUCK

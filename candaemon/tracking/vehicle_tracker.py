@@ -40,6 +40,7 @@ _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 _AXIS_TIME = 0.15  # s, with which the axis follows the course
 _WHITE_RATIO, _WALK_RATIO = 2.5, 5.0  # of spreads after a second and a scan: white noise, and surely a walk
+_CROSSING = 1.5  # m/s across the axis: faster than a walk or a slide looks, it is motion
 _LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
 _LEAST_RATE = 1e-6  # 1/s
 _STANDS = 0.6  # m/s along the line of sight; across it, a slide looks like motion
@@ -243,6 +244,9 @@ class VehicleTracker:
             of_it = sensor == number
             walk[of_it] = self._noise.walk(number)
             settling[of_it] = self._walking(number) / self._places.settling
+        if settling.any():
+            across = to_travel_axes(bodies.moments().mean[:, VELOCITY], bodies.obstacles.axis)[:, 1]
+            settling *= np.exp(-np.square(across / _CROSSING))
         return walk, settling
 
     def _walking(self, sensor: int) -> float:
@@ -334,7 +338,7 @@ class VehicleTracker:
             for each, key in zip(row[renamed].tolist(), keys[renamed].tolist(), strict=True):
                 bodies.assign_id(each, detections.sensor, key)
         reflections.sensor[row] = detections.sensor
-        box.learn(bodies, rows, row, detections)
+        box.learn(bodies, rows, row, detections, self._dt)
         reflections.last_ns[row] = detections.time_ns
         obstacles.last_ns[seen] = detections.time_ns
         obstacles.history[seen] |= 1
