@@ -145,6 +145,13 @@ def sections(result: Measured) -> Iterator[Section]:
 def notes(result: Measured) -> Iterator[str]:
     """Yield what the figures mean, and what could not be run, as lines of text."""
     yield from _listed("legend", (("!", "not what it should be"), *LEGEND))
+    broken = [
+        (f"{scenario} {config}, {name}", f"{score.broken} samples whose place or velocity is no number")
+        for (scenario, config), found in sorted(result.scores.items())
+        for name, score in found.items()
+        if score.broken
+    ]
+    yield from _listed("broken", broken)
     refused = [(f"{scenario} {config}", why) for (scenario, config), why in sorted(result.refused.items())]
     yield from _listed("cannot be run", refused)
 

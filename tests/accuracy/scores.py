@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -74,6 +74,7 @@ class Score:
         surplus: those that are duplicates.
         false: ids that were false.
         awaited, missed: cycles of visible actors, those without an obstacle.
+        broken: samples whose place or velocity is no number.
     """
 
     sums: MeasureSums
@@ -88,6 +89,7 @@ class Score:
     false: int
     awaited: int
     missed: int
+    broken: int = 0
 
     def __add__(self, other: Score) -> Score:
         return Score(*(getattr(self, name) + getattr(other, name) for name in Score.__slots__))
@@ -106,6 +108,7 @@ class Score:
             "duplicates": self.surplus / self.confirmed if self.confirmed else 0.0,
             "false": self.false / minutes,
             "missed": self.missed / self.awaited if self.awaited else math.nan,
+            "broken": float(self.broken),
         }
 
 
@@ -119,7 +122,7 @@ PAIR_FIGURES: Final = (
 
 def scored(rows: TrackRows, truth: TrackTable) -> Score:
     """Return the score of one run's tracks."""
-    return score_of(pair(rows.table, truth, OPTIONS), rows.covariance)
+    return replace(score_of(pair(rows.table, truth, OPTIONS), rows.covariance), broken=rows.broken)
 
 
 def score_of(pairing: Pairing, covariance: Floats | None) -> Score:

@@ -69,10 +69,12 @@ class TrackRows:
     Attributes:
         table: n rows, ordered by time, then id.
         covariance: of x, y, vx, vy, vehicle axes (n, 4, 4), or None.
+        broken: rows left out, because their place or velocity is no number.
     """
 
     table: TrackTable
     covariance: Floats | None
+    broken: int = 0
 
 
 @lru_cache(maxsize=32)
@@ -132,8 +134,13 @@ def track_rows(obstacles: Sequence[Obstacles]) -> TrackRows:
     times = np.repeat([one.time_ns for one in obstacles], [len(one) for one in obstacles])
     table, order = _table(times, parts)
     if any(one is None for one in covariances) or not covariances:
-        return TrackRows(table, None)
-    return TrackRows(table, np.concatenate([np.asarray(one) for one in covariances])[order])
+        covariance = None
+    else:
+        covariance = np.concatenate([np.asarray(one) for one in covariances])[order]
+    sound = np.asarray(np.isfinite(np.stack([table.x, table.y, table.vx, table.vy])).all(axis=0))
+    if sound.all():
+        return TrackRows(table, covariance)
+    return TrackRows(table.take(sound), None if covariance is None else covariance[sound], int((~sound).sum()))
 
 
 def truth_rows(simulation: Simulation) -> TrackTable:

@@ -132,6 +132,17 @@ def test_o_keeps_one_obstacle_of_each_object_and_none_of_what_is_false(scenario:
     assert score.value("position") < 1.0
 
 
+def test_what_is_no_number_is_counted_and_not_paired(scenario: Path) -> None:
+    simulation, pipeline = simulated(Job(ROOT / "config" / "esr_ins.yaml", scenario, 1))
+    told = [cycle.obstacles for cycle in cycles_of(simulation.frames(), pipeline)]
+    told[40].x[:] = np.nan
+    rows = track_rows(told)
+    assert rows.broken == len(told[40]) > 0
+    score = scored(rows, truth_rows(simulation))
+    assert score.figures()["broken"] == rows.broken
+    assert np.isfinite(score.gospa)
+
+
 def test_each_shipped_radar_is_measured_once() -> None:
     names = [path.stem for path in configurations(None)]
     assert {"esr_ins", "ars408", "toyota_rav4", "toyota_rav4_ins"} <= set(names)
