@@ -12,6 +12,7 @@ import cantools
 import numpy as np
 from cantools.database.can import Database, Message
 
+from candaemon.arrays import Floats
 from candaemon.binding.bound import Binding
 from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.dbc.types import MessageSpec
@@ -19,14 +20,17 @@ from candaemon.ego.pose import EgoPose
 from candaemon.errors import CandaemonError
 from candaemon.frames.frame import EXTENDED
 from candaemon.pipeline.cycle import Cycle
-from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.obstacles import CLASS_NAMES, COASTING, CONFIRMED, TENTATIVE, Obstacles
 
 _COLUMNS = tuple(field.name for field in fields(Obstacles))
 _HEAD = Struct("<qHIB")
 """Of a frame that is sent: its time, bus, CAN id and length."""
 _GATHERED = 200
 """Frames of an identifier that are decoded together."""
-_NOT_NEGATIVE = ("sx", "sy", "svx", "svy", "age", "existence")
+_NOT_NEGATIVE = ("sx", "sy", "svx", "svy", "age", "existence", "length", "width", "kind_likelihood")
+_ROUNDING = 1e-6
+"""Of a covariance's greatest element."""
+_NAN_WHERE_UNKNOWN = {"heading", "yaw_rate", "length", "width", "kind_likelihood"}
 
 
 class Watch:
@@ -130,7 +134,7 @@ class _Sent:
 
 
 def hold_obstacles(obstacles: Obstacles) -> None:
-    """Hold that every column is finite, of one length, and possible.
+    """Hold that every column is of one length and possible, and finite where it cannot be unknown.
 
     Raises:
         AssertionError: it is not.
@@ -139,15 +143,27 @@ def hold_obstacles(obstacles: Obstacles) -> None:
     for name in _COLUMNS:
         column = getattr(obstacles, name)
         if isinstance(column, np.ndarray):
-            assert np.isfinite(column).all(), f"{name}: {column}"
-            assert name.startswith("used_") or column.shape == (count,), name
+            possible = ~np.isinf(column) if name in _NAN_WHERE_UNKNOWN else np.isfinite(column)
+            assert possible.all(), f"{name}: {column}"
+            shape = (count, 4, 4) if name == "covariance" else (count,)
+            assert name.startswith("used_") or column.shape == shape, name
     if count:
         assert len(set(obstacles.id.tolist())) == count, "an id is there twice"
-        assert all(getattr(obstacles, name).min() >= 0 for name in _NOT_NEGATIVE)
-        assert obstacles.existence.max() <= 1
-        assert set(obstacles.state.tolist()) <= {0, 1, 2}
+        assert not any((getattr(obstacles, name) < 0).any() for name in _NOT_NEGATIVE)
+        assert not any((getattr(obstacles, name) > 1).any() for name in ("existence", "kind_likelihood"))
+        assert set(obstacles.state.tolist()) <= {TENTATIVE, CONFIRMED, COASTING}
+        assert set(obstacles.kind.tolist()) <= set(range(len(CLASS_NAMES)))
+        _hold_covariance(obstacles.covariance)
     if len(obstacles.used_row):
         assert 0 <= obstacles.used_row.min() <= obstacles.used_row.max() < count
+
+
+def _hold_covariance(covariance: Floats) -> None:
+    """Hold that covariances (n, 4, 4) are symmetric and not negative, but for rounding."""
+    scale = np.abs(covariance).max(axis=(1, 2), keepdims=True)
+    assert (np.abs(covariance - np.swapaxes(covariance, 1, 2)) <= _ROUNDING * scale).all(), "covariances lean"
+    least = np.linalg.eigvalsh(covariance)[:, 0]
+    assert (least >= -_ROUNDING * scale[:, 0, 0]).all(), f"covariances are negative: {least.min()}"
 
 
 def hold_place(error: CandaemonError) -> None:
