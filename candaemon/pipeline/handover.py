@@ -128,8 +128,8 @@ def _take_trackers(former: Pipeline, successor: Pipeline, sensors: Mapping[int, 
         predecessor, were = others.get(name, (tracker, frozenset()))
         kept = {old: new for old, new in sensors.items() if old in were and new in members}
         if kept and same_filter(predecessor, tracker):
+            predecessor.renumber_sensors(kept)
             set_state(tracker, predecessor.state)
-            tracker.renumber_sensors(kept)
 
 
 def _groups(pipeline: Pipeline) -> dict[str, tuple[AnyTracker, frozenset[int]]]:

@@ -27,6 +27,7 @@ _AXIS_SPEED, _AXIS_AGE = 3.0, 1.0  # m/s and s from which on the axis is known w
 CAR_LENGTH, CAR_WIDTH, TRUCK_WIDTH = 4.5, 1.8, 2.5  # m
 WALKER, RIDER = (0.5, 0.6), (1.9, 0.7)  # m, length and width
 _NEAR, _ALONE = 30.0, 1.5  # m and s for which a car would have shown several reflections
+_NEVER_ALONE = -1e12  # s: of what has shown several
 _MOVED, _RIDING = 0.5, 9.0  # m/s
 _TOLD = 0.1  # m²; a width known better was told
 _CLASSES = 6
@@ -86,7 +87,7 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     distance = np.hypot(detections.x[rows], detections.y[rows])
     near = np.zeros(len(obstacles), dtype=np.bool_)
     near[body[distance < _NEAR]] = True
-    obstacles.alone = np.where(count > 1, -np.inf, obstacles.alone + dt * (near & (count == 1)))
+    obstacles.alone = np.where(count > 1, _NEVER_ALONE, obstacles.alone + dt * (near & (count == 1)))
     speed = np.hypot(*bodies.moments().mean[:, VELOCITY].T)
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))

@@ -153,7 +153,7 @@ class ReflectionNoise:
 
     @property
     def state(self) -> ReflectionNoiseState:
-        """All that it remembers.
+        """All that it remembers. Of a sensor that a state does not have, nothing is known yet.
 
         Raises:
             ValueError: a state that is set is of other sensors, or contradicts itself.
@@ -162,11 +162,12 @@ class ReflectionNoise:
 
     @state.setter
     def state(self, state: ReflectionNoiseState) -> None:
-        if state.sensors.keys() != self._stated.keys():
+        if not state.sensors.keys() <= self._stated.keys():
             raise ValueError("standing returns of other sensors than the configuration's")
         for each in state.sensors.values():
             each.validate()
-        self._state = state
+        begun = {number: StandingDisplacements() for number in self._stated}
+        self._state = ReflectionNoiseState(begun | state.sensors)
         self._learnt.clear()
 
     def renumber_sensors(self, sensors: Mapping[int, int]) -> None:

@@ -125,7 +125,7 @@ class VehicleTracker:
             raise ValueError("the obstacles' time is out of range")
         self._bodies.state = state.tracks
         self._noise.state = state.noise
-        self._state = state
+        self._state = replace(state, noise=self._noise.state)
         self.update = None
         self.smoother_history = None
 
@@ -142,7 +142,7 @@ class VehicleTracker:
         """
         self._bodies.renumber_sensors(sensors)
         self._noise.renumber_sensors(sensors)
-        self._state.noise = self._noise.state
+        self._stated = {sensors[old]: each for old, each in self._stated.items() if old in sensors}
 
     def keep_smoother_history(self) -> None:
         """Give a `smoother_history` after each step from here on; the obstacles reported do not change by it."""

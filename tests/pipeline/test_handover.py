@@ -19,6 +19,7 @@ from candaemon.pipeline.handover import Kept, hand_over
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
+from candaemon.tracking.vehicle_tracker import VehicleTracker
 from tests.support.paths import ROOT
 
 Tree: TypeAlias = dict[str, Any]
@@ -193,3 +194,36 @@ def test_another_output_begins_anew(before: Binding, frames: list[Frame], tmp_pa
     assert not drive.kept.output
     assert drive.before_and_after[0] == drive.before_and_after[1]
     assert len(drive.later[0].frames) <= 1 + 4 * 8
+
+
+def vehicles(tree: Tree) -> None:
+    tree["tracker"] = {"estimator": {"kind": "vehicle"}}
+
+
+def test_vehicles_change_no_byte_by_the_same_configuration(frames: list[Frame], tmp_path: Path) -> None:
+    of = configuration(tmp_path, vehicles)
+    alone = list(Pipeline(of).run(frames))
+    drive = Drive(of, of, frames)
+    assert wire(drive.earlier) + wire(drive.later) == wire(alone)
+    assert drive.kept.obstacles >= 3
+
+
+def test_vehicles_outlive_sensors_that_come_go_and_change(frames: list[Frame], tmp_path: Path) -> None:
+    def change(tree: Tree) -> None:
+        vehicles(tree)
+        sensors = tree["sensors"]
+        sensors["side"]["mount"]["yaw_deg"] = 5.5
+        tree["buses"] = {"more": {"interface": "virtual", "channel": "more"}} | tree["buses"]
+        tree["sensors"] = {"rear": sensors["front"] | {"bus": "more"}} | sensors
+
+    (tmp_path / "before").mkdir()
+    drive = Drive(configuration(tmp_path / "before", vehicles), configuration(tmp_path, change), frames)
+    old, new = drive.before_and_after
+    assert drive.kept.sensors == ("front",)
+    assert len(old & new) >= 3
+    (tracker,) = drive.pipeline.trackers
+    assert isinstance(tracker, VehicleTracker)
+    assert list(tracker.state.noise.sensors) == [0, 1, 2]
+    (tmp_path / "after").mkdir()
+    back = hand_over(drive.pipeline, Pipeline(configuration(tmp_path / "after", vehicles)))
+    assert back.obstacles >= 3

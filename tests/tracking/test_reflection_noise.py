@@ -145,7 +145,10 @@ def test_a_state_goes_on_elsewhere_and_a_wrong_one_is_refused() -> None:
     second.state = first.state
     assert second.walk(0) == first.walk(0)
     with pytest.raises(ValueError, match="other sensors"):
-        second.state = ReflectionNoiseState({})
+        second.state = ReflectionNoiseState({1: first.state.sensors[0]})
+    assert second.known(0)
+    second.state = ReflectionNoiseState({})  # as of a sensor that another configuration adds
+    assert not second.known(0)
     first.state.sensors[0].scans.append(StandingScan(0, np.zeros(0, dtype=np.int64), np.zeros((0, 2))))
     with pytest.raises(ValueError, match="out of order"):
         second.state = first.state
