@@ -10,18 +10,22 @@ The bias is a first-order Gauss-Markov process: reflections wander over a body, 
 report a random walk about the truth. A measured position is x + b and white noise.
 
 The modes share the state, and differ in what moves it: `BodyMode`.
+
+The arrays lie in memory with the bodies innermost, and all work is done on their transposes, components first:
+(8, M, n) and (8, 8, M, n). Each component of all bodies and modes is then one run of numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.arrays.rows import checked_state
-from candaemon.estimation.filter_bank import moments
+from candaemon.estimation.body_transition import BodyTransition
 from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.estimation.smoothing import Link, smoothing_gain
 
@@ -85,7 +89,7 @@ class BodyDynamics:
 
 @dataclass(slots=True)
 class BodyFilterState:
-    """All that a body filter remembers: of n bodies in M modes.
+    """All that a body filter remembers: of n bodies in M modes, each array in Fortran's order.
 
     Attributes:
         mean: (n, M, 8).
@@ -112,16 +116,16 @@ class BodyFilter:
 
     def __init__(self, modes: Sequence[BodyMode], dynamics: BodyDynamics) -> None:
         self._dynamics = dynamics
-        self._moves = np.array([float(mode.moves) for mode in modes])
-        self._steers = np.array([float(mode.moves and mode.acceleration > 0.0) for mode in modes])
-        self._acceleration = np.array([mode.acceleration for mode in modes])
-        self._lateral_acceleration = np.array([mode.lateral_acceleration for mode in modes])
-        self._velocity_noise = np.array([mode.velocity_noise for mode in modes])
-        self._walk = np.array([mode.bias_walk for mode in modes])
-        self._dwell = np.array([mode.dwell for mode in modes])
-        self._settles = np.array([float(mode.settles) for mode in modes])
-        self._share = self._dwell / self._dwell.sum()
+        self._moves = _column([mode.moves for mode in modes])
+        self._steers = _column([mode.moves and mode.acceleration > 0.0 for mode in modes])
+        self._acceleration = _column([mode.acceleration for mode in modes])
+        self._lateral_acceleration = _column([mode.lateral_acceleration for mode in modes])
+        self._velocity_noise = _column([mode.velocity_noise for mode in modes])
+        self._walk = _column([mode.bias_walk for mode in modes])
+        self._settles = _column([mode.settles for mode in modes])
+        self._dwell = _column([mode.dwell for mode in modes])
         self._state = self._empty()
+        self._buffer = np.empty(0)
         self.linking = False
         self.link: Link | None = None
 
@@ -140,6 +144,8 @@ class BodyFilter:
     @state.setter
     def state(self, state: BodyFilterState) -> None:
         self._state = checked_state(state, self._empty())
+        state.mean, state.covariance = np.asfortranarray(state.mean), np.asfortranarray(state.covariance)
+        state.probability = np.asfortranarray(state.probability)
 
     @property
     def probability(self) -> Floats:
@@ -169,15 +175,21 @@ class BodyFilter:
         covariance[:, :, TURN, TURN] = dynamics.turn_rate**2 / 4
         covariance[:, :, ACCELERATION, ACCELERATION] = dynamics.first_acceleration**2
         state = self._state
-        state.mean = np.concatenate([state.mean, mean])
-        state.covariance = np.concatenate([state.covariance, covariance])
-        state.probability = np.concatenate([state.probability, probability])
+        self._set(
+            np.concatenate([state.mean.T, mean.T], axis=-1),
+            np.concatenate([state.covariance.T, covariance.T], axis=-1),
+            np.concatenate([state.probability.T, probability.T], axis=-1),
+        )
 
     def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
-        state = self._state
-        state.mean, state.covariance = state.mean[rows], state.covariance[rows]
-        state.probability = state.probability[rows]
+        state, rows = self._state, np.arange(len(self))[rows]
+        self._set(*(array.T.take(rows, axis=-1) for array in (state.mean, state.covariance, state.probability)))
+
+    def _set(self, mean: Floats, covariance: Floats, probability: Floats) -> None:
+        """Take other estimates, components first."""
+        self._state.mean, self._state.covariance = np.ascontiguousarray(mean).T, np.ascontiguousarray(covariance).T
+        self._state.probability = np.ascontiguousarray(probability).T
 
     def shift(self, step: Floats) -> None:
         """Move the reference points by steps (n, 2), m: what they lie on has turned, or is another part of the body."""
@@ -218,12 +230,11 @@ class BodyFilter:
         self._interact(dt)
         before = self.combined() if self.linking else None
         transition = self._transition(dt, axis, settling)
-        covariance = np.matmul(np.matmul(transition, self._state.covariance), np.swapaxes(transition, -2, -1))
-        self._add_noise(covariance, dt, axis, walk)
-        self._state.covariance = covariance
+        transition.propagate(self._state.covariance.T)
+        self._add_noise(dt, axis, walk)
         if before is not None:
-            weighted = np.matmul(self.probability[:, None], transition.reshape(len(self), -1, WIDTH * WIDTH))
-            self.link = self._linked(before, weighted.reshape(-1, WIDTH, WIDTH))
+            weighted = np.einsum("in,cdin->ncd", self.probability.T, transition.dense())
+            self.link = self._linked(before, weighted)
 
     def _linked(self, before: tuple[Floats, Floats], transition: Floats) -> Link:
         """Return the link of a prediction from combined moments, with the modes' mean transition (n, 8, 8)."""
@@ -236,143 +247,154 @@ class BodyFilter:
 
     def _interact(self, dt: float) -> None:
         """Mix the modes' estimates, and predict the modes' probabilities (Blom and Bar-Shalom 1988)."""
-        state = self._state
-        m = len(self._dwell)
-        if m == 1:
+        if len(self._dwell) == 1:
             return
-        leave = -np.expm1(-dt / self._dwell)
-        others = np.where(np.eye(m, dtype=np.bool_), 0.0, self._share)
-        chain = leave[:, None] * others / others.sum(axis=1, keepdims=True) + np.diag(1.0 - leave)
-        predicted = state.probability @ chain
-        weight = np.swapaxes(state.probability[:, :, None] * chain / predicted[:, None, :], 1, 2)  # (n, to, from)
-        origin = state.mean[:, :1]
-        deviation = state.mean - origin
-        mixed = np.matmul(weight, deviation)
-        second = state.covariance + deviation[..., :, None] * deviation[..., None, :]
-        n = len(deviation)
-        covariance = np.matmul(weight, second.reshape(n, m, WIDTH * WIDTH)).reshape(n, m, WIDTH, WIDTH)
-        covariance -= mixed[..., :, None] * mixed[..., None, :]
-        state.mean, state.covariance, state.probability = origin + mixed, covariance, predicted
+        dwell = self._dwell
+        leave = -np.expm1(-dt / dwell)
+        prior, mean, covariance = self.probability.T, self._state.mean.T, self._state.covariance.T
+        # what leaves a mode goes to the others by their dwell: the part of a pool that all modes fill, but for its own
+        share = leave / (dwell.sum() - dwell)
+        filled = share * prior
+        predicted = (1.0 - leave - dwell * share) * prior + dwell * filled.sum(axis=0)
+        own, pooled = (1.0 - leave - dwell * share) * prior / predicted, dwell / predicted
+        origin = mean[:, :1].copy()
+        mean -= origin
+        covariance += self._outer(mean, mean)
+        pool = np.einsum("in,cin->cn", filled, mean)
+        mean *= own
+        mean += pooled * pool[:, None]
+        pool = np.einsum("in,cdin->cdn", filled, covariance)
+        covariance *= own
+        covariance += np.multiply(pooled, pool[:, :, None], out=self._room(covariance.shape))
+        covariance -= self._outer(mean, mean)
+        mean += origin
+        self._state.probability = predicted.T
 
-    def _transition(self, dt: float, axis: Floats, settling: Floats) -> Floats:
-        """Predict the means; return the Jacobians F (n, M, 8, 8)."""
-        dynamics, mean = self._dynamics, self._state.mean
-        moves, steers = self._moves, self._steers
-        velocity = mean[..., VELOCITY]
-        speed = np.hypot(velocity[..., 0], velocity[..., 1])
-        fast = (speed > _SLOW)[..., None]
-        course = np.where(fast, velocity / np.maximum(speed, _SLOW)[..., None], axis[:, None])
-        turn = np.clip(mean[..., TURN], -_FULL_TURN, _FULL_TURN) * dt * steers
+    def _outer(self, left: Floats, right: Floats) -> Floats:
+        """Return the products of vectors (8, M, n) and (8, M, n): (8, 8, M, n), for the moment only as of `_room`."""
+        return np.multiply(left[:, None], right, out=self._room((WIDTH, *left.shape)))
+
+    def _room(self, shape: tuple[int, ...]) -> Floats:
+        """Return an array in memory that the next call takes: fresh memory costs more than what is computed in it."""
+        size = prod(shape)
+        if len(self._buffer) < size:
+            self._buffer = np.empty(size)
+        return self._buffer[:size].reshape(shape)
+
+    def _transition(self, dt: float, axis: Floats, settling: Floats) -> BodyTransition:
+        """Predict the means; return their Jacobians F."""
+        dynamics, mean = self._dynamics, self._state.mean.T
+        moves, steered = self._moves, self._steers * dt
+        vx, vy, acceleration = mean[2], mean[3], mean[ACCELERATION]
+        speed = np.hypot(vx, vy)
+        fast, divisor = speed > _SLOW, np.maximum(speed, _SLOW)
+        turn = np.minimum(np.maximum(mean[TURN], -_FULL_TURN), _FULL_TURN) * steered
         c, s = np.cos(turn), np.sin(turn)
-        vx, vy = c * velocity[..., 0] - s * velocity[..., 1], s * velocity[..., 0] + c * velocity[..., 1]
-        f = np.zeros((*mean.shape, WIDTH))
-        f[..., 0, 0] = f[..., 1, 1] = 1.0
-        f[..., 2, 2] = f[..., 3, 3] = c * moves
-        f[..., 2, 3] = -s * moves
-        f[..., 3, 2] = s * moves
+        turned_x, turned_y = c * vx - s * vy, s * vx + c * vy
+        after = np.empty((2, 4, *speed.shape))  # velocity by velocity, ω and a
+        after[0, 0] = after[1, 1] = c * moves
+        after[1, 0] = s * moves
+        after[0, 1] = -after[1, 0]
+        after[0, 2], after[1, 2] = -turned_y * steered, turned_x * steered
+        for at, component in ((0, vx), (1, vy)):
+            after[at, 3] = np.where(fast, component / divisor, axis[:, at]) * steered
+        decay = np.exp(-dt / np.array([dynamics.turn_time, dynamics.acceleration_time] + 2 * [dynamics.bias_time]))
+        velocity = np.stack(
+            [turned_x * moves + after[0, 3] * acceleration, turned_y * moves + after[1, 3] * acceleration]
+        )
         half = 0.5 * dt
-        f[..., 0, 2] = f[..., 1, 3] = half * (1.0 + c) * moves
-        f[..., 0, 3] = -half * s * moves
-        f[..., 1, 2] = half * s * moves
-        f[..., 2, TURN], f[..., 3, TURN] = -vy * dt * steers, vx * dt * steers
-        f[..., 2:4, ACCELERATION] = course * (dt * steers)[:, None]
-        f[..., 0:2, 4:6] = half * f[..., 2:4, 4:6]
-        f[..., TURN, TURN] = np.exp(-dt / dynamics.turn_time)
-        f[..., ACCELERATION, ACCELERATION] = np.exp(-dt / dynamics.acceleration_time)
-        f[..., 6, 6] = f[..., 7, 7] = np.exp(-dt / dynamics.bias_time)
-        gained = course * (mean[..., ACCELERATION] * dt * steers)[..., None]
-        after = (np.stack([vx, vy], axis=-1) + gained) * moves[:, None]
+        gain = np.concatenate([half * after, after])
+        for at in (0, 1):
+            gain[at, at] += half * moves
         if settling.any():
-            left = np.stack([-axis[:, 1], axis[:, 0]], axis=1)[:, None]
-            settled = -np.expm1(-dt * settling[:, None] * self._settles)
-            after -= (settled * (left * after).sum(axis=-1))[..., None] * left
-            across = (left[..., None] * f[..., 2:4, :]).sum(axis=-2)
-            f[..., 2:4, :] -= settled[..., None, None] * left[..., None] * across[..., None, :]
-        mean[..., POSITION] += half * (velocity * moves[:, None] + after)
-        mean[..., VELOCITY] = after
-        mean[..., 4:] *= np.diagonal(f[0, 0])[4:]
-        return f
+            left = np.stack([-axis[:, 1], axis[:, 0]])[:, None]
+            settled = -np.expm1(-dt * settling * self._settles) * left
+            velocity -= settled * (left * velocity).sum(axis=0)
+            gain[2:] -= settled[:, None] * (left[:, None] * after).sum(axis=0)
+        mean[POSITION] += half * (mean[VELOCITY] * moves + velocity)
+        mean[VELOCITY] = velocity
+        mean[4:] *= decay[:, None, None]
+        return BodyTransition(gain, decay)
 
-    def _add_noise(self, covariance: Floats, dt: float, axis: Floats, walk: Floats) -> None:
+    def _add_noise(self, dt: float, axis: Floats, walk: Floats) -> None:
         """Add the process noise Q of a step of dt, s, to the predicted covariances."""
-        dynamics, mean = self._dynamics, self._state.mean
+        dynamics, mean, covariance = self._dynamics, self._state.mean.T, self._state.covariance.T
         white = self._velocity_noise
         for at in (0, 1):
-            covariance[..., at, at] += white * (dt**3 / 3.0)
-            covariance[..., at, 2 + at] += white * (dt**2 / 2.0)
-            covariance[..., 2 + at, at] += white * (dt**2 / 2.0)
-            covariance[..., 2 + at, 2 + at] += white * dt + (1.0 - self._moves) * dynamics.standing**2
-            covariance[..., 6 + at, 6 + at] += self._walk * dt
+            covariance[at, at] += white * (dt**3 / 3.0)
+            covariance[at, 2 + at] += white * (dt**2 / 2.0)
+            covariance[2 + at, at] += white * (dt**2 / 2.0)
+            covariance[2 + at, 2 + at] += white * dt + (1.0 - self._moves) * dynamics.standing**2
         c, sine = axis[:, 0], axis[:, 1]
-        across = walk[:, 1] * dt
+        across = self._walk * dt + walk[:, 1] * dt
         more = (walk[:, 0] - walk[:, 1]) * dt
-        covariance[..., 6, 6] += (across + more * c * c)[:, None]
-        covariance[..., 7, 7] += (across + more * sine * sine)[:, None]
-        covariance[..., 6, 7] += (more * c * sine)[:, None]
-        covariance[..., 7, 6] += (more * c * sine)[:, None]
-        speed = np.hypot(mean[..., 2], mean[..., 3])
+        covariance[6, 6] += across + more * c * c
+        covariance[7, 7] += across + more * sine * sine
+        covariance[6, 7] += more * c * sine
+        covariance[7, 6] += more * c * sine
+        speed = np.hypot(mean[2], mean[3])
         turn_rate = np.minimum(self._lateral_acceleration / np.maximum(speed, _SLOW), dynamics.turn_rate)
-        covariance[..., TURN, TURN] += turn_rate**2 * -np.expm1(-2.0 * dt / dynamics.turn_time)
+        covariance[TURN, TURN] += turn_rate**2 * -np.expm1(-2.0 * dt / dynamics.turn_time)
         gained = -np.expm1(-2.0 * dt / dynamics.acceleration_time)
-        covariance[..., ACCELERATION, ACCELERATION] += self._acceleration**2 * gained
+        covariance[ACCELERATION, ACCELERATION] += self._acceleration**2 * gained
 
     def update(self, rows: Indices, measurement: Measurement) -> Floats:
         """Update the given rows (m,) with a measurement each; return their NIS (m,), weighted as the modes are."""
         state = self._state
+        mean, covariance, prior = state.mean.T, state.covariance.T, state.probability.T
         every = len(rows) == len(self) and bool((rows == np.arange(len(rows))).all())
-        mean = state.mean if every else state.mean[rows]
-        covariance = state.covariance if every else state.covariance[rows]
-        prior = state.probability if every else state.probability[rows]
+        if not every:
+            mean, covariance, prior = (array.take(rows, axis=-1) for array in (mean, covariance, prior))
         nis, log_likelihood = self._update_position(mean, covariance, measurement)
         if measurement.range_rate is not None and measurement.range_rate_variance is not None:
-            reflection = np.concatenate([mean[..., POSITION] + mean[..., BIAS], mean[..., VELOCITY]], axis=-1)
-            rate, row = line_of_sight(reflection, measurement.origin, measurement.velocity)
-            wide = np.zeros_like(mean)
-            wide[..., :4] = row
-            wide[..., BIAS] = row[..., :2]
-            innovation = measurement.range_rate[:, None] - rate
+            reflection = mean[:4].copy()
+            reflection[:2] += mean[BIAS]
+            rate, row = line_of_sight(reflection.T, measurement.origin, measurement.velocity)
+            x, y, vx, vy = np.ascontiguousarray(row.T)
+            innovation = measurement.range_rate - rate.T
+            seen = {0: x, 1: y, 2: vx, 3: vy, 6: x, 7: y}
             self._update_scalar(
-                mean, covariance, wide, innovation, measurement.range_rate_variance, nis, log_likelihood
+                mean, covariance, seen, innovation, measurement.range_rate_variance, nis, log_likelihood
             )
         for part in measurement.projections:
-            wide = np.zeros_like(mean)
-            wide[..., VELOCITY] = part.direction[:, None]
-            innovation = part.value[:, None] - (wide[..., VELOCITY] * mean[..., VELOCITY]).sum(axis=-1)
-            self._update_scalar(mean, covariance, wide, innovation, part.variance, nis, log_likelihood)
-        evidence = self._dynamics.evidence * (log_likelihood - log_likelihood.max(axis=1, keepdims=True))
+            x, y = part.direction.T
+            innovation = part.value - (x * mean[2] + y * mean[3])
+            self._update_scalar(mean, covariance, {2: x, 3: y}, innovation, part.variance, nis, log_likelihood)
+        evidence = self._dynamics.evidence * (log_likelihood - log_likelihood.max(axis=0))
         weight = prior * np.exp(evidence)
-        weight = np.maximum(weight / weight.sum(axis=1, keepdims=True), _LEAST_PROBABILITY)
-        posterior = weight / weight.sum(axis=1, keepdims=True)
-        weighted = np.asarray((prior * nis).sum(axis=1))
+        weight = np.maximum(weight / weight.sum(axis=0), _LEAST_PROBABILITY)
+        posterior = weight / weight.sum(axis=0)
         if every:
-            state.probability = posterior
+            state.probability = posterior.T
         else:
-            state.mean[rows], state.covariance[rows], state.probability[rows] = mean, covariance, posterior
-        return weighted
+            for array, updated in ((state.mean, mean), (state.covariance, covariance), (state.probability, posterior)):
+                array.T[..., rows] = updated
+        return np.asarray((prior * nis).sum(axis=0))
 
-    @staticmethod
-    def _update_position(mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
-        """Update with the positions, x + b; return NIS and log likelihood, (m, M) each."""
-        innovation = measurement.position[:, None] - mean[..., POSITION] - mean[..., BIAS]
-        cross = covariance[..., POSITION] + covariance[..., BIAS]  # P Hᵀ (m, M, 8, 2)
-        s = cross[..., POSITION, :] + cross[..., BIAS, :] + measurement.noise[:, None]
-        a, b, d = s[..., 0, 0], s[..., 0, 1], s[..., 1, 1]
+    def _update_position(self, mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
+        """Update with the positions, x + b; return NIS and log likelihood, (M, m) each."""
+        x, y = measurement.position.T
+        x, y = x - mean[0] - mean[6], y - mean[1] - mean[7]
+        cross_x, cross_y = covariance[0] + covariance[6], covariance[1] + covariance[7]  # H P, (8, M, m) each
+        noise = measurement.noise
+        a = cross_x[0] + cross_x[6] + noise[:, 0, 0]
+        b = cross_y[0] + cross_y[6] + noise[:, 0, 1]
+        d = cross_y[1] + cross_y[7] + noise[:, 1, 1]
         determinant = a * d - b * b
-        inverse = np.empty_like(s)
-        inverse[..., 0, 0], inverse[..., 1, 1] = d / determinant, a / determinant
-        inverse[..., 0, 1] = inverse[..., 1, 0] = -b / determinant
-        gain = np.matmul(cross, inverse)
-        weighted = np.matmul(inverse, innovation[..., None])[..., 0]
-        nis = (innovation * weighted).sum(axis=-1)
-        mean += np.matmul(cross, weighted[..., None])[..., 0]
-        covariance -= np.matmul(gain, np.swapaxes(cross, -2, -1))
+        weighted_x, weighted_y = (d * x - b * y) / determinant, (a * y - b * x) / determinant
+        nis = x * weighted_x + y * weighted_y
+        mean += cross_x * weighted_x + cross_y * weighted_y
+        gain_x = (d / determinant) * cross_x - (b / determinant) * cross_y
+        gain_y = (a / determinant) * cross_y - (b / determinant) * cross_x
+        covariance -= self._outer(gain_x, cross_x)
+        covariance -= self._outer(gain_y, cross_y)
         return nis, -0.5 * (nis + np.log(determinant)) - _LOG_2_PI
 
-    @staticmethod
     def _update_scalar(
+        self,
         mean: Floats,
         covariance: Floats,
-        row: Floats,
+        row: Mapping[int, Floats],
         innovation: Floats,
         variance: Floats,
         nis: Floats,
@@ -381,33 +403,45 @@ class BodyFilter:
         """Update with one number each, NaN where it was not measured, and add to NIS and log likelihood.
 
         Args:
-            mean: (m, M, 8), changed in place.
-            covariance: (m, M, 8, 8), changed in place.
-            row: H of each (m, M, 8).
-            innovation: (m, M).
+            mean: (8, M, m), changed in place.
+            covariance: (8, 8, M, m), changed in place.
+            row: H of each, by the components that it is not zero of: (M, m) or (m,).
+            innovation: (M, m).
             variance: of the measurement (m,).
-            nis: (m, M), added to.
-            log_likelihood: (m, M), added to.
+            nis: (M, m), added to.
+            log_likelihood: (M, m), added to.
         """
         known = np.isfinite(innovation)
         if not known.all():
-            innovation, row = np.where(known, innovation, 0.0), np.where(known[..., None], row, 0.0)
-        cross = np.matmul(covariance, row[..., None])[..., 0]
-        s = (row * cross).sum(axis=-1) + variance[:, None]
-        gain = cross / s[..., None]
-        mean += gain * innovation[..., None]
-        covariance -= gain[..., :, None] * cross[..., None, :]
+            innovation = np.where(known, innovation, 0.0)
+            row = {component: np.where(known, value, 0.0) for component, value in row.items()}
+        cross = sum((covariance[component] * value for component, value in row.items()), start=np.zeros(()))
+        s = sum((cross[component] * value for component, value in row.items()), start=variance)
+        gain = cross / s
+        mean += gain * innovation
+        covariance -= self._outer(gain, cross)
         part = innovation**2 / s
         nis += part
         log_likelihood -= np.where(known, 0.5 * (part + np.log(s) + _LOG_2_PI), 0.0)
 
     def combined(self) -> tuple[Floats, Floats]:
         """Return means (n, 8) and covariances (n, 8, 8) over all modes."""
-        return moments(self._state.probability, self._state.mean, self._state.covariance)
+        probability, mean = self.probability.T, self._state.mean.T
+        overall = np.einsum("in,cin->cn", probability, mean)
+        deviation = mean - overall[:, None]
+        second = self._outer(deviation, deviation)
+        second += self._state.covariance.T
+        covariance = np.einsum("in,cdin->cdn", probability, second)
+        return np.ascontiguousarray(overall.T), np.ascontiguousarray(covariance.T)
 
     def _empty(self) -> BodyFilterState:
         m = len(self._dwell)
         return BodyFilterState(np.zeros((0, m, WIDTH)), np.zeros((0, m, WIDTH, WIDTH)), np.zeros((0, m)))
+
+
+def _column(values: Sequence[float]) -> Floats:
+    """Return a number of each mode (M, 1)."""
+    return np.array(values, dtype=np.float64)[:, None]
 
 
 def acceleration(mean: Floats) -> Floats:

@@ -30,10 +30,10 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
     found, needed = np.full(len(obstacles), -1, dtype=np.int64), np.full(len(obstacles), settings.merge_time)
     place, velocity = moments.shown[:, :2], moments.mean[:, VELOCITY]
     reach = max(settings.along, _COURSE_ALONG) + max(settings.across, _COURSE_ACROSS)
-    near = (np.abs(place[:, None] - place) < reach).all(axis=2)
-    young, old = np.nonzero(near)
-    earlier = old < young
-    young, old = young[earlier], old[earlier]
+    east, north = np.ascontiguousarray(place.T)
+    old, young = np.nonzero(
+        np.triu((np.abs(east[:, None] - east) < reach) & (np.abs(north[:, None] - north) < reach), 1)
+    )
     if not len(young):
         return found, needed
     axis = obstacles.axis[old]

@@ -13,7 +13,7 @@ from math import exp, expm1
 
 import numpy as np
 
-from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices, Integers
 from candaemon.config.tracker import ReflectionSettings, TravelSettings
 from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 
@@ -38,21 +38,22 @@ class RigidMotion:
 
 def to_travel_axes(vectors: Floats, direction: Floats) -> Floats:
     """Turn local-frame vectors (…, 2) into components along and across the direction (…, 2), positive to the left."""
-    along = vectors[..., 0] * direction[..., 0] + vectors[..., 1] * direction[..., 1]
-    across = vectors[..., 1] * direction[..., 0] - vectors[..., 0] * direction[..., 1]
-    return np.stack([along, across], axis=-1)
+    return _vectors(_plane(vectors) * _plane(direction).conj())
 
 
 def from_travel_axes(components: Floats, direction: Floats) -> Floats:
     """Undo `to_travel_axes`."""
-    along, across = components[..., 0], components[..., 1]
-    return np.stack(
-        [
-            along * direction[..., 0] - across * direction[..., 1],
-            along * direction[..., 1] + across * direction[..., 0],
-        ],
-        axis=-1,
-    )
+    return _vectors(_plane(components) * _plane(direction))
+
+
+def _plane(vectors: Floats) -> ComplexPlane:
+    """Return vectors (…, 2) as complex numbers (…): a product turns one by another."""
+    return np.ascontiguousarray(vectors).view(np.complex128)[..., 0]
+
+
+def _vectors(plane: ComplexPlane) -> Floats:
+    """Undo `_plane`."""
+    return np.asarray(plane)[..., None].view(np.float64)
 
 
 def rigid_motion(
