@@ -43,4 +43,4 @@ def facing_point(observer: Floats, half_length: Floats, half_width: Floats) -> F
         length = np.maximum(np.hypot(c, s), _LEAST)
         c /= length
         s /= length
-    return np.copysign(np.stack([a * c, b * s], axis=1), observer)
+    return np.asarray(np.copysign(np.stack([a * c, b * s], axis=1), observer))
