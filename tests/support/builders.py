@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from math import cos, sin
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from candaemon.arrays import Floats
+from candaemon.config.sensors import SensorSettings
 from candaemon.config.tracker import TrackerSettings
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.measurement import Measurement
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView
+from candaemon.tracking.any_tracker import AnyTracker
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import CLASS_NAMES, Obstacles
 from candaemon.tracking.tracker import Tracker
+from candaemon.tracking.vehicle_tracker import VehicleTracker
 
 AT_REST: Floats = np.zeros(2)
 
@@ -115,8 +118,34 @@ class Seen:
     rated: bool = True
 
 
-class HandFed:
+TrackerT = TypeVar("TrackerT", bound=AnyTracker)
+
+
+class Fed(Generic[TrackerT]):
     """A tracker whose scans are written by hand; own vehicle rests in the local frame's origin unless told.
+
+    Args:
+        tracker: of one kind or the other.
+        noise: standard deviations of x, y and range rate that the scans tell.
+    """
+
+    def __init__(self, tracker: TrackerT, noise: tuple[float, float, float]) -> None:
+        self.tracker, self._noise = tracker, noise
+
+    def scan(
+        self, time: float, seen: Sequence[Seen], *, sensor: int = 0, ego: EgoPose | None = None, **told: Any
+    ) -> Obstacles:
+        """Track one scan; positions and rates are exact, the noise is only told; further columns as told."""
+        at = ego or pose(time)
+        return self.tracker.step(replace(detections(at, seen, sensor=sensor, noise=self._noise), **told), at)
+
+    def coast(self, time: float) -> Obstacles:
+        """Go on without a scan."""
+        return self.tracker.step(None, pose(time))
+
+
+class HandFed(Fed[Tracker]):
+    """The tracker of points, fed by hand.
 
     Args:
         slack: s, as the tracker's.
@@ -135,18 +164,34 @@ class HandFed:
         noise: tuple[float, float, float] = (0.1, 0.1, 0.06),
         **settings: Any,
     ) -> None:
-        self._noise = noise
-        told = TrackerSettings.model_validate(settings)
-        self.tracker = Tracker(told, identities, slack_ns=ns(slack), views=views)
+        told = TrackerSettings.model_validate({"estimator": {"kind": "imm"}} | settings)
+        super().__init__(Tracker(told, identities, slack_ns=ns(slack), views=views), noise)
 
-    def scan(self, time: float, seen: Sequence[Seen], *, sensor: int = 0, ego: EgoPose | None = None) -> Obstacles:
-        """Track one scan; positions and rates are exact, the noise is only told."""
-        at = ego or pose(time)
-        return self.tracker.step(detections(at, seen, sensor=sensor, noise=self._noise), at)
 
-    def coast(self, time: float) -> Obstacles:
-        """Go on without a scan."""
-        return self.tracker.step(None, pose(time))
+class HandFedVehicles(Fed[VehicleTracker]):
+    """The tracker of vehicles, fed by hand.
+
+    Args:
+        sensors: settings of those whose noise is learnt, by their number.
+        slack: s, as the tracker's.
+        identities: the numbers of obstacles.
+        views: as the tracker's.
+        noise: standard deviations of x, y and range rate that the scans tell.
+        settings: of the tracker, as in the YAML.
+    """
+
+    def __init__(
+        self,
+        *,
+        sensors: Mapping[int, SensorSettings] | None = None,
+        slack: float = 0.0,
+        identities: Identities | None = None,
+        views: Sequence[SensorView] = (),
+        noise: tuple[float, float, float] = (0.1, 0.1, 0.06),
+        **settings: Any,
+    ) -> None:
+        told = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}} | settings)
+        super().__init__(VehicleTracker(told, sensors or {}, identities, slack_ns=ns(slack), views=views), noise)
 
 
 def detections(at: EgoPose, seen: Sequence[Seen], *, sensor: int, noise: tuple[float, float, float]) -> Detections:

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import fields
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
 
 from candaemon.estimation.sensor_noise import SensorNoiseState
-from candaemon.tracking.any_tracker import same_filter
+from candaemon.tracking.any_tracker import same_filter, set_state
+from candaemon.tracking.body_store import BodyTable
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.reflection_noise import StandingDisplacements
 from candaemon.tracking.tracker import TrackerState
-from tests.support.builders import HandFed, Seen, times
+from candaemon.tracking.vehicle_tracker import VehicleTrackerState
+from tests.support.builders import HandFed, HandFedVehicles, Seen, times
 
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "cv": {"kind": "cv", "noise": 1.0},
@@ -24,6 +27,7 @@ ESTIMATORS: dict[str, dict[str, Any]] = {
     "information": {"kind": "information"},
     "switching": {"kind": "switching", "manoeuvre_time": 1.0, "steady_time": 1.0, "interval": 0.2},
     "federated": {"kind": "federated", "measurement_noise": {"kind": "window"}},
+    "vehicle": {"kind": "vehicle"},
 }
 
 
@@ -36,14 +40,19 @@ def scan(rng: np.random.Generator, t: float) -> list[Seen]:
     return [Seen(k, x + dx, y + dy, vx) for k, ((x, y, vx), (dx, dy)) in enumerate(seen) if rng.random() < 0.8]
 
 
-def drive(fed: HandFed, seed: int, first: int, last: int) -> list[Obstacles]:
+def hand_fed(kind: str, identities: Identities | None = None) -> HandFed | HandFedVehicles:
+    fed = HandFedVehicles if kind == "vehicle" else HandFed
+    return fed(identities=identities, estimator=ESTIMATORS[kind])
+
+
+def drive(fed: HandFed | HandFedVehicles, seed: int, first: int, last: int) -> list[Obstacles]:
     rng = np.random.default_rng(seed)
     return [fed.scan(t, scan(rng, t), sensor=k % 2) for k, t in enumerate(times(first, last))]
 
 
-def tracked(kind: str) -> tuple[HandFed, Identities]:
+def tracked(kind: str) -> tuple[HandFed | HandFedVehicles, Identities]:
     identities = Identities()
-    fed = HandFed(identities=identities, estimator=ESTIMATORS[kind])
+    fed = hand_fed(kind, identities)
     drive(fed, 1, 1, 30)
     return fed, identities
 
@@ -52,44 +61,64 @@ def tracked(kind: str) -> tuple[HandFed, Identities]:
 def test_a_tracker_that_is_given_the_state_goes_on_alike(kind: str) -> None:
     former, identities = tracked(kind)
     others = Identities()
-    other = HandFed(identities=others, estimator=ESTIMATORS[kind])
+    other = hand_fed(kind, others)
     drive(other, 2, 1, 20)
     assert same_filter(former.tracker, other.tracker)
-    other.tracker.state, others.given = deepcopy(former.tracker.state), identities.given
+    set_state(other.tracker, deepcopy(former.tracker.state))
+    others.given = identities.given
     for a, b in zip(drive(former, 3, 30, 80), drive(other, 3, 30, 80), strict=True):
         for field in fields(Obstacles):
             np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name), err_msg=field.name)
     assert former.tracker.counts == other.tracker.counts
 
 
-def _without_a_filter(state: TrackerState) -> None:
+Damaged: TypeAlias = TrackerState | VehicleTrackerState
+
+
+def _without_a_filter(state: Damaged) -> None:
     state.tracks.estimator.probability = state.tracks.estimator.probability[1:]
 
 
-def _with_another_dimension(state: TrackerState) -> None:
-    state.tracks.obstacles.offset = state.tracks.obstacles.offset[:, :1]
+def _with_another_dimension(state: Damaged) -> None:
+    obstacles = state.tracks.obstacles
+    if isinstance(obstacles, BodyTable):
+        obstacles.axis = obstacles.axis[:, :1]
+    else:
+        obstacles.offset = obstacles.offset[:, :1]
 
 
-def _with_other_numbers(state: TrackerState) -> None:
+def _with_other_numbers(state: Damaged) -> None:
     state.tracks.obstacles.id = state.tracks.obstacles.id.astype(np.float64)
 
 
-def _led_by_another(state: TrackerState) -> None:
+def _led_by_another(state: Damaged) -> None:
     state.tracks.obstacles.leader = state.tracks.obstacles.leader[::-1].copy()
 
 
-def _with_a_leader_that_is_not_there(state: TrackerState) -> None:
+def _with_a_leader_that_is_not_there(state: Damaged) -> None:
     state.tracks.obstacles.leader += len(state.tracks.reflections)
 
 
-def _with_an_id_of_nothing(state: TrackerState) -> None:
+def _with_an_id_of_nothing(state: Damaged) -> None:
     state.tracks.row_of[0, 99] = -1
 
 
-def _with_noise(state: TrackerState) -> None:
-    state.tracks.estimator.noise = SensorNoiseState(3)
+def _with_noise(state: Damaged) -> None:
+    if isinstance(state, VehicleTrackerState):
+        state.noise.sensors[3] = StandingDisplacements()
+    else:
+        state.tracks.estimator.noise = SensorNoiseState(3)
 
 
+def _of_another_time(state: Damaged) -> None:
+    state.time_ns = 1 << 62
+
+
+def _of_the_same_number(state: Damaged) -> None:
+    state.tracks.obstacles.id[:] = 7
+
+
+@pytest.mark.parametrize("kind", ["cv", "vehicle"])
 @pytest.mark.parametrize(
     "damage",
     [
@@ -100,20 +129,22 @@ def _with_noise(state: TrackerState) -> None:
         _with_a_leader_that_is_not_there,
         _with_an_id_of_nothing,
         _with_noise,
+        _of_another_time,
+        _of_the_same_number,
     ],
 )
-def test_a_state_that_contradicts_itself_is_refused(damage: Callable[[TrackerState], None]) -> None:
-    former, _ = tracked("cv")
+def test_a_state_that_contradicts_itself_is_refused(damage: Callable[[Damaged], None], kind: str) -> None:
+    former, _ = tracked(kind)
     state = deepcopy(former.tracker.state)
     damage(state)
     with pytest.raises(ValueError, match=r"\w"):
-        HandFed(estimator=ESTIMATORS["cv"]).tracker.state = state
+        set_state(hand_fed(kind).tracker, state)
 
 
 @pytest.mark.parametrize("kind", ESTIMATORS)
 def test_the_state_of_another_filter_is_refused(kind: str) -> None:
     former, _ = tracked(kind)
-    for other, settings in ESTIMATORS.items():
+    for other in ESTIMATORS:
         if other != kind and {kind, other} != {"imm", "information"}:
             with pytest.raises(ValueError, match=r"\w"):
-                HandFed(estimator=settings).tracker.state = deepcopy(former.tracker.state)
+                set_state(hand_fed(other).tracker, deepcopy(former.tracker.state))
