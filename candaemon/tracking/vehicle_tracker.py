@@ -338,8 +338,8 @@ class VehicleTracker:
             for each, key in zip(row[renamed].tolist(), keys[renamed].tolist(), strict=True):
                 bodies.assign_id(each, detections.sensor, key)
         reflections.sensor[row] = detections.sensor
-        box.learn(bodies, rows, row, detections, self._dt)
         reflections.last_ns[row] = detections.time_ns
+        box.learn(bodies, rows, row, detections, self._dt)
         obstacles.last_ns[seen] = detections.time_ns
         obstacles.history[seen] |= 1
         obstacles.sensors[seen] |= 1 << detections.sensor

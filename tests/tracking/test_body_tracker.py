@@ -1,0 +1,378 @@
+"""The tracker of vehicles: one obstacle a body, whoever sees it and however many reflections it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import cos, hypot, pi, sin
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from candaemon.arrays import Floats
+from candaemon.estimation.body_filter import BIAS, POSITION
+from candaemon.estimation.outline import facing_point
+from candaemon.pipeline.cycle import Cycle
+from candaemon.playback.cycle_smoothing import CycleSmoother
+from candaemon.tracking.obstacles import CONFIRMED, PEDESTRIAN, TRUCK, Obstacles
+from tests.support.builders import HandFedVehicles, Seen, assert_sane, car, place, pose, times
+from tests.support.effort import examples
+
+SPEED = 20.0
+LORRY = (0.0, 2.5, 5.0, 7.5)
+"""m behind the first reflection: reflections of a lorry."""
+
+
+def ids(told: Obstacles) -> list[int]:
+    return [int(each) for each in told.id]
+
+
+def lorry(t: float) -> list[Seen]:
+    """Return the reflections of a lorry that drives ahead: one at first, then one more every half second."""
+    shown = LORRY[: 1 + int(t / 0.5)]
+    return [car(key, t, 40.0 + behind, 0.0, SPEED) for key, behind in enumerate(shown)]
+
+
+def noisy(rng: np.random.Generator, seen: Sequence[Seen], deviation: float = 0.1) -> list[Seen]:
+    shifts = rng.normal(size=(len(seen), 2)) * deviation
+    return [replace(each, x=each.x + dx, y=each.y + dy) for each, (dx, dy) in zip(seen, shifts, strict=True)]
+
+
+def test_reflections_of_one_vehicle_are_one_obstacle() -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(1)
+    for t in times(1, 60):
+        told = fed.scan(t, noisy(rng, lorry(t)))
+    assert len(told) == 1
+    assert told.vx[0] == pytest.approx(SPEED, abs=0.3)
+    assert told.length[0] > 7.0
+    assert told.kind[0] == TRUCK
+    assert len(told.used_row) == 4
+    assert fed.tracker.counts.used == fed.tracker.counts.detections
+
+
+def test_two_sensors_that_see_one_vehicle_have_one_obstacle() -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(2)
+    for k, t in enumerate(times(1, 60)):
+        sensor = k % 2
+        told = fed.scan(t, noisy(rng, [car(10 * sensor + 3, t, 40.0)]), sensor=sensor)
+        assert len(told) == 1
+    assert told.sensors.tolist() == [0b11]
+    assert told.state[0] == CONFIRMED
+    reflections = fed.tracker.state.tracks.reflections
+    assert len(reflections) <= 2
+
+
+@pytest.mark.parametrize("keys", [(1, 2), (7, 7)], ids=["of their own", "the same"])
+def test_ids_of_two_sensors_do_not_meet(keys: tuple[int, int]) -> None:
+    """Two cars in neighbouring lanes, each seen by one sensor, whatever their ids."""
+    fed = HandFedVehicles()
+    for k, t in enumerate(times(1, 60)):
+        told = fed.scan(t, [car(keys[k % 2], t, 40.0, 4.0 * (k % 2))], sensor=k % 2)
+    assert len(told) == 2
+    assert sorted(told.y.round(1).tolist()) == [0.0, 4.0]
+    assert sorted(told.sensors.tolist()) == [1, 2]
+
+
+def test_another_leader_moves_nothing() -> None:
+    """The leading reflection is seen no more: the obstacle neither jumps nor changes its speed."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(3)
+    for t in times(1, 80):
+        told = fed.scan(t, noisy(rng, lorry(t)))
+    leader = int(fed.tracker.state.tracks.obstacles.leader[0])
+    keys, before = fed.tracker.state.tracks.reflections.object_id, told
+    gone = int(keys[leader])
+    for t in times(80, 110):
+        told = fed.scan(t, [each for each in noisy(rng, lorry(t)) if each.key != gone])
+        assert ids(told) == ids(before)
+        assert told.x[0] - before.x[0] == pytest.approx(SPEED * (told.time_ns - before.time_ns) * 1e-9, abs=0.35)
+        assert told.vx[0] == pytest.approx(SPEED, abs=0.4)
+        before = told
+    assert int(fed.tracker.state.tracks.reflections.object_id[fed.tracker.state.tracks.obstacles.leader[0]]) != gone
+
+
+def test_what_the_filter_expects_stays_where_it_is_when_another_leads() -> None:
+    fed = HandFedVehicles()
+    for t in times(1, 40):
+        fed.scan(t, lorry(t))
+    bodies = fed.tracker._bodies
+    expected, _ = bodies.reflection_states()
+    was = bodies.moments().mean[0, POSITION].copy()
+    other = int(np.flatnonzero(np.arange(4) != bodies.obstacles.leader[0])[0])
+    bodies.lead(np.array([0]), np.array([other]))
+    after, _ = bodies.reflection_states()
+    np.testing.assert_allclose(after, expected, atol=1e-9)
+    np.testing.assert_allclose(bodies.moments().mean[0, POSITION], was, atol=1e-9)
+
+
+def test_two_obstacles_of_one_course_merge_into_the_older() -> None:
+    """They come nearer to each other slowly, as two tracks of one vehicle do that began apart."""
+    fed = HandFedVehicles()
+    for t in times(1, 30):
+        told = fed.scan(t, [car(0, t, 40.0), car(1, t, 49.0, speed=SPEED - 1.2)])
+    assert ids(told) == [1, 2]
+    for t in times(30, 120):
+        told = fed.scan(t, [car(0, t, 40.0), car(1, t, 49.0, speed=SPEED - 1.2)])
+    assert ids(told) == [1]
+    assert fed.tracker.counts.merged == 1
+
+
+def test_neighbours_in_two_lanes_do_not_merge() -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(5)
+    for t in times(1, 150):
+        told = fed.scan(t, noisy(rng, [car(0, t, 40.0), car(1, t, 41.0, 3.5)]))
+    assert len(told) == 2
+
+
+def test_a_reflection_that_drives_away_becomes_an_obstacle() -> None:
+    fed = HandFedVehicles()
+    for t in times(1, 60):
+        told = fed.scan(t, [car(0, t, 40.0), car(1, t, 42.0)])
+    first = ids(told)
+    assert len(first) == 1
+    for t in times(60, 120):
+        away = 2.0 + 8.0 * (t - 3.0)
+        told = fed.scan(t, [car(0, t, 40.0), Seen(1, 40.0 + SPEED * t + away, 0.0, SPEED + 8.0, 0.0)])
+    assert len(told) == 2
+    assert first[0] in ids(told)
+    near, far = (place(told, each)[0] for each in sorted(ids(told)))
+    assert far - near == pytest.approx(2.0 + 8.0 * (last_time(120) - 3.0), abs=1.5)
+
+
+def last_time(last: int) -> float:
+    return next(times(last - 1, last))
+
+
+def test_detections_without_identity_keep_one_obstacle() -> None:
+    """Slots that change with every scan: place and speed alone say who is who."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(6)
+    identities: set[tuple[int, ...]] = set()
+    for k, t in enumerate(times(1, 100)):
+        cars = [car(0, t, 30.0, 0.0), car(0, t, 60.0, 3.6), car(0, t, 90.0, -3.6)]
+        cars = [replace(cars[(row + k) % 3], key=row) for row in range(3)]
+        told = fed.scan(t, noisy(rng, cars), identified=False)
+        if k > 20:
+            identities.add(tuple(sorted(ids(told))))
+    assert len(told) == 3
+    assert len(identities) == 1
+    assert not fed.tracker.state.tracks.row_of
+    assert fed.tracker.counts.slot_jumps == 0
+
+
+def test_ids_that_flicker_each_scan_do_not_end_an_obstacle() -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(7)
+    for t in times(1, 100):
+        told = fed.scan(t, noisy(rng, [car(int(rng.integers(0, 64)), t, 40.0)]))
+        assert ids(told) == [1]
+    assert len(fed.tracker.state.tracks.reflections) < 4
+
+
+def test_two_objects_of_one_id_are_two_obstacles() -> None:
+    fed = HandFedVehicles()
+    for t in times(1, 40):
+        told = fed.scan(t, [car(5, t, 40.0), car(5, t, 80.0, 3.5)])
+    assert sorted(told.y.round(1).tolist()) == [0.0, 3.5]
+    assert len(told) == 2
+
+
+TOLD = st.sampled_from((4.2, 12.0, 1e-9, 300.0, float("nan"))) | st.floats(0.0, 40.0)
+
+
+@settings(deadline=None, max_examples=examples(25))
+@given(sizes=st.lists(st.tuples(TOLD, TOLD, st.floats(-pi, pi) | st.just(float("nan"))), min_size=20, max_size=20))
+def test_whatever_sizes_are_told_the_box_is_possible(sizes: list[tuple[float, float, float]]) -> None:
+    fed = HandFedVehicles()
+    for t, (length, width, heading) in zip(times(1, 30), sizes, strict=False):
+        told = fed.scan(
+            t, [car(0, t, 40.0)], length=np.array([length]), width=np.array([width]), heading=np.array([heading])
+        )
+        assert_sane(told)
+        obstacles = fed.tracker.state.tracks.obstacles
+        for column in (obstacles.length, obstacles.width, obstacles.length_variance, obstacles.width_variance):
+            assert np.isfinite(column).all()
+            assert (column > 0.0).all()
+        np.testing.assert_allclose(np.hypot(*obstacles.axis.T), 1.0, atol=1e-9)
+
+
+def test_sizes_that_are_told_become_the_boxes() -> None:
+    fed = HandFedVehicles()
+    for t in times(1, 60):
+        told = fed.scan(t, [car(0, t, 40.0)], length=np.array([5.2]), width=np.array([2.1]))
+    assert told.length[0] == pytest.approx(5.2, abs=0.2)
+    assert told.width[0] == pytest.approx(2.1, abs=0.1)
+
+
+def test_the_reference_point_faces_us_and_belongs_to_the_box() -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(8)
+    for t in times(1, 100):
+        told = fed.scan(t, noisy(rng, [car(0, t, 40.0, 6.0)]))
+    centre = np.array([told.center_x[0], told.center_y[0]])
+    turn = told.heading[0]
+    rotation = np.array([[cos(turn), -sin(turn)], [sin(turn), cos(turn)]])
+    expected = centre + rotation @ facing_point((-centre @ rotation)[None], told.length / 2, told.width / 2)[0]
+    np.testing.assert_allclose([told.x[0], told.y[0]], expected, atol=0.05)
+    assert told.center_x[0] > told.x[0]
+
+
+@pytest.mark.parametrize("course", [0.0, 0.6, 2.5])
+def test_the_axis_is_the_course_of_what_drives(course: float) -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(9)
+    for t in times(1, 100):
+        x, y = 60.0 + 10.0 * t * cos(course), 10.0 * t * sin(course)
+        told = fed.scan(t, noisy(rng, [Seen(0, x, y, 10.0 * cos(course), 10.0 * sin(course))]))
+    turned = (told.heading[0] - course + pi) % (2 * pi) - pi
+    assert abs(turned) < 0.05
+
+
+def test_what_stops_keeps_its_heading() -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(10)
+    x, speed = 40.0, 10.0
+    headings = []
+    for t in times(1, 300):
+        speed = max(speed - 0.15, 0.0) if t > 3.0 else speed
+        x += 0.05 * speed
+        told = fed.scan(t, noisy(rng, [Seen(0, x, 0.0, speed)]))
+        headings.append(float(told.heading[0]))
+    assert np.abs(headings[60:]).max() < 0.15
+    assert hypot(told.vx[0], told.vy[0]) < 0.3
+    assert told.yaw_rate[0] == 0.0
+
+
+def test_a_walker_is_small() -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(11)
+    for t in times(1, 120):
+        told = fed.scan(t, noisy(rng, [Seen(0, 15.0, -4.0 + 1.4 * t, 0.0, 1.4)]))
+    assert told.kind[0] == PEDESTRIAN
+    assert told.length[0] < 1.0
+    assert told.vy[0] == pytest.approx(1.4, abs=0.3)
+
+
+def test_predictions_are_where_things_will_be() -> None:
+    fed = HandFedVehicles()
+    for t in times(1, 80):
+        fed.scan(t, lorry(t))
+    expected, update = fed.tracker.expected_positions(1.0), fed.tracker.update
+    assert update is not None
+    assert len(expected) == len(update.reflection) == 4
+    truth = [each.x + SPEED for each in lorry(last_time(80))]
+    np.testing.assert_allclose(expected[np.argsort(update.detection), 0], truth, atol=0.6)
+    np.testing.assert_allclose(expected[:, 1], 0.0, atol=0.3)
+    fed.coast(4.2)
+    assert fed.tracker.expected_positions(0.5).shape == (0, 2)
+
+
+def test_a_scan_from_before_moves_back_and_forth_again() -> None:
+    """A late scan is taken where the obstacles were; what they are told later does not suffer."""
+    fed, straight = HandFedVehicles(), HandFedVehicles()
+    for t in times(1, 40):
+        straight.scan(t, [car(0, t, 40.0)])
+        fed.scan(t, [car(0, t, 40.0)])
+    t = last_time(40)
+    told = fed.scan(t - 0.03, [car(8, t - 0.03, 40.0)], sensor=1)
+    assert len(told) == 1
+    assert told.time_ns == round((t - 0.03) * 1e9)
+    assert told.x[0] == pytest.approx(40.0 + SPEED * (t - 0.03), abs=0.3)
+    for t in times(40, 60):
+        told, beside = fed.scan(t, [car(0, t, 40.0)]), straight.scan(t, [car(0, t, 40.0)])
+        assert told.x[0] == pytest.approx(beside.x[0], abs=0.3)
+        assert told.vx[0] == pytest.approx(SPEED, abs=0.3)
+
+
+def test_sensors_get_other_numbers_and_are_forgotten() -> None:
+    fed = HandFedVehicles()
+    for k, t in enumerate(times(1, 40)):
+        fed.scan(t, [car(0, t, 40.0, 5.0 * (k % 2))], sensor=k % 2)
+    fed.tracker.renumber_sensors({1: 3})
+    told = fed.coast(2.0)
+    assert told.sensors.tolist() == [0b1000]
+    assert told.y.round(0).tolist() == [5.0]
+    assert set(fed.tracker.state.tracks.row_of) == {(3, 0)}
+    again = fed.scan(2.05, [car(0, 2.05, 40.0, 5.0)], sensor=3)
+    assert ids(again) == ids(told)
+    assert fed.tracker.counts.slot_jumps == 0
+
+
+def test_the_room_for_reflections_is_bounded() -> None:
+    fed = HandFedVehicles(max_tracks=4)
+    for t in times(1, 5):
+        told = fed.scan(t, [car(key, t, 20.0 + 15 * key) for key in range(7)])
+    assert len(told) == 4
+    assert fed.tracker.counts.crowded == 3 * 4
+
+
+def test_smoothing_tells_the_first_second_better() -> None:
+    rng, fed = np.random.default_rng(12), HandFedVehicles(noise=(0.3, 0.3, 0.1))
+    smoother = CycleSmoother([fed.tracker], 1.0)
+    before, after = list[Obstacles](), list[Obstacles]()
+    for t in times(1, 80):
+        told = fed.scan(t, noisy(rng, [replace(car(0, t, 40.0), rated=False)], 0.3))
+        before.append(told)
+        cycle = Cycle(told.time_ns, told, [], pose(t), None, None)
+        after += [each.obstacles for each in smoother.add(cycle)]
+    after += [each.obstacles for each in smoother.finish()]
+    assert [each.time_ns for each in after] == [each.time_ns for each in before]
+
+    def errors(told: list[Obstacles]) -> Floats:
+        truth = np.array([40.0 + SPEED * each.time_ns * 1e-9 for each in told[5:]])
+        found = np.array([[each.x[0], each.vx[0]] for each in told[5:]])
+        return np.asarray(np.sqrt(np.square(found - np.column_stack([truth, np.full(len(truth), SPEED)])).mean(axis=0)))
+
+    for each in after:
+        assert_sane(each)
+    assert errors(after)[1] < 0.7 * errors(before)[1]
+    assert errors(after)[0] < 1.1 * errors(before)[0]
+
+
+def test_the_smoother_is_fed_without_changing_what_is_told() -> None:
+    plain, kept = HandFedVehicles(), HandFedVehicles()
+    kept.tracker.keep_smoother_history()
+    rng = np.random.default_rng(13)
+    for t in times(1, 40):
+        seen = noisy(rng, lorry(t)[: 1 + int(rng.integers(0, 4))])
+        told, beside = plain.scan(t, seen), kept.scan(t, seen)
+        for name in ("id", "x", "y", "vx", "vy", "covariance", "length"):
+            np.testing.assert_array_equal(getattr(told, name), getattr(beside, name))
+        history = kept.tracker.smoother_history
+        assert history is not None
+        assert history.id.tolist() == ids(told)
+        np.testing.assert_allclose(history.state[:, :2], np.column_stack([told.east, told.north]))
+        assert len(history.linked) == len(history.link.mean)
+        assert np.isfinite(history.link.gain).all()
+
+
+SCANS = st.lists(
+    st.tuples(
+        st.sampled_from((-0.1, 0.0, 0.05, 0.05, 0.3, 5.0)),
+        st.integers(0, 1),
+        st.lists(
+            st.builds(
+                Seen,
+                st.integers(0, 5),
+                st.floats(-200, 200),
+                st.floats(-200, 200),
+                st.floats(-40, 40),
+                rated=st.booleans(),
+            ),
+            max_size=6,
+        ),
+        st.booleans(),
+    ),
+    max_size=20,
+)
+
+
+@settings(deadline=None, max_examples=examples(40))
+@given(scans=SCANS)
+def test_any_detections_leave_it_sane(scans: list[tuple[float, int, list[Seen], bool]]) -> None:
+    fed, t = HandFedVehicles(), 1.0
+    for dt, sensor, seen, identified in scans:
+        t += dt
+        told = fed.scan(t, seen, sensor=sensor, identified=identified)
+        assert_sane(told)
+        assert len(told.used_row) == len(seen)
+        again = HandFedVehicles()
+        again.tracker.state = fed.tracker.state
+    bodies = fed.tracker._bodies
+    assert len(bodies.filter) == len(bodies.obstacles)
+    assert np.isfinite(bodies.moments().mean[:, BIAS]).all()
