@@ -36,7 +36,7 @@ class StandingSettings(Settings):
 class SlidingSettings(Settings):
     """A body whose reflection slides over it, or whose place the sensor's own filter lets slide: its motion goes on."""
 
-    walk: float = Field(2.0, gt=0, le=100, description="m²/s, random walk of the reflection meanwhile")
+    walk: float = Field(1.0, gt=0, le=100, description="m²/s, random walk of the reflection meanwhile")
     dwell: float = Field(0.3, gt=0.02, le=1e4, description="s, mean time for which it slides")
 
 
@@ -50,7 +50,7 @@ class FreeSettings(Settings):
 class ReflectionPlaceSettings(Settings):
     """Where on a body its reflections lie, and how they wander."""
 
-    bias_time: float = Field(2.0, gt=0.05, le=60, description="s, with which the leading reflection's bias fades")
+    bias_time: float = Field(0.5, gt=0.05, le=60, description="s, with which the leading reflection's bias fades")
     first_bias: float = Field(0.2, gt=0, le=5, description="m, standard deviation of a new body's bias")
     settling: float = Field(
         0.6,
@@ -59,6 +59,12 @@ class ReflectionPlaceSettings(Settings):
         description="s, with which a speed across the axis settles where the sensor's reflections are found to walk",
     )
     body: float = Field(0.3, ge=0, le=5, description="m, standard deviation of the bias once two are seen")
+    return_time: float = Field(
+        1.0, gt=0.02, le=60, description="s, with which the reference point returns to the middle of what is seen"
+    )
+    speed_noise: float = Field(
+        3.0, ge=0.1, le=100, description="times the stated noise of speeds: those of successive scans err alike"
+    )
     spread: float = Field(0.5, gt=0, le=5, description="m, standard deviation of where further reflections lie")
     spread_time: float = Field(2.0, gt=0.05, le=60, description="s, within which they wander so far")
 

@@ -209,12 +209,6 @@ class BodyFilter:
             covariance[rows, :, at, 6 + at] -= variance
             covariance[rows, :, 6 + at, at] -= variance
 
-    def rebase(self, rows: Indices, step: Floats, variance: Floats) -> None:
-        """Let the bias of rows refer to another reflection, which lies steps (m, 2) away, known to a variance (m,)."""
-        self._state.mean[rows, :, BIAS] += step[:, None]
-        for axis in (6, 7):
-            self._state.covariance[rows, :, axis, axis] += variance[:, None]
-
     def predict(self, dt: float, axis: Floats, walk: Floats, settling: Floats) -> None:
         """Predict all bodies by dt, s.
 

@@ -10,7 +10,9 @@ from candaemon.estimation.measurement import Measurement, Projection
 _FINITE = 1e-12
 
 
-def of_bodies(measurement: Measurement, body: Indices, offset: Floats, spread: Floats) -> tuple[Indices, Measurement]:
+def of_bodies(
+    measurement: Measurement, body: Indices, offset: Floats, spread: Floats, speed_share: float
+) -> tuple[Indices, Measurement]:
     """Return the bodies that were detected, ascending, and what their leading reflections would have measured.
 
     Positions are brought to the leading reflection by the known offsets and weighted with their information; speeds
@@ -21,12 +23,9 @@ def of_bodies(measurement: Measurement, body: Indices, offset: Floats, spread: F
         body: row of the body of each (m,).
         offset: of the reflections from the leading one (m, 2), local frame, m.
         spread: variance of each component of the offsets (m,), m².
+        speed_share: times the stated variance that speeds are taken to have.
     """
     rows, first, group = np.unique(body, return_index=True, return_inverse=True)
-    alone = len(rows) == len(body)
-    if alone and not spread.any() and not offset.any():
-        order = np.argsort(body)
-        return rows, measurement.take(order)
     noise = measurement.noise.copy()
     noise[:, 0, 0] += spread
     noise[:, 1, 1] += spread
@@ -50,7 +49,7 @@ def of_bodies(measurement: Measurement, body: Indices, offset: Floats, spread: F
         known = weights > _FINITE
         mean = np.full(len(rows), np.nan)
         mean[known] = total(np.where(weight > 0.0, value, 0.0) * weight)[known] / weights[known]
-        return mean, 1.0 / np.maximum(weights, _FINITE)
+        return mean, speed_share / np.maximum(weights, _FINITE)
 
     rate = rate_variance = None
     if measurement.range_rate is not None and measurement.range_rate_variance is not None:

@@ -8,7 +8,7 @@ from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import POSITION, TURN, VELOCITY, acceleration
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
-from candaemon.tracking.box import classes
+from candaemon.tracking.box import classes, place_variance
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.update import Used
 
@@ -33,6 +33,7 @@ def report(bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int) -> Obstacle
     both = np.zeros((4, 4))
     both[:2, :2] = both[2:, 2:] = turn
     covariance = both.T @ moments.covariance[:, :4, :4] @ both
+    covariance[:, :2, :2] += place_variance(obstacles.alone)[:, None, None] * np.eye(2)
     deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
     axis = obstacles.axis @ turn
     speed = np.hypot(velocity[:, 0], velocity[:, 1])

@@ -280,17 +280,29 @@ class Bodies:
         return row
 
     def lead(self, bodies: Indices, leaders: Indices) -> None:
-        """Let other reflections lead bodies: the bias becomes theirs, and the other offsets count from them."""
+        """Let other reflections lead bodies; they keep their offsets, so that the reference points stay."""
+        self.obstacles.leader[bodies] = leaders
+
+    def return_reference(self, dt: float, time_ns: int, return_time: float) -> None:
+        """Let the reference points return to the middle of what is seen of the bodies, without a speed of their own.
+
+        Args:
+            dt: s since the scan before.
+            time_ns: of the scan.
+            return_time: time constant, s.
+        """
         obstacles, reflections = self.obstacles, self.reflections
-        offset, variance = reflections.offset[leaders].copy(), reflections.variance[leaders].copy()
-        step = np.zeros((len(obstacles), 2))
-        step[bodies] = offset
-        former = obstacles.leader[bodies]
+        seen = np.flatnonzero(reflections.last_ns == time_ns)
+        body, count = reflections.body[seen], np.zeros(len(obstacles))
+        if not len(seen) or not reflections.offset[seen].any():
+            return
+        count = np.maximum(np.bincount(body, minlength=len(obstacles)), 1)
+        middle = np.stack(
+            [np.bincount(body, reflections.offset[seen, axis], len(obstacles)) / count for axis in (0, 1)], axis=1
+        )
+        step = -np.expm1(-dt / return_time) * middle
         reflections.offset -= step[reflections.body]
-        reflections.variance[former] = variance
-        reflections.variance[leaders] = 0.0
-        obstacles.leader[bodies] = leaders
-        self.filter.rebase(bodies, from_travel_axes(offset, obstacles.axis[bodies]), variance)
+        self.filter.shift(from_travel_axes(step, obstacles.axis))
         self.changed()
 
     def merge(self, young: int, old: int) -> None:

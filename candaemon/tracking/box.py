@@ -29,6 +29,7 @@ WALKER, RIDER = (0.5, 0.6), (1.9, 0.7)  # m, length and width
 _NEAR, _ALONE = 30.0, 1.5  # m and s for which a car would have shown several reflections
 _NEVER_ALONE = -1e12  # s: of what has shown several
 _MOVED, _RIDING = 0.5, 9.0  # m/s
+_SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
 _TOLD = 0.1  # m²; a width known better was told
 _CLASSES = 6
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(_CLASSES)
@@ -131,6 +132,15 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
     centre = bodies.moments().mean[:, POSITION] - obstacles.facing
     observer = to_travel_axes(np.array([pose.east, pose.north]) - centre, obstacles.axis)
     return from_travel_axes(facing_point(observer, obstacles.length / 2, obstacles.width / 2), obstacles.axis)
+
+
+def place_variance(alone: Floats) -> Floats:
+    """Return how uncertain it is where on bodies the reflections lie, as the variance of each component (k,), m².
+
+    Args:
+        alone: as in `BodyTable`: what showed several reflections is large.
+    """
+    return np.where(alone < 0.0, _LARGE_PLACE, np.where(alone > _ALONE, _SMALL_PLACE, _PLACE)) ** 2
 
 
 def classes(

@@ -174,6 +174,7 @@ class VehicleTracker:
         self._confirm_and_delete(pose)
         if detections is not None and self.settings.reflections.merge and len(self):
             self._hand_over()
+            self._bodies.return_reference(self._dt, self._state.time_ns, self._places.return_time)
             self._merge_and_split()
         self._bodies.obstacles.facing = box.facing_offsets(self._bodies, pose)
         if link is not None:
@@ -323,7 +324,7 @@ class VehicleTracker:
         body, measurement = association.body[rows], detections.measurement.take(rows)
         offset = bodies.offsets()[row]
         self._note_rates(row, detections, rows)
-        seen, combined = of_bodies(measurement, body, offset, reflections.variance[row])
+        seen, combined = of_bodies(measurement, body, offset, reflections.variance[row], self._places.speed_noise**2)
         bodies.filter.update(seen, combined)
         bodies.changed()
         place = measurement.position - bodies.moments().shown[body, :2] - offset
