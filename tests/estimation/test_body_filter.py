@@ -359,15 +359,14 @@ def test_what_is_reported_is_the_motion_of_the_reference_point() -> None:
         np.testing.assert_allclose(reported_covariance[row], j @ covariance[row] @ j.T)
 
 
-def test_steps_and_other_leaders_keep_what_is_measured() -> None:
-    """Another reflection, three metres on, leads: its place is expected where it was, and the body stays."""
+def test_steps_and_open_places_keep_what_is_measured() -> None:
+    """Where it is open where on the body its reflection lies, the reflection itself stays as known as it was."""
     bodies = spawned((DRIVING, FREE), 3, 18)
     before, _ = bodies.combined()
-    bodies.rebase(np.array([1]), np.array([[3.0, -1.0]]), np.array([0.2]))
     bodies.loosen(np.array([2]), 0.5)
     after, covariance = bodies.combined()
     np.testing.assert_allclose(after[:, POSITION], before[:, POSITION])
-    np.testing.assert_allclose(after[:, BIAS] - before[:, BIAS], [[0.0, 0.0], [3.0, -1.0], [0.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(after[:, BIAS], before[:, BIAS], atol=1e-12)
     fresh = spawned((DRIVING, FREE), 3, 18)
     _, untouched = fresh.combined()
     place = np.hstack([np.eye(2), np.zeros((2, 4)), np.eye(2)])
