@@ -58,10 +58,31 @@ class ReflectionSettings(Settings):
 class LifecycleSettings(Settings):
     """Birth, confirmation, coasting, deletion."""
 
-    confirm: int = Field(5, ge=1, le=32, description="scans with a detection that confirm a track …")
-    window: int = Field(8, ge=1, le=32, description="… among so many")
+    by: Literal["existence", "hits"] = Field(
+        "existence",
+        description="existence: the probability of existence confirms and ends the obstacles of a vehicle estimator, "
+        "and what nothing can see is not missed; hits: detections among scans, and the time without one",
+    )
+    confirm: int = Field(
+        5, ge=1, le=32, description="scans with a detection that confirm a track; by existence: in succession …"
+    )
+    window: int = Field(8, ge=1, le=32, description="… by hits: among so many")
+    sure: float = Field(0.95, gt=0.5, lt=1, description="probability of existence that confirms")
+    doubtful: float = Field(0.05, gt=0, lt=0.5, description="that below which a confirmed obstacle is given up")
+    first_existence: float = Field(0.2, ge=0.01, le=0.5, description="that of what was detected once")
+    mean_life: float = Field(30.0, ge=1, le=1e4, description="s that an obstacle exists which nobody looks at")
+    hidden: float = Field(
+        3.0,
+        ge=0,
+        le=30,
+        description="s that a confirmed obstacle is remembered undetected, reported or not; by existence only",
+    )
     coast: float = Field(
-        1.0, gt=0, le=30, description="s that a confirmed obstacle lives on undetected; never longer than it was seen"
+        1.0,
+        gt=0,
+        le=30,
+        description="s that a confirmed obstacle lives on undetected, by existence: though it is in sight; never "
+        "longer than it was seen",
     )
     tentative_coast: float = Field(0.12, gt=0, le=5, description="s that a tentative one does")
     reflection_coast: float = Field(
@@ -71,7 +92,8 @@ class LifecycleSettings(Settings):
         2.0,
         gt=0,
         le=100,
-        description="m, standard deviation of its place with which an undetected obstacle is given up",
+        description="m, standard deviation of its place with which an undetected obstacle is given up, or, where "
+        "nothing can see it, only remembered",
     )
     first_speed: Pair = Field(
         default_factory=lambda: AlongAcross(along=25.0, across=5.0),

@@ -33,7 +33,11 @@ class Association:
 
 
 def associate(
-    bodies: Bodies, detections: Detections, settings: AssociationSettings, extent: ReflectionSettings
+    bodies: Bodies,
+    detections: Detections,
+    settings: AssociationSettings,
+    extent: ReflectionSettings,
+    vague: Booleans,
 ) -> Association:
     """Return what the detections of a scan belong to.
 
@@ -46,16 +50,18 @@ def associate(
         detections: one scan.
         settings: gates.
         extent: how near one body's reflections lie to each other, and how alike they move.
+        vague: which bodies (k,) are too uncertain for a gate to tell what is theirs: nothing is.
     """
     n, measurement = len(detections), detections.measurement
     found = Association(np.full(n, -1, np.intp), np.full(n, -1, np.intp), np.full(n, np.nan))
     if not len(bodies) or not n:
         return found
     mean, covariance = bodies.reflection_states()
+    usable = ~vague[bodies.reflections.body]
     if detections.identified:
-        _by_id(found, bodies, detections, mean, covariance, settings)
+        _by_id(found, bodies, detections, mean, covariance, settings, usable)
     if settings.method == "nearest" or not detections.identified:
-        free_reflections = np.ones(len(mean), dtype=np.bool_)
+        free_reflections = usable.copy()
         free_reflections[found.reflection[found.reflection >= 0]] = False
         _by_place(found, mean, covariance, np.flatnonzero(free_reflections), measurement, settings.gate)
     taken = found.reflection >= 0
@@ -74,6 +80,7 @@ def _by_id(
     mean: Floats,
     covariance: Floats,
     settings: AssociationSettings,
+    usable: Booleans,
 ) -> None:
     """Associate by ids; one that comes twice in a scan stands for nothing, nor does that of an object called new.
 
@@ -83,6 +90,7 @@ def _by_id(
         return
     keys = detections.object_id
     row = np.where(detections.new, -1, bodies.rows_of(detections.sensor, keys))
+    row[(row >= 0) & ~usable[row]] = -1
     if len(np.unique(keys)) < len(keys):
         _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
         row[counts[inverse] > 1] = -1

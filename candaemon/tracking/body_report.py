@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
+from candaemon.arrays import Booleans, Floats
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import POSITION, TURN, VELOCITY, acceleration
 from candaemon.tracking.body_modes import STANDING
@@ -17,7 +20,9 @@ _LEAST_SPEED = 0.5  # m/s; slower, nothing turns
 _SURELY = 0.9  # probability of standing
 
 
-def report(bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int) -> Obstacles:
+def report(
+    bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int, shown: Booleans, existence: Floats | None = None
+) -> Obstacles:
     """Return the obstacles in vehicle axes and in the local frame.
 
     Args:
@@ -25,6 +30,8 @@ def report(bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int) -> Obstacle
         pose: ego pose.
         used: the detections of this cycle and the bodies they updated.
         slack_ns: how long an obstacle may be without a detection and not count as coasting.
+        shown: which obstacles are reported (k,).
+        existence: their probabilities of existence (k,); None: the shares of recent scans in which they were seen.
     """
     obstacles, moments, turn = bodies.obstacles, bodies.moments(), pose.rotation
     mean = moments.mean
@@ -41,7 +48,9 @@ def report(bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int) -> Obstacle
     centre = place - obstacles.facing @ turn
     status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
     status[~obstacles.confirmed] = TENTATIVE
-    return Obstacles(
+    if existence is None:
+        existence = np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _HISTORY_LENGTH)
+    found = Obstacles(
         time_ns=pose.time_ns,
         id=obstacles.id.copy(),
         state=status,
@@ -60,7 +69,7 @@ def report(bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int) -> Obstacle
         svx=deviation[:, 2],
         svy=deviation[:, 3],
         age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
-        existence=np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _HISTORY_LENGTH),
+        existence=existence.copy(),
         sensors=obstacles.sensors.copy(),
         heading=np.arctan2(axis[:, 1], axis[:, 0]),
         yaw_rate=np.where(speed > _LEAST_SPEED, mean[:, TURN], 0.0),
@@ -75,3 +84,13 @@ def report(bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int) -> Obstacle
         used_sensor=np.full(len(used.objects), used.sensor, dtype=np.int64),
         used_object=used.objects,
     )
+    return found if shown.all() else _only(found, shown)
+
+
+def _only(obstacles: Obstacles, shown: Booleans) -> Obstacles:
+    """Return some of the obstacles, with the detections that they used."""
+    names = {each.name for each in fields(Obstacles)} - {"time_ns"}
+    used = shown[obstacles.used_row]
+    columns = {name: getattr(obstacles, name)[used if name.startswith("used") else shown] for name in names}
+    columns["used_row"] = (np.cumsum(shown) - 1)[columns["used_row"]]
+    return Obstacles(time_ns=obstacles.time_ns, **columns)

@@ -81,6 +81,9 @@ class BodyTable(Table):
         facing: reference point minus centre of the box (n, 2), local frame, m.
         alongside_ns: time for which it has been a merge candidate.
         sensors: bit k set where sensor k detected it.
+        existence: probability that there is something.
+        in_sight: share of it that the latest scan to look there could see, 0 to 1.
+        unseen: time for which it could have been detected since it was, s.
     """
 
     id: Integers = field(default_factory=_integers)
@@ -100,6 +103,9 @@ class BodyTable(Table):
     facing: Floats = field(default_factory=_pairs)
     alongside_ns: Integers = field(default_factory=_integers)
     sensors: Integers = field(default_factory=_integers)
+    existence: Floats = field(default_factory=_numbers)
+    in_sight: Floats = field(default_factory=_numbers)
+    unseen: Floats = field(default_factory=_numbers)
 
     def __len__(self) -> int:
         return len(self.id)
@@ -157,6 +163,7 @@ class Bodies:
         self.obstacles = BodyTable()
         self._state = BodiesState(self.reflections, self.obstacles, self.filter.state)
         self._moments: BodyMoments | None = None
+        self.first_existence = 0.5
 
     def __len__(self) -> int:
         return len(self.obstacles)
@@ -250,6 +257,9 @@ class Bodies:
             facing=np.zeros((1, 2)),
             alongside_ns=zero,
             sensors=zero,
+            existence=np.array([self.first_existence]),
+            in_sight=np.ones(1),
+            unseen=np.zeros(1),
         )
         self.changed()
         return len(self.obstacles) - 1
@@ -318,6 +328,20 @@ class Bodies:
         obstacles.first_ns[old] = min(obstacles.first_ns[old], obstacles.first_ns[young])
         obstacles.history[old] |= obstacles.history[young]
         obstacles.sensors[old] |= obstacles.sensors[young]
+        obstacles.existence[old] = max(obstacles.existence[old], obstacles.existence[young])
+        obstacles.unseen[old] = min(obstacles.unseen[old], obstacles.unseen[young])
+
+    def take_up(self, young: int, old: int) -> None:
+        """Let one body go on as another, which is to be deleted: under its number, since its first detection."""
+        obstacles = self.obstacles
+        for name in ("id", "first_ns"):
+            column = getattr(obstacles, name)
+            column[young], column[old] = column[old], column[young]
+        obstacles.sensors[young] |= obstacles.sensors[old]
+        if obstacles.length_variance[old] < obstacles.length_variance[young]:
+            for name in ("length", "width", "length_variance", "width_variance"):
+                column = getattr(obstacles, name)
+                column[young] = column[old]
 
     def split(self, splitting: Indices) -> None:
         """Give each of the reflections (none of them leading) a body of its own, which moves as the one it leaves."""
@@ -337,6 +361,9 @@ class Bodies:
             confirmed=np.zeros(len(splitting), dtype=np.bool_),
             leader=splitting.astype(np.int64),
             alongside_ns=np.zeros(len(splitting), dtype=np.int64),
+            existence=np.full(len(splitting), self.first_existence),
+            in_sight=np.ones(len(splitting)),
+            unseen=np.zeros(len(splitting)),
             **copies,
         )
         reflections.body[splitting] = np.arange(first, len(obstacles))
@@ -413,6 +440,9 @@ def _check_rows(state: BodiesState) -> None:
         raise ValueError("a reflection has no obstacle, or an obstacle no leading reflection")
     if (obstacles.id <= 0).any() or len(np.unique(obstacles.id)) < k:
         raise ValueError("two obstacles have the same number, or one has none")
+    probable = (obstacles.existence >= 0.0) & (obstacles.existence <= 1.0)
+    if not (probable & (obstacles.in_sight >= 0.0) & (obstacles.in_sight <= 1.0) & (obstacles.unseen >= 0.0)).all():
+        raise ValueError("the existence of an obstacle is no probability, or was not seen for less than no time")
     if (owner[leader] != np.arange(k)).any():
         raise ValueError("an obstacle is led by another one's reflection")
     if any(not 0 <= row < n for row in state.row_of.values()):

@@ -88,7 +88,7 @@ class Visibility:
 
     @property
     def state(self) -> VisibilityState:
-        """All that it has learnt.
+        """All that it has learnt. Of a sensor that a state does not have, nothing is learnt yet.
 
         Raises:
             ValueError: a state that is set is of other sensors, or holds what cannot be.
@@ -97,11 +97,11 @@ class Visibility:
 
     @state.setter
     def state(self, state: VisibilityState) -> None:
-        if state.sensors.keys() != self._models.keys():
+        if not state.sensors.keys() <= self._models.keys():
             raise ValueError("detection rates of other sensors than the configuration's")
         for learnt in state.sensors.values():
             learnt.validate()
-        self._state = state
+        self._state = VisibilityState({number: LearntDetection() for number in self._models} | state.sensors)
 
     def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
         """Give what was learnt to the sensors' other numbers, and forget those left out.

@@ -21,6 +21,7 @@ from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView, in_look
 from candaemon.tracking import box
 from candaemon.tracking.body_association import Association, associate
+from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_initiation import BodyInitiation
 from candaemon.tracking.body_measurement import of_bodies
 from candaemon.tracking.body_merging import merge_candidates, split_candidates
@@ -31,6 +32,7 @@ from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoiseState, stated_white
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
+from candaemon.tracking.sensor_visibility import VisibilityState
 from candaemon.tracking.smoother_history import SmootherHistory
 from candaemon.tracking.update import TrackerCounts, Update, Used
 
@@ -44,6 +46,10 @@ _CROSSING = 1.5  # m/s across the axis: faster than a walk or a slide looks, it 
 _LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
 _LEAST_RATE = 1e-6  # 1/s
 _STANDS = 0.6  # m/s along the line of sight; across it, a slide looks like motion
+_REMEMBERED = 8.0  # times as uncertain as one that is reported, an obstacle is forgotten
+_ALIKE = np.array([1.0, 1.0, 1.0, 1.0])  # m², (m/s)²: reflections of one body differ so
+_FARTHEST = 8.0  # m between where an obstacle should be and one that takes up its identity
+_OVERLAP = 0.5  # s, for which two obstacles may have been one: the second began while the first was still detected
 _RATE_MEMORY = 0.3  # s, of a reflection's range rate beside its body's
 
 
@@ -56,12 +62,14 @@ class VehicleTrackerState:
         counts: what it did.
         tracks: the bodies.
         noise: of the sensors' reflections.
+        visibility: how well the sensors detect.
     """
 
     time_ns: int
     counts: TrackerCounts
     tracks: BodiesState
     noise: ReflectionNoiseState
+    visibility: VisibilityState
 
 
 class VehicleTracker:
@@ -102,7 +110,12 @@ class VehicleTracker:
         self._initiation = BodyInitiation(settings, estimator)
         self._noise = ReflectionNoise(sensors)
         self._stated = {number: stated_white(each.noise) for number, each in sensors.items()}
-        self._state = VehicleTrackerState(0, TrackerCounts(), self._bodies.state, self._noise.state)
+        self._existence = BodyExistence(settings.lifecycle, sensors, views)
+        self._bodies.first_existence = self._existence.first
+        self._by_existence = settings.lifecycle.by == "existence"
+        self._state = VehicleTrackerState(
+            0, TrackerCounts(), self._bodies.state, self._noise.state, self._existence.state
+        )
         self._dt = 0.0
         self.update: Update | None = None
         self.smoother_history: SmootherHistory | None = None
@@ -125,7 +138,8 @@ class VehicleTracker:
             raise ValueError("the obstacles' time is out of range")
         self._bodies.state = state.tracks
         self._noise.state = state.noise
-        self._state = replace(state, noise=self._noise.state)
+        self._existence.state = state.visibility
+        self._state = replace(state, noise=self._noise.state, visibility=self._existence.state)
         self.update = None
         self.smoother_history = None
 
@@ -143,6 +157,7 @@ class VehicleTracker:
         self._bodies.renumber_sensors(sensors)
         self._noise.renumber_sensors(sensors)
         self._stated = {sensors[old]: each for old, each in self._stated.items() if old in sensors}
+        self._existence.renumber_sensors(sensors)
 
     def keep_smoother_history(self) -> None:
         """Give a `smoother_history` after each step from here on; the obstacles reported do not change by it."""
@@ -166,12 +181,13 @@ class VehicleTracker:
         if detections is not None:
             detections = replace(detections, measurement=self._as_noisy(detections.measurement))
             association = self._associate(detections)
+            self._existence.observe(self._bodies, association, detections, pose)
             self._update(association, detections, pose)
             self._initiate(association, detections, pose)
             self._record(association, detections)
             self._observe_noise(detections, pose)
         self._turn_axes()
-        self._confirm_and_delete(pose)
+        self._confirm_and_delete(pose, -1 if detections is None else detections.sensor)
         if detections is not None and self.settings.reflections.merge and len(self):
             self._hand_over()
             self._bodies.return_reference(self._dt, self._state.time_ns, self._places.return_time)
@@ -181,7 +197,10 @@ class VehicleTracker:
             moments = self._bodies.moments()
             state, covariance = reported(moments.mean, moments.covariance)
             self.smoother_history = SmootherHistory(self._bodies.obstacles.id.copy(), state, covariance, *link)
-        return report(self._bodies, pose, self._used(detections), self._slack_ns)
+        reported_existence = self._bodies.obstacles.existence if self._by_existence else None
+        return report(
+            self._bodies, pose, self._used(detections), self._slack_ns, self._reported(pose), reported_existence
+        )
 
     def expected_positions(self, horizon: float) -> Floats:
         """Return where each detection of the latest update is expected after a time: (m, 2), local frame, m."""
@@ -215,6 +234,7 @@ class VehicleTracker:
         if dt > 0.0:
             walk, settling = self._walks()
             bodies.filter.predict(dt, bodies.obstacles.axis, walk, settling)
+            self._existence.predict(bodies, dt)
             self._let_wander(dt)
             bodies.changed()
         elif dt < 0.0:
@@ -302,7 +322,10 @@ class VehicleTracker:
 
     def _associate(self, detections: Detections) -> Association:
         """Return which body and reflection each detection belongs to."""
-        found = associate(self._bodies, detections, self.settings.association, self.settings.reflections)
+        bodies, lifecycle = self._bodies, self.settings.lifecycle
+        away = (self._state.time_ns - bodies.obstacles.last_ns) * 1e-9 > self._tentative_coast
+        vague = away & (self._uncertain() > lifecycle.uncertainty) if away.any() else away
+        found = associate(bodies, detections, self.settings.association, self.settings.reflections, vague)
         self.counts.slot_jumps += found.slot_jumps
         return found
 
@@ -396,34 +419,111 @@ class VehicleTracker:
         turned = axis + share[:, None] * (course - axis)
         obstacles.axis = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-9)[:, None]
 
-    def _confirm_and_delete(self, pose: EgoPose) -> None:
-        """Confirm obstacles detected M times in N scans; delete what is not detected, out of view or too uncertain."""
+    def _confirm_and_delete(self, pose: EgoPose, sensor: int) -> None:
+        """Confirm what surely exists; delete what is not detected, out of view or too uncertain.
+
+        Args:
+            pose: ego pose.
+            sensor: that the scan is of; −1: there was none.
+        """
         bodies, lifecycle = self._bodies, self.settings.lifecycle
         obstacles, reflections = bodies.obstacles, bodies.reflections
         if not len(obstacles):
             return
-        hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
-        promoted = (hits >= lifecycle.confirm) & ~obstacles.confirmed
+        detected = obstacles.last_ns == self._state.time_ns
+        if self._by_existence:
+            promoted = (obstacles.existence >= lifecycle.sure) & detected & ~obstacles.confirmed
+        else:
+            hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
+            promoted = (hits >= lifecycle.confirm) & ~obstacles.confirmed
         obstacles.confirmed |= promoted
         self.counts.confirmed += int(promoted.sum())
-        coasted = (self._state.time_ns - obstacles.last_ns) * 1e-9
-        missed = coasted > self._tentative_coast
-        tracked = (obstacles.last_ns - obstacles.first_ns) * 1e-9
-        ended = missed & (~obstacles.confirmed | (coasted > np.minimum(lifecycle.coast, tracked)))
+        ended = self._taken_up(np.flatnonzero(promoted)) if self._by_existence else np.zeros(len(self), dtype=np.bool_)
+        missed = (self._state.time_ns - obstacles.last_ns) * 1e-9 > self._tentative_coast
         if missed.any():
-            covariance = bodies.moments().covariance
-            ended |= missed & (np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]) > lifecycle.uncertainty)
-            if self._views:
-                ended |= missed & ~self._in_view(pose)
+            ended |= missed & (self._forgotten() if self._by_existence else self._ended_by_hits(pose))
         lost = ended[reflections.body]
         silent = (self._state.time_ns - reflections.last_ns) * 1e-9 > lifecycle.reflection_coast
         silent[obstacles.leader] = False
         lost |= silent
+        if self._by_existence:
+            self._existence.learn_clutter(sensor, int(np.count_nonzero(ended & ~obstacles.confirmed)))
         if lost.any():
             self._delete(lost, ended)
 
+    def _ended_by_hits(self, pose: EgoPose) -> Booleans:
+        """Return which of the obstacles not detected are to be deleted, by the time without a detection."""
+        obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
+        coasted = (self._state.time_ns - obstacles.last_ns) * 1e-9
+        tracked = (obstacles.last_ns - obstacles.first_ns) * 1e-9
+        ended = ~obstacles.confirmed | (coasted > np.minimum(lifecycle.coast, tracked))
+        ended |= self._uncertain() > lifecycle.uncertainty
+        return np.asarray(ended | ~self._in_view(pose))
+
+    def _forgotten(self) -> Booleans:
+        """Return which of the obstacles not detected are to be deleted, by existence: not even remembered any more."""
+        obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
+        tracked = (obstacles.last_ns - obstacles.first_ns) * 1e-9
+        away = (self._state.time_ns - obstacles.last_ns) * 1e-9
+        longest = np.minimum(np.maximum(lifecycle.hidden, lifecycle.coast), tracked)
+        too_uncertain = self._uncertain() > _REMEMBERED * lifecycle.uncertainty
+        return np.asarray(~obstacles.confirmed | (away > longest) | too_uncertain)
+
+    def _uncertain(self) -> Floats:
+        """Return the standard deviations of the places of the obstacles, m."""
+        covariance = self._bodies.moments().covariance
+        return np.asarray(np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]))
+
+    def _reported(self, pose: EgoPose) -> Booleans:
+        """Return which obstacles are reported: not those only remembered.
+
+        What is not detected is reported while its existence is probable and its place known, not longer than it may
+        coast in sight, and within a field of view.
+        """
+        obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
+        coasted = self._state.time_ns - obstacles.last_ns
+        coasting = coasted * 1e-9 > self._tentative_coast
+        if not self._by_existence or not coasting.any():
+            return np.ones(len(self), dtype=np.bool_)
+        in_view = self._in_view(pose)
+        self._existence.leave(self._bodies, in_view)
+        likely = (obstacles.existence > lifecycle.doubtful) & (obstacles.unseen <= lifecycle.coast)
+        return ~coasting | (likely & in_view & (self._uncertain() < lifecycle.uncertainty))
+
+    def _taken_up(self, young: Indices) -> Booleans:
+        """Let obstacles that are confirmed take up the identity of one that was lost sight of where they appear.
+
+        Args:
+            young: rows of those just confirmed.
+
+        Returns:
+            Which obstacles are continued by another one (k,).
+        """
+        bodies = self._bodies
+        obstacles, ended = bodies.obstacles, np.zeros(len(self), dtype=np.bool_)
+        away = (self._state.time_ns - obstacles.last_ns) * 1e-9 > self.settings.reflections.patience
+        lost = np.flatnonzero(obstacles.confirmed & away)
+        if not len(young) or not len(lost):
+            return ended
+        moments = bodies.moments()
+        apart = moments.shown[young, None] - moments.shown[lost]
+        spread = moments.shown_covariance[young, None] + moments.shown_covariance[lost] + np.diag(_ALIKE)
+        distance = np.einsum("ijk,ijk->ij", apart, np.linalg.solve(spread, apart[..., None])[..., 0])
+        later = obstacles.first_ns[young, None] > obstacles.last_ns[lost] - int(_OVERLAP * 1e9)
+        possible = later & (distance < self.settings.association.gate)
+        possible &= np.hypot(apart[..., 0], apart[..., 1]) < _FARTHEST
+        cost = np.where(possible, distance, np.inf)
+        while np.isfinite(cost).any():
+            i, j = np.unravel_index(int(cost.argmin()), cost.shape)
+            bodies.take_up(int(young[i]), int(lost[j]))
+            ended[lost[j]] = True
+            cost[i], cost[:, j] = np.inf, np.inf
+        return ended
+
     def _in_view(self, pose: EgoPose) -> Booleans:
         """Return which obstacles lie within some sensor's field of view."""
+        if not self._views:
+            return np.ones(len(self), dtype=np.bool_)
         points = pose.to_vehicle(self._bodies.moments().mean[:, POSITION])
         return np.asarray(np.any([view.sees(points) for view in self._views], axis=0))
 

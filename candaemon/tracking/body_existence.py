@@ -1,0 +1,173 @@
+"""How surely bodies exist: evidence of scans that detected them, or should have, and what nothing could see.
+
+Successive detections of a radar that tracks by itself are no independent evidence, nor are successive misses: one scan
+changes the odds by a limited factor, that with which as many detections in succession confirm as the settings say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.config.sensors import SensorSettings
+from candaemon.config.tracker import LifecycleSettings
+from candaemon.ego.pose import EgoPose
+from candaemon.estimation.body_filter import POSITION
+from candaemon.radar.detections import Detections
+from candaemon.radar.mounting import SensorView
+from candaemon.tracking import existence
+from candaemon.tracking.body_association import Association
+from candaemon.tracking.body_modes import STANDING
+from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.sensor_visibility import Visibility, VisibilityState
+
+_UNKNOWN_PROBABILITY = 0.9  # of detection, by a sensor whose settings are not known
+_SURE = 0.9  # probability of existence from which on detection rates are learnt
+_POST = 0.3  # m, size of what is not confirmed, or never moved and has no known size, as far as it hides others
+_MOVED = 2.0  # m/s
+_MARGIN = 1.05  # for what leaves in the time between scans
+_LEAST_LIMIT = 1.05  # factor by which a scan can change the odds at least
+
+
+class BodyExistence:
+    """Evidence of existence.
+
+    Args:
+        settings: of the life cycle.
+        sensors: settings of the sensors by their number; of others nothing is learnt.
+        views: what they see.
+    """
+
+    def __init__(
+        self, settings: LifecycleSettings, sensors: Mapping[int, SensorSettings], views: Sequence[SensorView]
+    ) -> None:
+        self._settings = settings
+        self._views = views
+        self._visibility = Visibility(sensors)
+        sure, first = settings.sure, settings.first_existence
+        odds = sure / (1.0 - sure) * (1.0 - first) / first
+        self._limit = max(odds ** (1.0 / max(settings.confirm - 1, 1)) * _MARGIN, _LEAST_LIMIT)
+        self.first = sure if settings.confirm == 1 else first
+
+    @property
+    def state(self) -> VisibilityState:
+        """What was learnt of the sensors.
+
+        Raises:
+            ValueError: a state that is set is of other sensors, or holds what cannot be.
+        """
+        return self._visibility.state
+
+    @state.setter
+    def state(self, state: VisibilityState) -> None:
+        self._visibility.state = state
+
+    def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
+        """Give what was learnt to the sensors' other numbers, and forget those left out."""
+        self._visibility.renumber_sensors(sensors)
+
+    def predict(self, bodies: Bodies, dt: float) -> None:
+        """Let a time pass: what exists leaves some day, and what could be seen and was not waits longer."""
+        obstacles = bodies.obstacles
+        obstacles.existence = existence.predicted(obstacles.existence, dt, self._settings.mean_life)
+        obstacles.unseen += dt * obstacles.in_sight
+
+    def observe(self, bodies: Bodies, association: Association, detections: Detections, pose: EgoPose) -> None:
+        """Weigh what a scan shows, before it updates the bodies.
+
+        Args:
+            bodies: predicted to the time of the scan.
+            association: of its detections.
+            detections: the scan.
+            pose: ego pose.
+        """
+        if not len(bodies):
+            return
+        obstacles, sensor = bodies.obstacles, detections.sensor
+        rows = np.flatnonzero(association.reflection >= 0)
+        seen = np.zeros(len(obstacles), dtype=np.bool_)
+        seen[association.body[rows]] = True
+        place = pose.to_vehicle(bodies.moments().mean[:, POSITION])
+        looked_at = self._looked_at(detections, place)
+        known = sensor in self._visibility.state.sensors
+        share = looked_at.astype(np.float64)
+        probability = _UNKNOWN_PROBABILITY * share
+        density = 0.0
+        if known:
+            share, distance, probability = self._expected(bodies, place, detections, pose)
+            density = self._visibility.clutter_density(sensor)
+            surely = obstacles.confirmed & (obstacles.existence > _SURE) & (obstacles.sensors & (1 << sensor) != 0)
+            missed_before = obstacles.history & 1 == 0
+            self._visibility.learn(sensor, share[surely], seen[surely], distance[surely], missed_before[surely])
+        familiar = obstacles.sensors & (1 << sensor) != 0  # another sensor may not see things of this kind
+        weighed = seen | (familiar & looked_at)
+        ratio = np.zeros(len(obstacles))
+        if len(rows):
+            ratio[association.body[rows]] = self._ratios(bodies, association, detections, rows, density)
+        raised = existence.detected(obstacles.existence, probability, ratio)
+        raised = np.where(seen, np.maximum(raised, obstacles.existence), raised)
+        obstacles.existence = np.where(weighed, self._limited(obstacles.existence, raised), obstacles.existence)
+        obstacles.in_sight = np.where(seen, 1.0, np.where(familiar & looked_at, share, obstacles.in_sight))
+        obstacles.unseen[seen] = 0.0
+
+    def leave(self, bodies: Bodies, in_view: Booleans) -> None:
+        """Note what has left all fields of view: nothing can see it."""
+        bodies.obstacles.in_sight = np.where(in_view, bodies.obstacles.in_sight, 0.0)
+
+    def learn_clutter(self, sensor: int, false: int) -> None:
+        """Learn from a scan how many detections belonged to nothing.
+
+        Args:
+            sensor: its number.
+            false: detections of bodies that have ended unconfirmed.
+        """
+        if sensor in self._visibility.state.sensors:
+            self._visibility.learn_clutter(sensor, false)
+
+    def _limited(self, before: Floats, after: Floats) -> Floats:
+        """Return probabilities after a scan whose odds differ from those before by the limit at most."""
+        odds = before / (1.0 - before)
+        odds = np.clip(after / (1.0 - after), odds / self._limit, odds * self._limit)
+        return existence.bounded(odds / (1.0 + odds))
+
+    def _looked_at(self, detections: Detections, place: Floats) -> Booleans:
+        """Return which places in vehicle axes (n, 2) lie in the field of view of the scan."""
+        views = [each for each in self._views if each.sensor == detections.sensor]
+        if detections.look >= 0:
+            views = [each for each in views if each.look == detections.look]
+        if not views:
+            return np.ones(len(place), dtype=np.bool_)
+        return np.asarray(np.any([view.sees(place) for view in views], axis=0))
+
+    def _expected(
+        self, bodies: Bodies, place: Floats, detections: Detections, pose: EgoPose
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return share in sight, distance and probability of detection of each body (k,)."""
+        obstacles = bodies.obstacles
+        centre = place - obstacles.facing @ pose.rotation
+        axis = obstacles.axis @ pose.rotation
+        standing = bodies.filter.probability[:, STANDING] > _SURE
+        thin = ~obstacles.confirmed | (standing & (obstacles.length_variance > 1.0) & (obstacles.fastest < _MOVED))
+        box = (
+            centre,
+            place,
+            np.arctan2(axis[:, 1], axis[:, 0]),
+            np.where(thin, _POST, obstacles.length),
+            np.where(thin, _POST, obstacles.width),
+            detections.sensor,
+            detections.look,
+        )
+        share, distance = self._visibility.in_sight(*box)
+        return share, distance, self._visibility.detection_probability(*box, obstacles.history & 1 == 0)
+
+    @staticmethod
+    def _ratios(
+        bodies: Bodies, association: Association, detections: Detections, rows: Indices, density: float
+    ) -> Floats:
+        """Return the likelihoods of detections over the density of clutter (m,)."""
+        _, covariance = bodies.reflection_states()
+        spread = covariance[association.reflection[rows], :2, :2] + detections.measurement.noise[rows]
+        area = 2 * np.pi * np.sqrt(np.maximum(np.linalg.det(spread), 1e-12))
+        return np.asarray(np.exp(-0.5 * association.nis[rows]) / (area * max(density, 1e-9)))

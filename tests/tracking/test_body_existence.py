@@ -1,0 +1,144 @@
+"""Life cycle of bodies: by existence what nothing can see is not missed; by hits it is deleted once it is silent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from copy import deepcopy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from candaemon.config.load import load_config
+from candaemon.config.tracker import TrackerSettings
+from candaemon.radar.detections import Detections
+from candaemon.radar.mounting import sensor_views
+from candaemon.tracking.identities import Identities
+from candaemon.tracking.obstacles import COASTING, CONFIRMED, TENTATIVE, Obstacles
+from candaemon.tracking.vehicle_tracker import VehicleTracker
+from tests.support.builders import CYCLE, Seen, assert_sane, detections, pose
+from tests.support.paths import ROOT
+
+FRONT = load_config(ROOT / "config" / "esr_ins.yaml").config.sensors["front"]
+SPEED, DRIFT = 20.0, -2.0  # m/s of all vehicles ahead, of the car across
+LORRY, CAR = (11.0, 2.5), (4.5, 1.8)
+HIDDEN = 2.0  # m to either side of the lorry's course
+
+
+def _tracker(identities: Identities | None = None, **lifecycle: Any) -> VehicleTracker:
+    settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}, "lifecycle": lifecycle})
+    return VehicleTracker(settings, {0: FRONT}, identities, views=list(sensor_views(FRONT, 0).values()))
+
+
+def _scan(time: float, seen: dict[int, tuple[float, float, float]]) -> Detections:
+    """Return a scan of vehicles: place ahead of us, to the left, and speed to the left, by the sensor's id."""
+    at = pose(time, east=SPEED * time, ve=SPEED)
+    objects = [Seen(key, SPEED * time + x, y, SPEED, vy) for key, (x, y, vy) in seen.items()]
+    sizes = np.array([LORRY if key == 1 else CAR for key in seen]).reshape(-1, 2)
+    return replace(
+        detections(at, objects, sensor=0, noise=(0.2, 0.2, 0.1)),
+        length=sizes[:, 0],
+        width=sizes[:, 1],
+        heading=np.zeros(len(seen)),
+    )
+
+
+def _behind_a_lorry(tracker: VehicleTracker, first: int = 0, last: int = 150) -> Iterator[tuple[float, Obstacles]]:
+    """Yield where a car is that crosses behind a lorry, and the obstacles; its object has another id afterwards."""
+    for k in range(first, last):
+        time = k * CYCLE
+        across = 7.0 + DRIFT * time
+        seen = {1: (25.0, 0.0, 0.0)}
+        if abs(across) > HIDDEN:
+            seen[2 if across > 0 else 3] = (60.0, across, DRIFT)
+        at = pose(time, east=SPEED * time, ve=SPEED)
+        obstacles = tracker.step(_scan(time, seen), at)
+        assert_sane(obstacles)
+        yield across, obstacles
+
+
+def _of_the_car(obstacles: Obstacles) -> list[int]:
+    sure = (obstacles.state != TENTATIVE) & (obstacles.x > 45.0)
+    return [int(each) for each in obstacles.id[sure]]
+
+
+def test_a_car_that_comes_out_from_behind_a_lorry_gets_its_id_back() -> None:
+    cycles = list(_behind_a_lorry(_tracker(coast=0.5)))
+    before = next(_of_the_car(told) for across, told in cycles if across < HIDDEN + 0.2)
+    assert len(before) == 1
+    assert _of_the_car(cycles[-1][1]) == before
+    assert all(len(_of_the_car(told)) <= 1 for _, told in cycles)
+    hidden = next(told for across, told in cycles if across < 1.0)
+    assert hidden.state[hidden.x > 45.0].tolist() == [COASTING]
+
+
+def test_by_hits_it_is_another_one() -> None:
+    cycles = list(_behind_a_lorry(_tracker(coast=0.5, by="hits")))
+    before = next(_of_the_car(told) for across, told in cycles if across < HIDDEN + 0.2)
+    after = _of_the_car(cycles[-1][1])
+    assert len(before) == len(after) == 1
+    assert before != after
+    assert not any(_of_the_car(told) for across, told in cycles if -0.5 < across < 0.5)
+
+
+def test_what_is_in_sight_and_not_detected_is_reported_for_the_coasting_time_only() -> None:
+    tracker = _tracker(coast=0.5)
+    last_reported = 0.0
+    for k in range(60):
+        time = k * CYCLE
+        seen = {4: (60.0, 5.0, 0.0)} if k < 30 else {}
+        at = pose(time, east=SPEED * time, ve=SPEED)
+        obstacles = tracker.step(_scan(time, seen), at)
+        if len(obstacles):
+            last_reported = time
+            existence = obstacles.existence[0]
+    assert 0.25 < last_reported - 29 * CYCLE <= 0.55
+    assert existence < 0.999
+
+
+@pytest.mark.parametrize(("by", "confirm"), [("existence", 3), ("existence", 6), ("hits", 3), ("hits", 6)])
+def test_as_many_detections_in_succession_confirm_as_the_settings_say(by: str, confirm: int) -> None:
+    tracker, states = _tracker(by=by, confirm=confirm), []
+    for k in range(confirm):
+        time = k * CYCLE
+        at = pose(time, east=SPEED * time, ve=SPEED)
+        states.append(int(tracker.step(_scan(time, {4: (60.0, 5.0, 0.0)}), at).state[0]))
+    assert states == [TENTATIVE] * (confirm - 1) + [CONFIRMED]
+
+
+def test_an_obstacle_remembered_is_reported_again_after_a_state_was_saved() -> None:
+    whole = [told for _, told in _behind_a_lorry(_tracker(coast=0.5))]
+    identities = Identities()
+    tracker = _tracker(identities, coast=0.5)
+    for _ in _behind_a_lorry(tracker, last=70):
+        pass
+    successor = _tracker(identities, coast=0.5)
+    successor.state = deepcopy(tracker.state)
+    rest = [told for _, told in _behind_a_lorry(successor, first=70)]
+    for before, after in zip(whole[70:], rest, strict=True):
+        np.testing.assert_array_equal(before.id, after.id)
+        np.testing.assert_array_equal(before.existence, after.existence)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("existence", 1.5), ("existence", np.nan), ("in_sight", -0.1), ("unseen", -1.0)]
+)
+def test_a_state_that_cannot_be_is_refused(name: str, value: float) -> None:
+    tracker = _tracker()
+    for _ in _behind_a_lorry(tracker, last=20):
+        pass
+    state = deepcopy(tracker.state)
+    getattr(state.tracks.obstacles, name)[0] = value
+    with pytest.raises(ValueError, match="existence"):
+        _tracker().state = state
+
+
+def test_what_was_learnt_of_a_sensor_goes_to_its_other_number() -> None:
+    tracker = _tracker()
+    for _ in _behind_a_lorry(tracker, last=40):
+        pass
+    learnt = tracker.state.visibility.sensors[0]
+    assert learnt.expected.sum() > 20
+    tracker.renumber_sensors({0: 3})
+    assert tracker.state.visibility.sensors == {3: learnt}
