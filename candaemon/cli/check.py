@@ -19,6 +19,7 @@ from candaemon.config.estimators import (
     FederatedEstimatorSettings,
     ImmEstimatorSettings,
     InformationEstimatorSettings,
+    MlkfEstimatorSettings,
     ModelSettings,
     SwitchingEstimatorSettings,
 )
@@ -239,6 +240,8 @@ def _estimator(settings: EstimatorSettings) -> str:
             how = "Kalman filter that switches between CV and CS"
         case FederatedEstimatorSettings():
             how = f"federated filter, {_named([settings.model])} for each sensor"
+        case MlkfEstimatorSettings():
+            how = "modified linear Kalman filter along the line of sight, Kalman filter across it"
         case CsEstimatorSettings():
             how = f"adaptive Kalman filter on the current statistical model, α {settings.alpha:g} 1/s"
         case _:

@@ -262,6 +262,24 @@ class FederatedEstimatorSettings(FirstAcceleration, FirstTurnRate, FirstJerk):
     )
 
 
+class MlkfEstimatorSettings(FirstAcceleration):
+    """The modified linear Kalman filter along the line of sight, a plain one of constant acceleration across it."""
+
+    kind: Literal["mlkf"]
+    floor: float = Field(
+        1.0,
+        gt=0,
+        le=100,
+        description="(m/s²)², smallest variance of the acceleration along the line of sight after an update",
+    )
+    noise: float = Field(
+        5.0,
+        gt=0,
+        le=100,
+        description="(m/s³)²/Hz, power of the white noise on the acceleration across the line of sight",
+    )
+
+
 EstimatorSettings = Annotated[
     CsEstimatorSettings
     | CvEstimatorSettings
@@ -273,6 +291,7 @@ EstimatorSettings = Annotated[
     | InformationEstimatorSettings
     | SwitchingEstimatorSettings
     | FederatedEstimatorSettings
+    | MlkfEstimatorSettings
     | VehicleEstimatorSettings,
     Field(discriminator="kind"),
 ]

@@ -70,6 +70,17 @@ class FederatedTracksState(MomentBankState):
 
 
 @dataclass(slots=True)
+class RadialTracksState(MomentBankState):
+    """State of `RadialTracks`.
+
+    Attributes:
+        line: unit vectors of the lines of sight of the latest updates, (n, 2); zero before a track's first.
+    """
+
+    line: Floats
+
+
+@dataclass(slots=True)
 class PlaneFilterState(FilterBankState):
     """State of a `PlaneFilter`.
 
@@ -81,4 +92,6 @@ class PlaneFilterState(FilterBankState):
     columns: Floats
 
 
-EstimatorState: TypeAlias = MomentBankState | SwitchingTracksState | FederatedTracksState | PlaneFilterState
+EstimatorState: TypeAlias = (
+    MomentBankState | SwitchingTracksState | FederatedTracksState | RadialTracksState | PlaneFilterState
+)

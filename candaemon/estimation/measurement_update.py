@@ -21,7 +21,7 @@ def correct(mean: Floats, covariance: Floats, measurement: Measurement) -> tuple
     nis, log_likelihood = fit.nis, fit.log_likelihood
     if measurement.range_rate is not None and measurement.range_rate_variance is not None:
         rate, row = line_of_sight(mean, measurement.origin, measurement.velocity)
-        d_nis, d_log = _take_speed(
+        d_nis, d_log = take_speed(
             mean, covariance, row, measurement.range_rate[:, None] - rate, measurement.range_rate_variance[:, None]
         )
         nis, log_likelihood = nis + d_nis, log_likelihood + d_log
@@ -29,15 +29,26 @@ def correct(mean: Floats, covariance: Floats, measurement: Measurement) -> tuple
         row = np.zeros((*mean.shape[:2], 4))
         row[:, :, 2:] = part.direction[:, None]
         speed = (row[:, :, 2:] * mean[:, :, VELOCITY]).sum(axis=-1)
-        d_nis, d_log = _take_speed(mean, covariance, row, part.value[:, None] - speed, part.variance[:, None])
+        d_nis, d_log = take_speed(mean, covariance, row, part.value[:, None] - speed, part.variance[:, None])
         nis, log_likelihood = nis + d_nis, log_likelihood + d_log
     return nis, log_likelihood
 
 
-def _take_speed(
+def take_speed(
     mean: Floats, covariance: Floats, row: Floats, innovation: Floats, variance: Floats
 ) -> tuple[Floats, Floats]:
-    """Update with one speed; where it was not measured (NaN), change nothing and fit perfectly."""
+    """Update with one speed; where it was not measured (NaN), change nothing and fit perfectly.
+
+    Args:
+        mean: states (k, M, D), changed in place.
+        covariance: (k, M, D, D), changed in place.
+        row: Jacobian over [x, y, vx, vy], (k, M, 4).
+        innovation: measured minus predicted, m/s; broadcasts to (k, M).
+        variance: of the measurement, (m/s)²; likewise.
+
+    Returns:
+        NIS and log likelihood, (k, M) each.
+    """
     known = np.isfinite(innovation)
     if not known.all():
         row = np.where(known[..., None], row, 0.0)

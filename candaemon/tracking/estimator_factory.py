@@ -16,6 +16,7 @@ from candaemon.config.estimators import (
     InformationEstimatorSettings,
     JerkModelSettings,
     LinearModelSettings,
+    MlkfEstimatorSettings,
     ModelSettings,
     NoiseSettings,
     SingerModelSettings,
@@ -33,6 +34,7 @@ from candaemon.estimation.manoeuvre_detection import SwitchRule
 from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
 from candaemon.estimation.noise_factor import NoiseFactor, NoiseScale, WindowedScale
 from candaemon.estimation.plane_filter import PlaneFilter
+from candaemon.estimation.radial_tracks import RadialTracks
 from candaemon.estimation.sensor_noise import SensorNoise
 from candaemon.estimation.switching import SwitchingTracks
 
@@ -71,6 +73,13 @@ def make_estimator(settings: EstimatorSettings) -> FilterBank:
                 outage=settings.outage,
                 least=settings.least_share,
                 noise=_make_noise(settings.measurement_noise),
+            )
+        case MlkfEstimatorSettings():
+            return RadialTracks(
+                floor=settings.floor,
+                noise=settings.noise,
+                acceleration=settings.first_acceleration,
+                sensor_noise=_make_noise(settings.measurement_noise),
             )
         case StatisticalModelSettings() | SingerModelSettings():
             return PlaneFilter(

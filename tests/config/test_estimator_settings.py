@@ -25,6 +25,7 @@ EFFECTIVE: dict[str, tuple[str, ...]] = {
     "imm": KEYS,
     "information": KEYS,
     "federated": KEYS,
+    "mlkf": ("first_acceleration",),
 }
 
 
@@ -47,7 +48,7 @@ def test_a_first_deviation_belongs_to_estimators_that_have_what_deviates(kind: s
 
 @pytest.mark.parametrize(("key", "column"), [("first_acceleration", 4), ("first_turn_rate", 6), ("first_jerk", 7)])
 def test_a_first_deviation_is_that_of_the_first_covariance(key: str, column: int) -> None:
-    for kind in ("ca", "jerk", "singer", "ct", "cs"):
+    for kind in ("ca", "jerk", "singer", "ct", "cs", "mlkf"):
         if key in EFFECTIVE[kind]:
             bank, one = make_estimator(told(kind, **{key: 0.7})), np.eye(2)[None]
             bank.spawn(np.zeros((1, 2)), one, np.zeros((1, 2)), one)

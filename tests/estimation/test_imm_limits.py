@@ -23,7 +23,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 CV, CA, JERK = (LinearModel(order, (noise, noise)) for order, noise in ((1, 1e-3), (2, 5.0), (3, 20.0)))
 CT, CS = CoordinatedTurn(0.01, 0.1), CurrentStatistical(0.5, 10.0, 1.0)
 MODELS: tuple[tuple[MotionModel, ...], ...] = ((CV,), (CT,), (CS,), (CV, CA, CT), (JERK, CS), (CV, CT, JERK))
-KINDS = ("cv", "ca", "jerk", "singer", "ct", "cs", "imm", "information", "switching", "federated")
+KINDS = ("cv", "ca", "jerk", "singer", "ct", "cs", "imm", "information", "switching", "federated", "mlkf")
 NOISES = ("stated", "window", "variational")
 
 

@@ -46,6 +46,7 @@ KINDS = {
     "information": {"kind": "information", "models": [{"kind": "cv", "noise": 0.1}, {"kind": "ct"}]},
     "switching": {"kind": "switching"},
     "federated, noise by a window": {"kind": "federated", "measurement_noise": {"kind": "window"}},
+    "mlkf": {"kind": "mlkf"},
 }
 
 

@@ -45,6 +45,7 @@ ESTIMATORS: tuple[dict[str, Any], ...] = (
     {"kind": "switching"},
     {"kind": "information"},
     {"kind": "federated", "measurement_noise": {"kind": "window"}},
+    {"kind": "mlkf"},
     {"kind": "imm", "measurement_noise": {"kind": "variational"}},
 )
 

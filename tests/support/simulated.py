@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
+from candaemon.config.tracker import TrackerSettings
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.results import Evaluation
 from candaemon.evaluation.tables import TRACK_COLUMNS, TRUTH_COLUMNS, TrackWriter, track_columns
@@ -21,9 +23,13 @@ def scenario(name: str) -> Scenario:
     return load_scenario(ROOT / "config" / "scenarios" / f"{name}.yaml")
 
 
-def drive(config: str, drama: Scenario, seed: int) -> tuple[Evaluation, Pipeline]:
-    """Simulate, track and evaluate."""
+def drive(
+    config: str, drama: Scenario, seed: int, tracker: TrackerSettings | None = None
+) -> tuple[Evaluation, Pipeline]:
+    """Simulate, track and evaluate, with the configuration's tracker unless another is given."""
     binding = bound(config)
+    if tracker is not None:
+        binding = replace(binding, settings=binding.settings.model_copy(update={"tracker": tracker}))
     simulation, pipeline = simulate(drama, binding, seed), Pipeline(binding)
     names = [sensor.name for sensor in binding.sensors]
     with tempfile.TemporaryDirectory() as folder:

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from candaemon.config.tracker import TrackerSettings
 from candaemon.evaluation.results import Evaluation
 from tests.support.simulated import drive, scenario
 
@@ -18,6 +19,8 @@ AUTOMOTIVE = {
     "automotive_turn": (0.165, 0.24),
 }
 """Largest RMSE of position (m) and velocity (m/s) of a point target."""
+MLKF_FACTORS = {"automotive_cruise": (2.4, 11.0), "automotive_cut_in": (1.5, 1.7)}
+"""Most times the error of `imm` in position and velocity, which cruises by a model of constant velocity."""
 DRAMAS = ("highway", "stop_and_go", "intersection", "guard_rail", "turning_ego")
 LONG = {"highway", "stop_and_go", "guard_rail"}
 """Drives of which even one takes long."""
@@ -47,6 +50,21 @@ def test_a_point_target_is_tracked_as_well_as_can_be(name: str, seeds: int) -> N
     assert np.sqrt(np.mean([each.position**2 for each in errors])) <= position
     assert np.sqrt(np.mean([each.velocity**2 for each in errors])) <= velocity
     assert sum(run.id_switches for run in runs(name, seeds)) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MLKF_FACTORS)
+def test_the_mlkf_tracks_a_point_target_not_much_worse(name: str) -> None:
+    off: dict[str, list[tuple[float, float]]] = {"imm": [], "mlkf": []}
+    for seed in range(3):
+        for kind, errors in off.items():
+            tracker = TrackerSettings.model_validate({"estimator": {"kind": kind}})
+            found = drive("esr_ins", scenario(name), seed, tracker)[0]
+            assert found.id_switches == 0
+            assert found.nees.coverage > 0.9
+            errors.append((found.errors.position, found.errors.velocity))
+    imm, mlkf = (np.sqrt(np.square(each).mean(axis=0)) for each in off.values())
+    assert (mlkf <= np.array(MLKF_FACTORS[name]) * imm).all()
 
 
 @seeds_of(*AUTOMOTIVE, *DRAMAS)

@@ -28,6 +28,7 @@ ESTIMATORS: dict[str, dict[str, Any]] = {
     "switching": {"kind": "switching", "manoeuvre_time": 1.0, "steady_time": 1.0, "interval": 0.2},
     "federated": {"kind": "federated", "measurement_noise": {"kind": "window"}},
     "vehicle": {"kind": "vehicle"},
+    "mlkf": {"kind": "mlkf", "measurement_noise": {"kind": "variational"}},
 }
 
 
