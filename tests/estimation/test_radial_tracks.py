@@ -5,6 +5,7 @@ from __future__ import annotations
 from copy import deepcopy
 from dataclasses import replace
 from math import radians
+from typing import TypeAlias
 
 import numpy as np
 import pytest
@@ -23,8 +24,10 @@ from candaemon.papers.automotive_set import DRIVES
 from candaemon.tracking.estimator_factory import make_estimator
 from tests.support.builders import AT_REST, polar_measurement, rotation
 
+Noise: TypeAlias = tuple[float, float, float]
+
 DT = 0.05
-NOISE = (0.25, radians(0.5), 0.12)
+NOISE: Noise = (0.25, radians(0.5), 0.12)
 ANYWHERE = np.array([[1.0, 0.0]])
 
 
@@ -41,6 +44,27 @@ def spawned(bank: RadialTracks, position: Floats) -> RadialTracks:
     spread = np.tile(np.eye(2), (len(position), 1, 1))
     bank.spawn(position, spread, np.zeros((len(position), 2)), 400.0 * spread)
     return bank
+
+
+def seen(rng: np.random.Generator, offset: Floats, velocity: Floats, noise: Noise = NOISE) -> Measurement:
+    """Return what a radar at rest in the origin measures of places (n, 2) that move with velocities (n, 2)."""
+    distance = np.hypot(*offset.T)
+    exact = distance, np.arctan2(offset[:, 1], offset[:, 0]), (offset * velocity).sum(axis=1) / distance
+    drawn = [each + s * rng.normal(size=len(offset)) for each, s in zip(exact, noise, strict=True)]
+    return polar_measurement(drawn[0], drawn[1], drawn[2], noise)
+
+
+def begin(bank: FilterBank, told: Measurement) -> None:
+    """Begin tracks of which no speed is known."""
+    runs = len(told.position)
+    bank.spawn(told.position, told.noise, np.zeros((runs, 2)), np.tile(64.0 * np.eye(2), (runs, 1, 1)))
+
+
+def squared_in_deviations(bank: FilterBank, truth: Floats) -> Floats:
+    """Return the normalised estimation error squared of [x, y, vx, vy] (n,)."""
+    mean, covariance = bank.combined()
+    error = mean[:, :4] - truth
+    return np.asarray((error * np.linalg.solve(covariance[:, :4, :4], error[..., None])[..., 0]).sum(axis=1))
 
 
 @pytest.mark.parametrize("floor", [0.1, 1.0])
@@ -94,26 +118,18 @@ def test_two_range_rates_determine_the_velocity_as_trilateration_does() -> None:
 
 def test_a_second_radar_tells_the_motion_across() -> None:
     """Both radars tell the azimuth to 5° only; the second stands at the side."""
-    rng, runs = np.random.default_rng(3), 40
-    noise = (0.05, radians(5.0), 0.02)
+    rng, runs, velocity = np.random.default_rng(3), 40, np.array([-2.0, 1.0])
     off = {}
     for sensors in (np.zeros((1, 2)), np.array([(0.0, 0.0), (10.0, 20.0)])):
-        bank, truth = tracks(), np.tile([30.0, 5.0], (runs, 1))
-        spawned(bank, truth + rng.normal(size=(runs, 2)))
+        place = np.tile([30.0, 5.0], (runs, 1))
+        bank = spawned(tracks(), place + rng.normal(size=(runs, 2)))
         for _ in range(100):
-            truth = truth + DT * np.array([-2.0, 1.0])
+            place = place + DT * velocity
             bank.predict(DT, np.tile(ANYWHERE, (runs, 1)))
             for origin in sensors:
-                polar = np.hypot(*(truth - origin).T), np.arctan2(*(truth - origin).T[::-1])
-                rate = radial(
-                    np.tile([0, 0, -2.0, 1.0, 0, 0], (runs, 1)) + np.pad(truth, ((0, 0), (0, 4))), origin[None]
-                )
-                drawn = [
-                    each + s * rng.normal(size=runs) for each, s in zip((*polar, rate[:, 0, 1]), noise, strict=True)
-                ]
-                told = polar_measurement(drawn[0], drawn[1], drawn[2], noise)
+                told = seen(rng, place - origin, velocity, (0.05, radians(5.0), 0.02))
                 bank.update(np.arange(runs), replace(told, position=told.position + origin, origin=origin))
-        error = bank.combined()[0][:, :4] - np.hstack([truth, np.tile([-2.0, 1.0], (runs, 1))])
+        error = bank.combined()[0][:, :4] - np.hstack([place, np.tile(velocity, (runs, 1))])
         off[len(sensors)] = np.sqrt(np.square(error).sum(axis=0) / runs)
     assert np.hypot(*off[2][:2]) < 0.3 * np.hypot(*off[1][:2])
     assert np.hypot(*off[2][2:]) < 0.2 * np.hypot(*off[1][2:])
@@ -121,31 +137,25 @@ def test_a_second_radar_tells_the_motion_across() -> None:
 
 def test_what_stands_is_standing_as_the_vehicle_passes_it() -> None:
     """Own motion is taken out while the line of sight turns by 100°; the stated covariance is that of the errors."""
-    rng, runs = np.random.default_rng(4), 60
-    place, own = np.tile([45.0, 8.0], (runs, 1)), np.array([15.0, 0.0])
-    bank = tracks()
-    rows, nees, errors = np.arange(runs), [], []
-    for k in range(60):
+    rng, runs, own = np.random.default_rng(4), 60, np.array([15.0, 0.0])
+    place = np.tile([45.0, 8.0], (runs, 1))
+    truth = np.hstack([place, np.zeros((runs, 2))])
+    bank, nees, speeds = tracks(), [], []
+    for k in range(100):
         origin = own * k * DT
-        offset = place - origin
-        distance, azimuth = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
-        rate = -(offset @ own) / distance
-        drawn = [each + s * rng.normal(size=runs) for each, s in zip((distance, azimuth, rate), NOISE, strict=True)]
-        told = polar_measurement(drawn[0], drawn[1], drawn[2], NOISE)
+        told = seen(rng, place - origin, -own)
         told = replace(told, position=told.position + origin, origin=origin, velocity=own)
         if not k:
-            bank.spawn(told.position, told.noise, np.zeros((runs, 2)), np.tile(64.0 * np.eye(2), (runs, 1, 1)))
+            begin(bank, told)
             continue
         bank.predict(DT, np.tile(ANYWHERE, (runs, 1)))
-        bank.update(rows, told)
+        bank.update(np.arange(runs), told)
         if k >= 20:
-            mean, covariance = bank.combined()
-            error = np.hstack([mean[:, :2] - place, mean[:, 2:4]])
-            errors.append(error)
-            nees.append((error * np.linalg.solve(covariance[:, :4, :4], error[..., None])[..., 0]).sum(axis=1))
+            nees.append(squared_in_deviations(bank, truth))
+            speeds.append(bank.combined()[0][:, 2:4])
     assert 2.5 < np.mean(nees) < 6.0
     assert np.mean(np.array(nees) < chi2.ppf(0.95, 4)) > 0.88
-    assert np.sqrt(np.square(errors).mean(axis=(0, 1))[2:].sum()) < 1.0
+    assert np.sqrt(np.square(speeds).sum(axis=-1).mean()) < 1.0
 
 
 def test_a_range_rate_that_is_no_number_changes_nothing() -> None:
@@ -183,26 +193,22 @@ def test_a_copy_of_a_track_has_its_line_of_sight() -> None:
 
 
 def test_what_comes_later_tells_of_the_motion_before() -> None:
-    rng, runs, lag = np.random.default_rng(7), 20, 1_000_000_000
-    bank, rows, truth = tracks(), np.arange(runs), DRIVES["cut-in"].states()[:200, :4]
-    bank.linking, steps = True, []
-    for k, (x, y, vx, vy) in enumerate(truth):
-        exact = np.hypot(x, y), np.arctan2(y, x), (x * vx + y * vy) / np.hypot(x, y)
-        told = polar_measurement(
-            *(each + s * rng.normal(size=runs) for each, s in zip(exact, NOISE, strict=True)), NOISE
-        )
-        if not k:
-            bank.spawn(told.position, told.noise, np.zeros((runs, 2)), np.tile(64.0 * np.eye(2), (runs, 1, 1)))
-        else:
-            bank.predict(DT, np.tile(ANYWHERE, (runs, 1)))
-            link = bank.link
-            bank.update(rows, told)
-            steps.append(Step(k * 50_000_000, *(each.copy() for each in bank.combined()), link if steps else None))
-    smoothed, _ = smooth(steps, lag)
-    filtered = np.stack([each.mean for each in steps])
+    rng, runs, truth = np.random.default_rng(7), 20, DRIVES["cut-in"].states()[:200]
+    bank = tracks()
+    bank.linking = True
+    begin(bank, seen(rng, np.tile(truth[0, :2], (runs, 1)), truth[0, 2:]))
+    steps: list[Step] = []
+    for k, state in enumerate(truth[1:]):
+        bank.predict(DT, np.tile(ANYWHERE, (runs, 1)))
+        link = bank.link if steps else None
+        bank.update(np.arange(runs), seen(rng, np.tile(state[:2], (runs, 1)), state[2:]))
+        mean, covariance = bank.combined()
+        steps.append(Step(k * 50_000_000, mean.copy(), covariance.copy(), link))
+    smoothed, _ = smooth(steps, 1_000_000_000)
     late = slice(40, 150)
-    errors = [np.square(each[late, :, :4] - truth[1:][late, None]).mean(axis=(0, 1)) for each in (smoothed, filtered)]
-    assert (errors[0] < 0.8 * errors[1]).all()
+    filtered, smoothed = np.stack([each.mean for each in steps])[late, :, :4], smoothed[late, :, :4]
+    before, after = (np.square(each - truth[1:][late, None]).mean(axis=(0, 1)) for each in (filtered, smoothed))
+    assert (after < 0.8 * before).all()
 
 
 @pytest.mark.parametrize("line", [[[1.0, 1.0]], [[np.nan, 0.0]], [[1.0, 0.0], [1.0, 0.0]], [[1.0]]])
@@ -221,30 +227,20 @@ FACTORS = {"cruise": (2.2, 9.0), "brake": (1.5, 1.8), "cut-in": (1.25, 1.4)}
 
 @pytest.mark.parametrize("name", FACTORS)
 def test_it_is_not_far_from_the_imm_and_says_how_far_off_it_is(name: str) -> None:
-    rng, runs = np.random.default_rng(1), 10
-    truth = DRIVES[name].states()
-    x, y, vx, vy = truth.T
-    distance = np.hypot(x, y)
-    exact = np.stack([distance, np.arctan2(y, x), (x * vx + y * vy) / distance], axis=1)
-    polar = exact[:, :, None] + np.array(NOISE)[:, None] * rng.normal(size=(len(truth), 3, runs))
-    rows, off, nees = np.arange(runs), {}, []
+    runs, off, nees = 10, {}, []
     for kind in ("imm", "mlkf"):
-        bank, squared = estimator(kind), np.zeros(4)
-        for k, each in enumerate(polar):
-            told = polar_measurement(each[0], each[1], each[2], NOISE)
+        rng, bank, squared = np.random.default_rng(1), estimator(kind), np.zeros(4)
+        for k, state in enumerate(DRIVES[name].states()):
+            told = seen(rng, np.tile(state[:2], (runs, 1)), state[2:])
             if not k:
-                spread = np.tile(64.0 * np.eye(2), (runs, 1, 1))
-                bank.spawn(told.position, told.noise, np.zeros((runs, 2)), spread)
+                begin(bank, told)
                 continue
             bank.predict(DT, np.tile(ANYWHERE, (runs, 1)))
-            bank.update(rows, told)
-            if k < 20:
-                continue
-            mean, covariance = bank.combined()
-            error = mean[:, :4] - truth[k]
-            squared += np.square(error).sum(axis=0)
-            if kind == "mlkf":
-                nees.append((error * np.linalg.solve(covariance[:, :4, :4], error[..., None])[..., 0]).sum(axis=1))
+            bank.update(np.arange(runs), told)
+            if k >= 20:
+                squared += np.square(bank.combined()[0][:, :4] - state).sum(axis=0)
+            if k >= 20 and kind == "mlkf":
+                nees.append(squared_in_deviations(bank, state))
         off[kind] = np.sqrt([squared[:2].sum(), squared[2:].sum()])
     assert (off["mlkf"] <= np.array(FACTORS[name]) * off["imm"]).all()
     assert 2.5 < np.mean(nees) < 6.0

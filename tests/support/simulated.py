@@ -29,7 +29,8 @@ def drive(
     """Simulate, track and evaluate, with the configuration's tracker unless another is given."""
     binding = bound(config)
     if tracker is not None:
-        binding = replace(binding, settings=binding.settings.model_copy(update={"tracker": tracker}))
+        told = binding.settings.model_copy(update={"tracker": tracker})
+        binding = replace(binding, loaded=replace(binding.loaded, config=told))
     simulation, pipeline = simulate(drama, binding, seed), Pipeline(binding)
     names = [sensor.name for sensor in binding.sensors]
     with tempfile.TemporaryDirectory() as folder:
