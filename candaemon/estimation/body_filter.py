@@ -444,7 +444,9 @@ def acceleration(mean: Floats) -> Floats:
     Args:
         mean: states (n, 8).
     """
-    return np.asarray((report_jacobian(mean)[:, 4:, 4:6] @ mean[:, 4:6, None])[:, :, 0])
+    vx, vy, turn = mean[:, 2], mean[:, 3], mean[:, TURN]
+    along = mean[:, ACCELERATION] / np.maximum(np.hypot(vx, vy), _SLOW)
+    return np.stack([along * vx - turn * vy, along * vy + turn * vx], axis=1)
 
 
 def report_jacobian(mean: Floats) -> Floats:

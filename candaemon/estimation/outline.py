@@ -28,19 +28,14 @@ def facing_point(observer: Floats, half_length: Floats, half_width: Floats) -> F
     Returns:
         In the same axes (n, 2), m. For an observer inside the ellipse too it is a point of the outline.
     """
-    a, b = np.maximum(half_length, _LEAST), np.maximum(half_width, _LEAST)
-    x, y = np.abs(observer.T)
-    focal = a * a - b * b
-    evolute_x, evolute_y = focal / a, -focal / b
-    c = s = np.full(len(observer), np.sqrt(0.5))  # cosine and sine of the point's parameter
+    axes, eye = np.maximum(np.stack([half_length, half_width]), _LEAST), np.abs(observer.T)
+    squares = axes * axes
+    evolute = (squares - squares[::-1]) / axes
+    share = np.full(eye.shape, np.sqrt(0.5))  # cosine and sine of the point's parameter
     for _ in range(_ROUNDS):
-        centre_x, centre_y = evolute_x * c * c * c, evolute_y * s * s * s
-        away_x, away_y = x - centre_x, y - centre_y
-        radius = np.hypot(a * c - centre_x, b * s - centre_y)
-        ratio = radius / np.maximum(np.hypot(away_x, away_y), _LEAST)
-        c = np.minimum(np.maximum((away_x * ratio + centre_x) / a, 0.0), 1.0)
-        s = np.minimum(np.maximum((away_y * ratio + centre_y) / b, 0.0), 1.0)
-        length = np.maximum(np.hypot(c, s), _LEAST)
-        c /= length
-        s /= length
-    return np.asarray(np.copysign(np.stack([a * c, b * s], axis=1), observer))
+        centre = evolute * share * share * share
+        away = eye - centre
+        ratio = np.hypot(*(axes * share - centre)) / np.maximum(np.hypot(*away), _LEAST)
+        share = np.minimum(np.maximum((away * ratio + centre) / axes, 0.0), 1.0)
+        share /= np.maximum(np.hypot(*share), _LEAST)
+    return np.asarray(np.copysign((axes * share).T, observer))

@@ -89,9 +89,10 @@ def _by_id(
     if not detections.identified:
         return
     keys = detections.object_id
-    row = np.where(detections.new, -1, bodies.rows_of(detections.sensor, keys))
+    rows, single = bodies.rows_of(detections.sensor, keys)
+    row = np.where(detections.new, -1, rows)
     row[(row >= 0) & ~usable[row]] = -1
-    if len(np.unique(keys)) < len(keys):
+    if not single:
         _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
         row[counts[inverse] > 1] = -1
     known = np.flatnonzero(row >= 0)

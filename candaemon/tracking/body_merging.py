@@ -31,15 +31,16 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
     place, velocity = moments.shown[:, :2], moments.mean[:, VELOCITY]
     reach = max(settings.along, _COURSE_ALONG) + max(settings.across, _COURSE_ACROSS)
     east, north = np.ascontiguousarray(place.T)
-    old, young = np.nonzero(
-        np.triu((np.abs(east[:, None] - east) < reach) & (np.abs(north[:, None] - north) < reach), 1)
-    )
+    young, old = np.nonzero((np.abs(east[:, None] - east) < reach) & (np.abs(north[:, None] - north) < reach))
+    earlier = old < young
+    young, old = young[earlier], old[earlier]
     if not len(young):
         return found, needed
     axis = obstacles.axis[old]
     apart = np.abs(to_travel_axes(place[young] - place[old], axis))
     faster = np.abs(to_travel_axes(velocity[young] - velocity[old], axis))
-    moving = np.minimum(np.hypot(*velocity[young].T), np.hypot(*velocity[old].T)) > _COURSE_SPEED
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    moving = np.minimum(speed[young], speed[old]) > _COURSE_SPEED
     by_course = (
         moving
         & (apart[:, 0] < _COURSE_ALONG)
@@ -54,7 +55,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
     )
     beside = (by_course | by_speed) & obstacles.confirmed[old]
     found[young[beside][::-1]] = old[beside][::-1]  # reversed, so that the oldest of several is written last
-    spread = np.trace(moments.shown_covariance[:, :2, :2], axis1=1, axis2=2)
+    spread = moments.shown_covariance[:, 0, 0] + moments.shown_covariance[:, 1, 1]
     unclear = 1.0 + (spread[young] + spread[old]) / _CLEAR**2
     needed[young[by_course]] = np.minimum(_COURSE_TIME * unclear[by_course], settings.merge_time)
     return found, needed

@@ -162,7 +162,9 @@ class Bodies:
         self.reflections = BodyReflectionTable()
         self.obstacles = BodyTable()
         self._state = BodiesState(self.reflections, self.obstacles, self.filter.state)
+        # computed from the state when first asked for
         self._moments: BodyMoments | None = None
+        self._rows_of_scan: dict[int, tuple[bytes, Indices, bool]] = {}
         self.first_existence = 0.5
 
     def __len__(self) -> int:
@@ -184,6 +186,7 @@ class Bodies:
         self.filter.state = state.estimator
         _check_rows(state)
         self._state, self.reflections, self.obstacles = state, reflections, obstacles
+        self._rows_of_scan.clear()
         self.changed()
 
     def changed(self) -> None:
@@ -216,16 +219,24 @@ class Bodies:
         """Return the reflections' offsets (n, 2), local frame, m."""
         return from_travel_axes(self.reflections.offset, self.obstacles.axis.take(self.reflections.body, axis=0))
 
-    def rows_of(self, sensor: int, object_id: Integers) -> Indices:
-        """Return the rows of the reflections that a sensor's ids stand for; −1 where one stands for nothing."""
-        find = self._state.row_of.get
-        return np.array([find((sensor, key), -1) for key in object_id.tolist()], dtype=np.intp)
+    def rows_of(self, sensor: int, object_id: Integers) -> tuple[Indices, bool]:
+        """Return the rows that a sensor's ids stand for, −1 where one stands for nothing; and whether none comes twice.
+
+        A scan whose ids are those of the sensor's scan before costs a comparison. The rows are not to be written to.
+        """
+        ids, known = object_id.tobytes(), self._rows_of_scan.get(sensor)
+        if known is None or known[0] != ids:
+            keys, find = object_id.tolist(), self._state.row_of.get
+            rows = np.array([find((sensor, key), -1) for key in keys], dtype=np.intp)
+            known = self._rows_of_scan[sensor] = ids, rows, len(set(keys)) == len(keys)
+        return known[1:]
 
     def assign_id(self, reflection: int, sensor: int, key: int) -> None:
         """Assign a sensor's object id to a reflection; it stands for no other, nor another of its ids for this.
 
         An id of each sensor is kept, since several may see the same point in turn.
         """
+        self._rows_of_scan.clear()
         reflections, row_of = self.reflections, self._state.row_of
         latest = int(reflections.sensor[reflection]), int(reflections.object_id[reflection])
         if latest[0] == sensor and row_of.get(latest) == reflection:
@@ -385,6 +396,7 @@ class Bodies:
         self.reflections.body = new_owner[self.reflections.body]
         self.obstacles.leader = new_row[self.obstacles.leader]
         gone = lost.tolist()
+        self._rows_of_scan.clear()
         self._state.row_of = {key: int(new_row[row]) for key, row in self._state.row_of.items() if not gone[row]}
         self.changed()
         return new_row
@@ -396,6 +408,7 @@ class Bodies:
             sensors: number of a sensor from here on, by the number it had.
         """
         obstacles, reflections, row_of = self.obstacles, self.reflections, self._state.row_of
+        self._rows_of_scan.clear()
         self._state.row_of = {(sensors[of], key): row for (of, key), row in row_of.items() if of in sensors}
         reflections.sensor = np.array([sensors.get(of, -1) for of in reflections.sensor.tolist()], dtype=np.int64)
         reflections.object_id[reflections.sensor < 0] = -1

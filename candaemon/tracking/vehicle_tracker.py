@@ -346,7 +346,7 @@ class VehicleTracker:
         row = association.reflection[rows]
         body, measurement = association.body[rows], detections.measurement.take(rows)
         offset = bodies.offsets()[row]
-        self._note_rates(row, detections, rows)
+        self._note_rates(row, offset, detections, rows)
         seen, combined = of_bodies(measurement, body, offset, reflections.variance[row], self._places.speed_noise**2)
         bodies.filter.update(seen, combined)
         bodies.changed()
@@ -368,13 +368,14 @@ class VehicleTracker:
         obstacles.history[seen] |= 1
         obstacles.sensors[seen] |= 1 << detections.sensor
 
-    def _note_rates(self, row: Indices, detections: Detections, rows: Indices) -> None:
+    def _note_rates(self, row: Indices, offset: Floats, detections: Detections, rows: Indices) -> None:
         """Note how much faster than their bodies reflections come nearer."""
         measurement = detections.measurement
         if measurement.range_rate is None:
             return
-        mean, _ = self._bodies.reflection_states()
-        rate, _ = line_of_sight(mean[row], measurement.origin, measurement.velocity)
+        mean = self._bodies.moments().shown[self._bodies.reflections.body[row]]
+        mean[:, :2] += offset
+        rate, _ = line_of_sight(mean, measurement.origin, measurement.velocity)
         difference = np.nan_to_num(measurement.range_rate[rows] - rate)
         share = -np.expm1(-self._dt / _RATE_MEMORY)
         noted = self._bodies.reflections.rate_difference

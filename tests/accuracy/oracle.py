@@ -91,7 +91,7 @@ class OracleTracker(VehicleTracker):
         body = np.array([self._body_of(source) for source in self._source.tolist()], dtype=np.intp)
         reflection = np.full(len(detections), -1, dtype=np.intp)
         if len(self):
-            row = self._bodies.rows_of(detections.sensor, detections.object_id)
+            row, _ = self._bodies.rows_of(detections.sensor, detections.object_id)
             known = np.flatnonzero(row >= 0)
             mine = self._bodies.reflections.body[row[known]] == body[known]
             # an id that comes twice in a scan names the first one
