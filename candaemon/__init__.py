@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from candaemon.estimation.alignment import mounting_rotation as mounting_rotation
     from candaemon.estimation.axis_filter import AxisFilter as AxisFilter
     from candaemon.estimation.axis_filter import WhiteAxis as WhiteAxis
+    from candaemon.estimation.body_filter import BodyDynamics as BodyDynamics
+    from candaemon.estimation.body_filter import BodyFilter as BodyFilter
+    from candaemon.estimation.body_filter import BodyMode as BodyMode
     from candaemon.estimation.federated import Federated as Federated
     from candaemon.estimation.imm import Imm as Imm
     from candaemon.estimation.information import InformationFilter as InformationFilter
@@ -65,6 +68,7 @@ if TYPE_CHECKING:
     from candaemon.simulation.simulate import simulate as simulate
     from candaemon.tracking.obstacles import Obstacles as Obstacles
     from candaemon.tracking.tracker import Tracker as Tracker
+    from candaemon.tracking.vehicle_tracker import VehicleTracker as VehicleTracker
 
 _NAMES = {
     "candaemon.binding.bind": ("bind",),
@@ -76,6 +80,7 @@ _NAMES = {
     "candaemon.estimation.adaptive_filter": ("AdaptiveFilter",),
     "candaemon.estimation.alignment": ("lagrange", "mounting_rotation"),
     "candaemon.estimation.axis_filter": ("AxisFilter", "WhiteAxis"),
+    "candaemon.estimation.body_filter": ("BodyDynamics", "BodyFilter", "BodyMode"),
     "candaemon.estimation.switching": ("CvCsmSwitch",),
     "candaemon.estimation.federated": ("Federated",),
     "candaemon.estimation.imm": ("Imm",),
@@ -100,6 +105,7 @@ _NAMES = {
     "candaemon.simulation.drive_files": ("record",),
     "candaemon.tracking.obstacles": ("Obstacles",),
     "candaemon.tracking.tracker": ("Tracker",),
+    "candaemon.tracking.vehicle_tracker": ("VehicleTracker",),
 }
 _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
 

@@ -24,6 +24,7 @@ import candaemon
 from candaemon import bind, json_schema, load_config, load_scenario
 from candaemon.cli.main import main
 from candaemon.config.estimators import EstimatorSettings
+from candaemon.config.vehicle import VehicleEstimatorSettings
 from tests.beds.waiting import wait_until
 from tests.project.pages import PAGES, Page
 from tests.project.test_structure import ROOMS
@@ -285,6 +286,19 @@ def test_settings_that_are_named_exist(page: Page) -> None:
     for text in page.inline():
         if re.fullmatch(r"(?:ego|sensors|tracker|output|supervision|service)(?:\.\w+)+", text):
             assert resolved(text) is not None, text
+
+
+def test_all_settings_of_vehicles_are_described() -> None:
+    part = PAGES["docs/estimators.md"].text.partition("## Vehicles")[2].partition("\n## ")[0]
+    cells = re.findall(r"^\| (`[^|]+) \|", part.partition("| key |")[2], re.MULTILINE)
+    described = [key for cell in cells for key in re.findall(r"`([\w.]+)`", cell)]
+    settings = VehicleEstimatorSettings(kind="vehicle").model_dump(exclude={"kind"})
+    leaves = [
+        f"{name}.{key}" if key else name
+        for name, value in settings.items()
+        for key in (value if isinstance(value, dict) else ("",))
+    ]
+    assert sorted(described) == sorted(leaves)
 
 
 def test_defaults_are_those_of_the_settings() -> None:
