@@ -294,7 +294,7 @@ class VehicleTracker:
         body = bodies.reflections.body[rows]
         velocity = bodies.moments().mean[body, VELOCITY]
         sight = detections.measurement.position[self.update.detection] - detections.measurement.origin
-        sight = sight / np.maximum(np.linalg.norm(sight, axis=1), 1.0)[:, None]
+        sight = sight / np.maximum(np.hypot(sight[:, 0], sight[:, 1]), 1.0)[:, None]
         standing = (
             (np.abs((velocity * sight).sum(axis=1)) < _STANDS)
             & ((velocity * velocity).sum(axis=1) < (4.0 * _STANDS) ** 2)
@@ -306,7 +306,7 @@ class VehicleTracker:
             detections.time_ns,
             bodies.reflections.serial[rows],
             detections.measurement.position[self.update.detection],
-            np.tile(ahead, (len(rows), 1)),
+            np.broadcast_to(ahead, (len(rows), 2)),
             standing,
             float(np.hypot(pose.ve, pose.vn)),
         )
