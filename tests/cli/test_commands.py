@@ -15,6 +15,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 
 from candaemon.cli.main import main
 from candaemon.config.load import json_schema
@@ -92,6 +93,15 @@ def test_check_tells_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:
         "by counter CAN_TX_TRACK_ROLLING_COUNT", "IMM of CV, CA, CT", "-0.00174533", "crc8_sae_j1850", "warnings",
     ):  # fmt: skip
         assert words in out
+
+
+def test_check_names_the_filter_along_the_line_of_sight(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "config" / "demo.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
+    tree = yaml.safe_load(text) | {"tracker": {"estimator": {"kind": "mlkf"}}}
+    path = tmp_path / "mlkf.yaml"
+    path.write_text(yaml.safe_dump(tree), encoding="utf-8")
+    assert main(["check", str(path)]) == 0
+    assert "modified linear Kalman filter along the line of sight" in capsys.readouterr().out
 
 
 def test_check_lists_every_error_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
