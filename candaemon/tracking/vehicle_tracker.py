@@ -22,6 +22,7 @@ from candaemon.radar.mounting import SensorView, in_look
 from candaemon.tracking import box
 from candaemon.tracking.body_association import Association, associate
 from candaemon.tracking.body_existence import BodyExistence
+from candaemon.tracking.body_images import images
 from candaemon.tracking.body_initiation import BodyInitiation
 from candaemon.tracking.body_measurement import of_bodies
 from candaemon.tracking.body_merging import merge_candidates, split_candidates
@@ -46,6 +47,7 @@ _CROSSING = 1.5  # m/s across the axis: faster than a walk or a slide looks, it 
 _LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
 _LEAST_RATE = 1e-6  # 1/s
 _STANDS = 0.6  # m/s along the line of sight; across it, a slide looks like motion
+_IMAGE_LIFE = 2.0  # s, for which an obstacle may be held for an image
 _REMEMBERED = 8.0  # times as uncertain as one that is reported, an obstacle is forgotten
 _ALIKE = np.array([1.0, 1.0, 1.0, 1.0])  # m², (m/s)²: reflections of one body differ so
 _FARTHEST = 8.0  # m between where an obstacle should be and one that takes up its identity
@@ -187,7 +189,7 @@ class VehicleTracker:
             self._record(association, detections)
             self._observe_noise(detections, pose)
         self._turn_axes()
-        self._confirm_and_delete(pose, -1 if detections is None else detections.sensor)
+        self._confirm_and_delete(pose, detections)
         if detections is not None and self.settings.reflections.merge and len(self):
             self._hand_over()
             self._bodies.return_reference(self._dt, self._state.time_ns, self._places.return_time)
@@ -420,12 +422,12 @@ class VehicleTracker:
         turned = axis + share[:, None] * (course - axis)
         obstacles.axis = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-9)[:, None]
 
-    def _confirm_and_delete(self, pose: EgoPose, sensor: int) -> None:
+    def _confirm_and_delete(self, pose: EgoPose, detections: Detections | None) -> None:
         """Confirm what surely exists; delete what is not detected, out of view or too uncertain.
 
         Args:
             pose: ego pose.
-            sensor: that the scan is of; −1: there was none.
+            detections: of the scan; None: there was none.
         """
         bodies, lifecycle = self._bodies, self.settings.lifecycle
         obstacles, reflections = bodies.obstacles, bodies.reflections
@@ -434,6 +436,8 @@ class VehicleTracker:
         detected = obstacles.last_ns == self._state.time_ns
         if self._by_existence:
             promoted = (obstacles.existence >= lifecycle.sure) & detected & ~obstacles.confirmed
+            if detections is not None and promoted.any():
+                promoted[self._images(np.flatnonzero(promoted), detections)] = False
         else:
             hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
             promoted = (hits >= lifecycle.confirm) & ~obstacles.confirmed
@@ -447,10 +451,16 @@ class VehicleTracker:
         silent = (self._state.time_ns - reflections.last_ns) * 1e-9 > lifecycle.reflection_coast
         silent[obstacles.leader] = False
         lost |= silent
-        if self._by_existence:
-            self._existence.learn_clutter(sensor, int(np.count_nonzero(ended & ~obstacles.confirmed)))
+        if self._by_existence and detections is not None:
+            self._existence.learn_clutter(detections.sensor, int(np.count_nonzero(ended & ~obstacles.confirmed)))
         if lost.any():
             self._delete(lost, ended)
+
+    def _images(self, candidates: Indices, detections: Detections) -> Indices:
+        """Return those of some young obstacles that are held for images of others, for a while: they may be real."""
+        age = (self._state.time_ns - self._bodies.obstacles.first_ns[candidates]) * 1e-9
+        young = candidates[age < _IMAGE_LIFE]
+        return young[images(self._bodies, young, detections)]
 
     def _ended_by_hits(self, pose: EgoPose) -> Booleans:
         """Return which of the obstacles not detected are to be deleted, by the time without a detection."""

@@ -1,0 +1,72 @@
+"""Images of vehicles: a radar also sees them by echoes of two reflections, where nothing is.
+
+An echo that goes to and fro twice appears at twice the distance, with twice the relative velocity; one that a row of
+standing things reflects (a guard rail, a wall) appears behind the row, as in a mirror.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.estimation.body_filter import VELOCITY
+from candaemon.radar.detections import Detections
+from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.reflections import to_travel_axes
+
+_PLACE = 3.0  # m between an image and where it should be
+_SPEED = 1.5  # m/s, likewise along the course or the line of sight; what stands is slower
+_ACROSS = 4.0  # m/s across it, which is known worst
+_MOVES = 4.0  # m/s; slower, its image is not told from what is there
+_SPACING = 4.0  # m between the standing things of a row
+_DEPTH = 1.2  # m, how exactly they lie in the middle
+
+
+def images(bodies: Bodies, candidates: Indices, detections: Detections) -> Booleans:
+    """Return which of some bodies (m,) are where the image of a confirmed one should be, and move like it.
+
+    Args:
+        bodies: that are known.
+        candidates: rows of those asked for.
+        detections: a scan of the sensor that would see the images.
+    """
+    shown = bodies.moments().shown
+    sources = np.flatnonzero(bodies.obstacles.confirmed & (np.hypot(shown[:, 2], shown[:, 3]) > _MOVES))
+    sources = np.setdiff1d(sources, candidates)
+    if not len(sources):
+        return np.zeros(len(candidates), dtype=np.bool_)
+    found = _doubled(shown, candidates, sources, detections) | _mirrored(bodies, candidates, sources, detections)
+    return np.asarray(found.any(axis=1))
+
+
+def _doubled(shown: Floats, candidates: Indices, sources: Indices, detections: Detections) -> Booleans:
+    """Return which candidates are at twice the distance of which sources, twice as fast relative to the sensor.
+
+    Of what is hardly faster than the sensor it cannot be told: vehicles of a convoy are like this.
+    """
+    sensor = detections.measurement
+    relative = shown - np.concatenate([sensor.origin, sensor.velocity])
+    place, velocity = relative[:, :2], relative[:, VELOCITY]
+    sight = place[sources] / np.maximum(np.linalg.norm(place[sources], axis=1), 1.0)[:, None]
+    nearing = np.abs((velocity[sources] * sight).sum(axis=1)) > _SPEED
+    apart = place[candidates, None] - 2 * place[sources]
+    faster = to_travel_axes(velocity[candidates, None] - 2 * velocity[sources], sight)
+    near = (np.hypot(apart[..., 0], apart[..., 1]) < _PLACE) & nearing
+    return np.asarray(near & (np.abs(faster[..., 0]) < _SPEED) & (np.abs(faster[..., 1]) < 2 * _ACROSS))
+
+
+def _mirrored(bodies: Bodies, candidates: Indices, sources: Indices, detections: Detections) -> Booleans:
+    """Return which candidates are beside which sources, as fast, with something standing in the middle between."""
+    shown, axis = bodies.moments().shown, bodies.obstacles.axis[sources]
+    standing = shown[np.hypot(shown[:, 2], shown[:, 3]) < _SPEED, :2]
+    apart = to_travel_axes(shown[candidates, None, :2] - shown[sources, :2], axis)
+    faster = np.abs(to_travel_axes(shown[candidates, None, 2:4] - shown[sources, 2:4], axis))
+    us = to_travel_axes(detections.measurement.origin - shown[sources, :2], axis)[:, 1]
+    beyond = (apart[..., 1] - us) * (apart[..., 1] / 2 - us) > (apart[..., 1] / 2 - us) ** 2
+    alike = (np.abs(apart[..., 0]) < _PLACE) & (faster[..., 0] < _SPEED) & (faster[..., 1] < _ACROSS) & beyond
+    alike &= np.abs(apart[..., 1]) > 2 * _DEPTH
+    for i, j in np.argwhere(alike):
+        middle = (shown[candidates[i], :2] + shown[sources[j], :2]) / 2
+        away = np.abs(to_travel_axes(standing - middle, axis[j]))
+        alike[i, j] = ((away[:, 0] < _SPACING) & (away[:, 1] < _DEPTH)).any()
+    return alike

@@ -1,0 +1,68 @@
+"""Images of vehicles, which a radar sees by echoes of two reflections, are held back."""
+
+from __future__ import annotations
+
+import pytest
+
+from candaemon.config.tracker import TrackerSettings
+from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE
+from candaemon.tracking.vehicle_tracker import VehicleTracker
+from tests.support.builders import CYCLE, Seen, detections, pose
+
+RAIL = 6.0  # m to the left
+
+
+def _states(
+    other: tuple[float, float, float], *, speed: float = 15.0, rail: bool = True, cycles: int = 30
+) -> list[int]:
+    """Return the state that another object had in each cycle beside a car 20 m ahead; we drive 20 m/s.
+
+    Args:
+        other: its first place ahead and to the left, m, and its speed, m/s.
+        speed: of the car.
+        rail: whether posts of a guard rail stand beside.
+        cycles: how many.
+    """
+    settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}, "lifecycle": {"confirm": 4}})
+    tracker, states = VehicleTracker(settings, {}), []
+    for k in range(cycles):
+        time = k * CYCLE
+        seen = [Seen(1, 30.0 + speed * time, 2.0, speed)]
+        seen += [Seen(10 + i, 20.0 + 4.0 * i, RAIL) for i in range(12 if rail else 0)]
+        if k >= 8:
+            seen.append(Seen(2, other[0] + other[2] * (time - 8 * CYCLE), other[1], other[2]))
+        at = pose(time, east=20.0 * time, ve=20.0)
+        told = tracker.step(detections(at, seen, sensor=0, noise=(0.2, 0.2, 0.1)), at)
+        row = told.used_row[told.used_object == 2]
+        if len(row):
+            states.append(int(told.state[row[0]]))
+    return states
+
+
+AT_8 = 8 * CYCLE
+ECHO = (20.0 * AT_8 + 2 * (30.0 - 5.0 * AT_8), 4.0, 10.0)
+MIRRORED = (30.0 + 15.0 * AT_8, 2 * RAIL - 2.0, 15.0)
+
+
+@pytest.mark.parametrize("other", [ECHO, MIRRORED], ids=["doubled", "mirrored"])
+def test_an_image_is_not_confirmed(other: tuple[float, float, float]) -> None:
+    assert set(_states(other)) == {TENTATIVE}
+
+
+@pytest.mark.parametrize(
+    ("other", "rail"),
+    [(MIRRORED, False), ((ECHO[0], 4.0, 15.0), True), ((MIRRORED[0], MIRRORED[1], 19.0), True)],
+    ids=["no rail", "not twice as slow", "faster than in a mirror"],
+)
+def test_what_is_no_image_is_confirmed(other: tuple[float, float, float], rail: bool) -> None:
+    assert _states(other, rail=rail)[-1] == CONFIRMED
+
+
+def test_a_vehicle_that_stays_where_an_image_would_be_is_confirmed_at_last() -> None:
+    states = _states(MIRRORED, cycles=56)
+    assert CONFIRMED not in states[:35]
+    assert states[-1] == CONFIRMED
+
+
+def test_of_a_convoy_none_is_held_for_an_image_of_another() -> None:
+    assert _states((20.0 * AT_8 + 60.0, 4.0, 20.0), speed=20.0)[-1] == CONFIRMED
