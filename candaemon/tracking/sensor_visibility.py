@@ -239,7 +239,7 @@ class _DetectionModel:
             inside = np.minimum(high, opening) - np.maximum(low, -opening)
             share -= 1.0 - np.maximum(inside, 0.0) / np.minimum(2.0 * half, 2.0 * opening)
         within = np.minimum(distance - view.field.min_range, view.field.range - distance) / _RANGE_MARGIN + 0.5
-        return np.maximum(share, 0.0) * np.minimum(np.maximum(within, 0.0), 1.0), distance
+        return np.clip(share, 0.0, 1.0) * np.clip(within, 0.0, 1.0), distance
 
     def part(self, distance: Floats) -> Floats:
         """Return in which part of the range each distance lies (k,)."""

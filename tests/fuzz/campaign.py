@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
 from itertools import islice
@@ -15,6 +15,7 @@ from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.can_io.reorder import ReorderBuffer
 from candaemon.config.load import load_config
+from candaemon.config.tracker import TrackerSettings
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import dump, restore
@@ -100,8 +101,13 @@ def split(frames: int, seed: int, drive: Path | None, parts: int) -> list[list[S
 
 @cache
 def binding(name: str) -> Binding:
-    """Bind a configuration of `config/` by its name."""
-    return bind(load_config(CONFIG / f"{name}.yaml"))
+    """Bind a configuration of `config/` by its name, after which `of KIND` may name another estimator."""
+    name, _, kind = name.partition(" of ")
+    loaded = load_config(CONFIG / f"{name}.yaml")
+    if kind:
+        tracker = TrackerSettings.model_validate({"estimator": {"kind": kind}})
+        loaded = replace(loaded, config=loaded.config.model_copy(update={"tracker": tracker}))
+    return bind(loaded)
 
 
 def run(share: Share, progress: Callable[[int], None] | None = None) -> Result:

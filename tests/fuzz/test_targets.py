@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -81,7 +82,7 @@ def test_long_inputs(name: str) -> None:
         load(name)(chance.randbytes(2000))
 
 
-@pytest.mark.parametrize("config", CONFIGS)
+@pytest.mark.parametrize("config", [*CONFIGS, "demo of imm", "demo of vehicle", "toyota_rav4_ins of vehicle"])
 def test_random_and_mutated_frames(config: str) -> None:
     result = run(Share(config, frames=4000, seed=7))
     assert result.cycles > 10
@@ -92,6 +93,8 @@ def test_random_and_mutated_frames(config: str) -> None:
 
 def test_a_mutated_drive_gives_the_same_twice(drive: Path) -> None:
     share = Share("toyota_rav4_ins", frames=6000, seed=3, drive=drive / "drive_with_ins.log.gz")
+    vehicles = replace(share, config="toyota_rav4_ins of vehicle")
+    assert run(vehicles) == run(vehicles)
     first = run(share)
     assert first.most > 3
     assert first == run(share)

@@ -42,6 +42,7 @@ from candaemon.pipeline.saved_state.header import LONGEST_HEADER
 from candaemon.playback.recording_files import stem
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.tracking.stationary import DriftAnchor
+from tests.fuzz.campaign import binding as fuzzed
 from tests.fuzz.drawn import Drawn
 from tests.fuzz.fuzz_state import signed, with_other_values
 from tests.support.bound import binding
@@ -64,6 +65,10 @@ def of() -> Binding:
 
 @pytest.fixture(scope="module")
 def sound(of: Binding) -> bytes:
+    return state_of(of)
+
+
+def state_of(of: Binding) -> bytes:
     """Return the state of a pipeline that tracks."""
     pipeline = Pipeline(of)
     for _ in pipeline.run(highway(of, 0.6)):
@@ -332,8 +337,11 @@ def test_a_place_has_two_coordinates(shape: tuple[int, ...]) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_a_forged_state_is_refused_or_replayed_to_the_end(of: Binding, sound: bytes, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["imm", "vehicle"])
+def test_a_forged_state_is_refused_or_replayed_to_the_end(tmp_path: Path, kind: str) -> None:
     """All outputs are written: tables, log and figures read the forged numbers, too."""
+    of = fuzzed(f"demo of {kind}")
+    sound = state_of(of)
     folder = tmp_path / "ring"
     folder.mkdir()
     log = folder / f"{stem(10**18, 1)}.log"
