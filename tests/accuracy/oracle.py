@@ -99,7 +99,7 @@ class OracleTracker(VehicleTracker):
             only = np.zeros(len(known), dtype=bool)
             only[first] = True
             reflection[known[mine & only]] = row[known[mine & only]]
-        return Association(body, reflection, np.full(len(detections), np.nan))
+        return Association(body, reflection, np.where(reflection >= 0, 0.0, np.nan))  # each is surely of it
 
     def _initiate(self, association: Association, detections: Detections, pose: EgoPose) -> None:
         """Initiate reflections and bodies one after another: none of them looks for its like."""
