@@ -53,7 +53,7 @@ class ReflectionPlaceSettings(Settings):
     bias_time: float = Field(0.5, gt=0.05, le=60, description="s, with which the leading reflection's bias fades")
     first_bias: float = Field(0.2, gt=0, le=5, description="m, standard deviation of a new body's bias")
     settling: float = Field(
-        0.3,
+        1.0,
         gt=0.02,
         le=1e4,
         description="s, with which a speed across the axis settles where the sensor's reflections are found to walk",

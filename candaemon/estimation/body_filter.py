@@ -35,6 +35,7 @@ TURN, ACCELERATION = 4, 5
 _LOG_2_PI = float(np.log(2.0 * np.pi))
 _LEAST_PROBABILITY = 1e-6
 _SLOW = 1.0  # m/s, below which the course says nothing of the axis
+_STOPPABLE = 3.0  # m/s in every mode that moves, from which nothing comes to stand at once
 _FULL_TURN = 0.6  # rad/s; no vehicle turns faster
 
 
@@ -222,6 +223,7 @@ class BodyFilter:
         if not len(self):
             return
         self._interact(dt)
+        self._keep_moving()
         before = self.combined() if self.linking else None
         transition = self._transition(dt, axis, settling)
         transition.propagate(self._state.covariance.T)
@@ -263,6 +265,14 @@ class BodyFilter:
         covariance -= self._outer(mean, mean)
         mean += origin
         self._state.probability = predicted.T
+
+    def _keep_moving(self) -> None:
+        """Let what moves fast not stand at the next moment: unseen, it would seem to slow down without a reason."""
+        mean, probability = self._state.mean.T, self.probability.T
+        speed = np.hypot(mean[2], mean[3]).min(axis=0, where=self._moves > 0.0, initial=np.inf)
+        stands = (self._moves == 0.0) & (speed > _STOPPABLE)
+        probability[...] = np.where(stands, _LEAST_PROBABILITY, probability)
+        probability /= probability.sum(axis=0)
 
     def _outer(self, left: Floats, right: Floats) -> Floats:
         """Return the products of vectors (8, M, n) and (8, M, n): (8, 8, M, n), for the moment only as of `_room`."""
