@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import cos, sin
 
 import numpy as np
@@ -11,7 +12,7 @@ from candaemon.config.tracker import TrackerSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.kalman import update_scalar
-from candaemon.estimation.measurement import Projection
+from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.radar.detections import Detections
 from candaemon.tracking.body_association import Association, beside
 from candaemon.tracking.body_modes import CRUISING, FREE, MANOEUVRING, SLIDING, STANDING
@@ -20,6 +21,7 @@ from candaemon.tracking.box import CAR_LENGTH, CAR_WIDTH
 from candaemon.tracking.reflections import to_travel_axes
 
 _FIRST_SHARE = np.array([0.3, 0.25, 0.15, 0.01, 0.29])  # of the modes, in their order
+_LEAST_SHARE = 1e-3
 _STANDING_SPREAD = 0.1  # m/s
 
 
@@ -71,11 +73,10 @@ class BodyInitiation:
         """Add a body that a detection shows first; return its row."""
         measurement = detections.measurement
         along, across = self._first_speed.along, self._first_speed.across
+        speeds = _speeds(row, measurement)
         modes: list[tuple[Floats, Floats]] = [(np.zeros(2), np.zeros((2, 2)))] * 5
-        modes[CRUISING] = modes[MANOEUVRING] = modes[SLIDING] = self._first_velocity(
-            row, detections, heading, along, across
-        )
-        modes[FREE] = self._first_velocity(row, detections, heading, along, max(across, 0.4 * along))
+        modes[CRUISING] = modes[MANOEUVRING] = modes[SLIDING] = self._first_velocity(speeds, heading, along, across)
+        modes[FREE] = self._first_velocity(speeds, heading, along, max(across, 0.4 * along))
         modes[STANDING] = np.zeros(2), np.eye(2) * _STANDING_SPREAD**2
         at = slice(row, row + 1)
         bodies.filter.spawn(
@@ -83,7 +84,7 @@ class BodyInitiation:
             measurement.noise[at],
             np.stack([mean for mean, _ in modes])[None],
             np.stack([covariance for _, covariance in modes])[None],
-            _FIRST_SHARE[None],
+            _first_shares(speeds)[None],
         )
         velocity = modes[CRUISING][0]
         backwards = float(velocity @ heading) < 0.0
@@ -91,25 +92,38 @@ class BodyInitiation:
 
     @staticmethod
     def _first_velocity(
-        row: int, detections: Detections, heading: Floats, along: float, across: float
+        speeds: Sequence[Projection], heading: Floats, along: float, across: float
     ) -> tuple[Floats, Floats]:
         """Return a first velocity over ground (2,) and its covariance (2, 2).
 
         The prior is what traffic does: fast along the vehicle's heading, slow across it. Each speed that the sensor
         measured updates it.
         """
-        measurement, left = detections.measurement, np.array([-heading[1], heading[0]])
+        left = np.array([-heading[1], heading[0]])
         mean = np.zeros((1, 2))
         covariance = (along**2 * np.outer(heading, heading) + across**2 * np.outer(left, left))[None]
-        at = slice(row, row + 1)
-        speeds = [Projection(part.direction[at], part.value[at], part.variance[at]) for part in measurement.projections]
-        if measurement.range_rate is not None and measurement.range_rate_variance is not None:
-            sight = measurement.position[at] - measurement.origin
-            unit = sight / np.maximum(np.hypot(sight[:, 0], sight[:, 1]), 1e-3)[:, None]
-            along_sight = measurement.range_rate[at] + unit @ measurement.velocity
-            speeds.append(Projection(unit, along_sight, measurement.range_rate_variance[at]))
         for speed in speeds:
-            if np.isfinite(speed.value[0]):
-                innovation = speed.value - (speed.direction * mean).sum(axis=1)
-                update_scalar(mean, covariance, speed.direction, innovation, speed.variance)
+            innovation = speed.value - (speed.direction * mean).sum(axis=1)
+            update_scalar(mean, covariance, speed.direction, innovation, speed.variance)
         return mean[0], covariance[0]
+
+
+def _speeds(row: int, measurement: Measurement) -> list[Projection]:
+    """Return the speeds over ground that were measured of one detection, one entry each."""
+    at = slice(row, row + 1)
+    speeds = [Projection(part.direction[at], part.value[at], part.variance[at]) for part in measurement.projections]
+    if measurement.range_rate is not None and measurement.range_rate_variance is not None:
+        sight = measurement.position[at] - measurement.origin
+        unit = sight / np.maximum(np.hypot(sight[:, 0], sight[:, 1]), 1e-3)[:, None]
+        along_sight = measurement.range_rate[at] + unit @ measurement.velocity
+        speeds.append(Projection(unit, along_sight, measurement.range_rate_variance[at]))
+    return [speed for speed in speeds if np.isfinite(speed.value[0])]
+
+
+def _first_shares(speeds: Sequence[Projection]) -> Floats:
+    """Return the first probabilities of the modes: what has a speed hardly stands."""
+    shares = _FIRST_SHARE.copy()
+    for speed in speeds:
+        shares[STANDING] *= np.exp(-0.5 * speed.value[0] ** 2 / (speed.variance[0] + _STANDING_SPREAD**2))
+    shares[STANDING] = max(shares[STANDING], _LEAST_SHARE)
+    return np.asarray(shares / shares.sum())

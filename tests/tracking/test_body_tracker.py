@@ -52,6 +52,14 @@ def test_reflections_of_one_vehicle_are_one_obstacle() -> None:
     assert fed.tracker.counts.used == fed.tracker.counts.detections
 
 
+def test_reflections_of_the_first_scan_are_joined() -> None:
+    """The range rate tells the first speed: nothing of it goes to what would stand."""
+    fed = HandFedVehicles()
+    told = fed.scan(0.05, [car(key, 0.05, 40.0 + behind) for key, behind in enumerate(LORRY)])
+    assert len(told) == 1
+    assert told.vx[0] == pytest.approx(SPEED, abs=0.1)
+
+
 def test_two_sensors_that_see_one_vehicle_have_one_obstacle() -> None:
     fed, rng = HandFedVehicles(), np.random.default_rng(2)
     for k, t in enumerate(times(1, 60)):
