@@ -18,6 +18,7 @@ from candaemon.tracking.update import Used
 _HISTORY_LENGTH = 32  # scans in an obstacle's history
 _LEAST_SPEED = 0.5  # m/s; slower, nothing turns
 _SURELY = 0.9  # probability of standing
+_SETTLED = 2.0  # s, after which what never moved stands
 
 
 def report(
@@ -45,6 +46,8 @@ def report(
     axis = obstacles.axis @ turn
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     standing = bodies.filter.probability[:, STANDING] > _SURELY
+    old = (pose.time_ns - obstacles.first_ns) * 1e-9 > _SETTLED
+    standing |= old & (obstacles.fastest < _LEAST_SPEED)
     centre = place - obstacles.facing @ turn
     status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
     status[~obstacles.confirmed] = TENTATIVE

@@ -16,7 +16,7 @@ from candaemon.estimation.body_filter import BIAS, POSITION
 from candaemon.estimation.outline import facing_point
 from candaemon.pipeline.cycle import Cycle
 from candaemon.playback.cycle_smoothing import CycleSmoother
-from candaemon.tracking.obstacles import CONFIRMED, PEDESTRIAN, TRUCK, Obstacles
+from candaemon.tracking.obstacles import CONFIRMED, PEDESTRIAN, STANDING, TRUCK, Obstacles
 from tests.support.builders import HandFedVehicles, Seen, assert_sane, car, place, pose, times
 from tests.support.effort import examples
 
@@ -254,6 +254,15 @@ def test_a_walker_is_small() -> None:
     assert told.kind[0] == PEDESTRIAN
     assert told.length[0] < 1.0
     assert told.vy[0] == pytest.approx(1.4, abs=0.3)
+
+
+@pytest.mark.parametrize("deviation", [0.06, 0.3])
+def test_what_stands_is_told_to_stand(deviation: float) -> None:
+    fed, rng = HandFedVehicles(noise=(0.2, 0.2, deviation)), np.random.default_rng(14)
+    for t in times(1, 100):
+        told = fed.scan(t, noisy(rng, [Seen(0, 60.0, 3.0)], 0.2))
+    assert told.kind[0] == STANDING
+    assert hypot(told.vx[0], told.vy[0]) < 0.3
 
 
 def test_predictions_are_where_things_will_be() -> None:
