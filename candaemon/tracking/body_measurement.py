@@ -8,6 +8,7 @@ from candaemon.arrays import Floats, Indices
 from candaemon.estimation.measurement import Measurement, Projection
 
 _FINITE = 1e-12
+_LEAST_VARIANCE = 1e-4  # m²; an angle's noise is none at range 0, and no place is known better
 
 
 def of_bodies(
@@ -27,8 +28,8 @@ def of_bodies(
     """
     rows, first, group = np.unique(body, return_index=True, return_inverse=True)
     noise = measurement.noise.copy()
-    noise[:, 0, 0] += spread
-    noise[:, 1, 1] += spread
+    noise[:, 0, 0] += spread + _LEAST_VARIANCE
+    noise[:, 1, 1] += spread + _LEAST_VARIANCE
     a, b, d = noise[:, 0, 0], noise[:, 0, 1], noise[:, 1, 1]
     determinant = a * d - b * b
     place = measurement.position - offset
