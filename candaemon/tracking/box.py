@@ -13,6 +13,7 @@ from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import POSITION, VELOCITY
 from candaemon.estimation.outline import facing_point
+from candaemon.frames.bodies import CLASSES
 from candaemon.radar.detections import Detections
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
@@ -31,8 +32,7 @@ _NEVER_ALONE = -1e12  # s: of what has shown several
 _MOVED, _RIDING = 0.5, 9.0  # m/s
 _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
 _TOLD = 0.1  # m²; a width known better was told
-_CLASSES = 6
-UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(_CLASSES)
+UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 _TRUCK_LENGTH, _NARROW, _WALKING = 7.0, 1.1, 3.5
 
 
@@ -48,16 +48,16 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
     """
     obstacles, body = bodies.obstacles, bodies.reflections.body[reflections]
     if detections.length is not None:
-        _average(obstacles.length, obstacles.length_variance, body, detections.length[rows])
+        _average(obstacles.length, obstacles.length_variance, body, detections.length[rows], dt)
     if detections.width is not None:
-        _average(obstacles.width, obstacles.width_variance, body, detections.width[rows])
+        _average(obstacles.width, obstacles.width_variance, body, detections.width[rows], dt)
     if detections.heading is not None:
         _turn(bodies, body, detections.heading[rows])
     _note_size(bodies, body, detections, rows, dt)
     _grow(bodies, detections.time_ns)
 
 
-def _average(size: Floats, variance: Floats, body: Indices, told: Floats) -> None:
+def _average(size: Floats, variance: Floats, body: Indices, told: Floats, dt: float) -> None:
     """Average sizes (k,) with those told (m,) of their bodies, as a Kalman filter does."""
     known = np.isfinite(told)
     if not known.any():
@@ -66,7 +66,7 @@ def _average(size: Floats, variance: Floats, body: Indices, told: Floats) -> Non
     count = np.bincount(body, minlength=len(size))
     seen = count > 0
     mean = np.bincount(body, told, len(size))[seen] / count[seen]
-    prior = variance[seen] + _SIZE_WALK * 0.05
+    prior = variance[seen] + _SIZE_WALK * dt
     gain = prior / (prior + _SIZE_NOISE**2)
     size[seen] += gain * (mean - size[seen])
     variance[seen] = (1.0 - gain) * prior

@@ -24,9 +24,9 @@ from candaemon.tracking.smoother_history import SmootherHistory
 from candaemon.tracking.track_store import TrackStore, TrackStoreState
 from candaemon.tracking.update import TrackerCounts, Update, Used
 
-_MISSED_SCAN = 2.4  # cycles: two, and the jitter of a scan
-_EARLIEST_NS = -LATEST_NS // 2  # a measurement may lie before the first instant, by a latency
-_LATEST_RETRODICTION = 0.5  # s by which a scan may be older than the one before it and still update tracks
+MISSED_SCAN = 2.4  # cycles: two, and the jitter of a scan
+EARLIEST_NS = -LATEST_NS // 2  # a measurement may lie before the first instant, by a latency
+LATEST_RETRODICTION = 0.5  # s by which a scan may be older than the one before it and still update tracks
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 
@@ -73,7 +73,7 @@ class Tracker:
         slack_ns: int = 0,
         views: Sequence[SensorView] = (),
     ) -> None:
-        self._tentative_coast = max(settings.lifecycle.tentative_coast, _MISSED_SCAN * cycle_time)
+        self._tentative_coast = max(settings.lifecycle.tentative_coast, MISSED_SCAN * cycle_time)
         self.settings = settings
         self._views = views
         self._slack_ns = slack_ns
@@ -98,7 +98,7 @@ class Tracker:
 
     @state.setter
     def state(self, state: TrackerState) -> None:
-        if not _EARLIEST_NS <= state.time_ns <= LATEST_NS:
+        if not EARLIEST_NS <= state.time_ns <= LATEST_NS:
             raise ValueError("the tracks' time is out of range")
         self._tracks.state = state.tracks
         self._state = state
@@ -172,7 +172,7 @@ class Tracker:
         self._state.time_ns = time_ns
         if dt > 0.0:
             self._tracks.predict(dt)
-        elif -_LATEST_RETRODICTION < dt < 0.0:
+        elif -LATEST_RETRODICTION < dt < 0.0:
             self._tracks.retrodict(-dt)
 
     def _associate(self, detections: Detections) -> tuple[Indices, Indices]:

@@ -35,10 +35,9 @@ from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoise
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.sensor_visibility import VisibilityState
 from candaemon.tracking.smoother_history import SmootherHistory
+from candaemon.tracking.tracker import EARLIEST_NS, LATEST_RETRODICTION, MISSED_SCAN
 from candaemon.tracking.update import TrackerCounts, Update, Used
 
-_MISSED_SCAN = 2.4  # cycles: two, and the jitter of a scan
-_EARLIEST_NS = -LATEST_NS // 2  # a measurement may lie before the first instant, by a latency
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 _AXIS_TIME = 0.15  # s, with which the axis follows the course
@@ -106,7 +105,7 @@ class VehicleTracker:
             raise TypeError(f"found the settings of a {estimator.kind} estimator, expected those of vehicle")
         self.settings = settings
         self._places = estimator.reflections
-        self._tentative_coast = max(settings.lifecycle.tentative_coast, _MISSED_SCAN * cycle_time)
+        self._tentative_coast = max(settings.lifecycle.tentative_coast, MISSED_SCAN * cycle_time)
         self._views, self._slack_ns = views, slack_ns
         self._bodies = Bodies(estimator, identities or Identities())
         self._initiation = BodyInitiation(settings, estimator)
@@ -136,7 +135,7 @@ class VehicleTracker:
 
     @state.setter
     def state(self, state: VehicleTrackerState) -> None:
-        if not _EARLIEST_NS <= state.time_ns <= LATEST_NS:
+        if not EARLIEST_NS <= state.time_ns <= LATEST_NS:
             raise ValueError("the obstacles' time is out of range")
         self._bodies.state = state.tracks
         self._noise.state = state.noise
@@ -239,7 +238,7 @@ class VehicleTracker:
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
             bodies.changed()
-        elif dt < 0.0:
+        elif -LATEST_RETRODICTION < dt < 0.0:
             velocity = bodies.moments().mean[:, VELOCITY]
             bodies.filter.shift(dt * velocity)
             bodies.changed()
@@ -314,7 +313,7 @@ class VehicleTracker:
         )
 
     def _let_wander(self, dt: float) -> None:
-        """Let the offsets return towards the leading reflection, and their variance towards the spread."""
+        """Let the variances of the offsets return towards the spread; the leading reflection is where it is."""
         places, reflections = self._places, self._bodies.reflections
         keep = exp(-dt / places.spread_time)
         follows = np.ones(len(reflections), dtype=np.bool_)
