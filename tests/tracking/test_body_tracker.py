@@ -393,3 +393,12 @@ def test_any_detections_leave_it_sane(scans: list[tuple[float, int, list[Seen], 
     bodies = fed.tracker._bodies
     assert len(bodies.filter) == len(bodies.obstacles)
     assert np.isfinite(bodies.moments().mean[:, BIAS]).all()
+
+
+def test_a_scan_an_hour_older_moves_nothing() -> None:
+    """A late scan takes obstacles back along their velocities, but only one that is late by less than half a second."""
+    fed = HandFedVehicles()
+    for t in times(1, 80):
+        told = fed.scan(t, lorry(t))
+    late = fed.coast(told.time_ns * 1e-9 - 3600.0)
+    assert np.abs(late.east - told.east).max() < 1.0
