@@ -31,11 +31,19 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> WorkSte
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _no_folder_of_the_user_is_written_to(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Let the commands that tests start have a cache of this run, all workers the same."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp().parent / "cache"))
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _each_dbc_is_parsed_once() -> Iterator[None]:
     """Let `bind` load a DBC file of the same path and content once: parsing is most of what many tests would do."""
     loaded: dict[tuple[Path, bytes], Database] = {}
 
-    def load_once(path: Path, read: FileReader) -> Database:
+    def load_once(path: Path, read: FileReader, _folder: Path | None) -> Database:
         try:
             content = read(path, LONGEST_FILE)
         except OSError:
@@ -46,7 +54,7 @@ def _each_dbc_is_parsed_once() -> Iterator[None]:
         return loaded[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("candaemon.binding.bind.load_database", load_once)
+        patch.setattr("candaemon.binding.bind.load_cached", load_once)
         yield
 
 

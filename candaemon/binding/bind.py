@@ -16,7 +16,7 @@ from candaemon.binding.conflicts import check_identifiers, range_warnings
 from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.config.ego import StaticSettings
 from candaemon.config.load import LoadedConfig
-from candaemon.dbc.database import load_database
+from candaemon.dbc.database_cache import cache_folder, load_cached
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.errors import ConfigError, DatabaseError
 from candaemon.frames.frame import EXTENDED
@@ -114,7 +114,7 @@ class _Databases:
         if path not in self.by_path:
             self.failed.add(path)
             try:
-                self.by_path[path] = load_database(path, self.loaded.read)
+                self.by_path[path] = load_cached(path, self.loaded.read, cache_folder())
             except DatabaseError as error:
                 if not isinstance(error.__cause__, FileNotFoundError):
                     raise

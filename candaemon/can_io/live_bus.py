@@ -12,7 +12,7 @@ from selectors import EVENT_READ, BaseSelector
 from typing import Final
 
 from candaemon.can_io.open_port import BackgroundOpening, open_port
-from candaemon.can_io.port import PORT_ERRORS, BusState, Port, PortRequest
+from candaemon.can_io.port import BusState, Port, PortRequest, port_errors
 from candaemon.can_io.tx_queue import TxQueue
 from candaemon.errors import BusError
 from candaemon.frames.frame import Frame
@@ -142,7 +142,7 @@ class LiveBus:
             return []
         try:
             frames = port.receive(limit)
-        except (BusError, *PORT_ERRORS) as error:
+        except port_errors(BusError) as error:
             self._go_down(error, now_s)
             return self._take_remaining()
         if port.controller != self.state.controller:
@@ -227,7 +227,7 @@ class LiveBus:
         """Look whether an open bus is still there, or there again."""
         try:
             port.check()
-        except PORT_ERRORS as error:
+        except port_errors() as error:
             self._go_down(error, now_s)
             return
         self._next_s = now_s + _CHECK_S
@@ -247,7 +247,7 @@ class LiveBus:
             return 0
         try:
             sent = port.send(self._waiting.frames)
-        except PORT_ERRORS as error:
+        except port_errors() as error:
             self._go_down(error, now_s)
             return 0
         self._waiting.remove_first(sent)
@@ -320,13 +320,13 @@ class LiveBus:
         if port is None:
             return
         self._selector.unregister(self._descriptor)
-        with suppress(*PORT_ERRORS):
+        with suppress(*port_errors()):
             port.close()
 
 
 def _last_frames(port: Port, limit: int) -> list[Frame]:
     """Return what a bus had received before it went: a socket reports its errors first, down and then deleted."""
     for _ in range(_ERRORS_BEFORE_FRAMES):
-        with suppress(BusError, *PORT_ERRORS):
+        with suppress(*port_errors(BusError)):
             return port.receive(limit)
     return []

@@ -8,17 +8,14 @@ from contextlib import suppress
 from threading import Lock, Thread
 from typing import TypeAlias
 
-import can
-
-from candaemon.can_io.port import PORT_ERRORS, Port, PortRequest
-from candaemon.can_io.python_can import PythonCanPort
+from candaemon.can_io.port import Port, PortRequest, port_errors
 from candaemon.can_io.socketcan import SocketCanPort
 from candaemon.can_io.threaded_port import ThreadedPort
 from candaemon.can_io.udp_multicast import UdpMulticastPort
 from candaemon.config.buses import BusSettings
 from candaemon.errors import BusError
 
-_OPEN_ERRORS = (*PORT_ERRORS, ImportError, NotImplementedError, TypeError, AttributeError, NameError)
+_WRAPPER_ERRORS = (ImportError, NotImplementedError, TypeError, AttributeError, NameError)
 """Where a driver's library is not installed, some of python-can's wrappers miss the names that it would have had."""
 
 _HINTS = {
@@ -37,6 +34,8 @@ PortMaker: TypeAlias = Callable[[PortRequest], Port]
 
 def open_through_python_can(request: PortRequest) -> Port:
     """Open a bus through python-can, read by a thread: not every interface can be waited for by a descriptor."""
+    from candaemon.can_io.python_can import PythonCanPort  # noqa: PLC0415 - python-can, which no other port needs
+
     return ThreadedPort(PythonCanPort(request), request.name, request.counts)
 
 
@@ -56,9 +55,21 @@ def open_port(request: PortRequest) -> Port:
     settings = request.settings
     try:
         return PORTS.get(settings.interface, open_through_python_can)(request)
-    except _OPEN_ERRORS as error:
+    except port_errors(*_WRAPPER_ERRORS) as error:
         where = f"bus '{request.name}': cannot open {settings.interface} '{settings.channel}'"
         raise BusError(f"{where}: {_reason(error, settings)}; {_hint(request.name, settings)}") from error
+
+
+def is_known(interface: str) -> bool:
+    """Return whether a bus may have an interface of this name."""
+    return interface in PORTS or interface in known_interfaces()
+
+
+def known_interfaces() -> list[str]:
+    """Return the names of python-can's interfaces, in order."""
+    import can  # noqa: PLC0415 - it takes longer than all else at a start, and most buses are served without it
+
+    return sorted(can.VALID_INTERFACES)
 
 
 def _reason(error: Exception, settings: BusSettings) -> str:
@@ -78,8 +89,8 @@ def _reason(error: Exception, settings: BusSettings) -> str:
 
 def _hint(name: str, settings: BusSettings) -> str:
     """Say what to do about a bus that cannot be opened."""
-    if settings.interface not in (*PORTS, *can.VALID_INTERFACES):
-        return f"expected one of python-can's interfaces: {', '.join(sorted(can.VALID_INTERFACES))}"
+    if not is_known(settings.interface):
+        return f"expected one of python-can's interfaces: {', '.join(known_interfaces())}"
     hint = _HINTS.get(settings.interface, _HINT)
     return hint.format(name=name, channel=settings.channel, bitrate=settings.bitrate)
 
@@ -136,5 +147,5 @@ class BackgroundOpening:
 def _close(port: Port | None) -> None:
     """Close a bus if there is one; what fails then is of no use to anyone."""
     if port is not None:
-        with suppress(*PORT_ERRORS):
+        with suppress(*port_errors()):
             port.close()

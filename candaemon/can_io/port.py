@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeAlias
 
-import can
-
 from candaemon.config.buses import BusSettings
 from candaemon.frames.frame import Frame
-
-PORT_ERRORS = (can.CanError, OSError, ValueError)
-"""What a port raises when its bus is gone; select raises ValueError on a closed file."""
 
 Controller: TypeAlias = Literal["active", "warning", "passive", "bus-off"]
 """A CAN controller's state after ISO 11898-1: error active, the same with a warning, error passive, off the bus."""
@@ -105,21 +101,21 @@ class Port(Protocol):
     def receive(self, limit: int) -> list[Frame]:
         """Return what has come, `limit` frames at most.
 
-        Raises `PORT_ERRORS`: the bus is gone, or its link is down. No frame is lost by that: what fails behind some
+        Raises `port_errors`: the bus is gone, or its link is down. No frame is lost by that: what fails behind some
         frames is raised by the next call.
         """
 
     def send(self, frames: Sequence[Frame]) -> int:
         """Send frames until one finds no room, or fails; return how many were taken.
 
-        Raises `PORT_ERRORS`: none was sent.
+        Raises `port_errors`: none was sent.
         """
 
     def check(self) -> None:
-        """Look whether the bus is still there; asked once a second. Raises `PORT_ERRORS` where it is not."""
+        """Look whether the bus is still there; asked once a second. Raises `port_errors` where it is not."""
 
     def close(self) -> None:
-        """Close the bus; count what had come and nobody has read. Raises `PORT_ERRORS`."""
+        """Close the bus; count what had come and nobody has read. Raises `port_errors`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,3 +137,17 @@ class PortRequest:
     counts: PortCounts
     ids: Collection[int] | None = None
     rate: float | None = None
+
+
+def port_errors(*further: type[Exception]) -> tuple[type[Exception], ...]:
+    """Return what a port raises when its bus is gone, select's ValueError on a closed file among it, to catch it.
+
+    python-can's own error is among them where something has imported python-can: without that nothing raises it, and
+    importing it takes longer than all else at a start.
+
+    Args:
+        further: to be caught too.
+    """
+    python_can = sys.modules.get("can")
+    errors: tuple[type[Exception], ...] = (OSError, ValueError, *further)
+    return errors if python_can is None else (python_can.CanError, *errors)

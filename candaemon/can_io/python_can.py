@@ -7,37 +7,15 @@ from typing import Any
 
 import can
 
-from candaemon.can_io.port import PORT_ERRORS, PortRequest
+from candaemon.can_io.port import PortRequest, port_errors
 from candaemon.config.buses import BusSettings
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.frame_block import FD_LENGTHS
-from candaemon.frames.times import LATEST_NS
+from candaemon.frames.times import nanoseconds
 
 _ID_29 = 0x1FFF_FFFF
 _ID_11 = 0x7FF
 _CLASSIC = 8
-_NS_EXACT = 4_000_000.0
-"""Seconds up to which a float resolves nanoseconds."""
-_LATEST_S = LATEST_NS // 1_000_000_000
-
-
-def nanoseconds(seconds: float) -> int:
-    """Return float seconds in nanoseconds, without the digits that the float made up.
-
-    A float of seconds since 1970 holds steps of 0.24 µs, so it is rounded to the microsecond that was meant; one small
-    enough to hold nanoseconds is rounded to these.
-
-    Args:
-        seconds: time stamp in s.
-
-    Raises:
-        ValueError: it is no number, or one before 1970 or after 2116 (`LATEST_NS`).
-    """
-    if not 0 <= seconds < _LATEST_S:
-        raise ValueError(f"time stamp {seconds} s is out of range")
-    if seconds < _NS_EXACT:
-        return round(seconds * 1e9)
-    return round(seconds * 1e6) * 1000
 
 
 def to_frame(message: can.Message, bus: int) -> Frame:
@@ -117,7 +95,7 @@ class PythonCanPort:
             self._take(message, frames)
             try:
                 message = self._bus.recv(0)
-            except PORT_ERRORS:
+            except port_errors():
                 if frames:  # an error that lasts comes again
                     return frames
                 raise

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from threading import Event, Lock, Thread
 from typing import Final, Protocol
 
-from candaemon.can_io.port import PORT_ERRORS, Controller, PortCounts
+from candaemon.can_io.port import Controller, PortCounts, port_errors
 from candaemon.errors import BusError
 from candaemon.frames.frame import Frame
 
@@ -23,13 +23,13 @@ class BlockingPort(Protocol):
     """A port whose `receive` waits. `receive` and `send` run in two threads at the same time."""
 
     def receive(self, limit: int, timeout_s: float) -> list[Frame]:
-        """Wait up to `timeout_s` s for a frame; return it and those behind it. Raises `PORT_ERRORS`."""
+        """Wait up to `timeout_s` s for a frame; return it and those behind it. Raises `port_errors`."""
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """Send frames until one is refused; return how many were taken. Raises `PORT_ERRORS`."""
+        """Send frames until one is refused; return how many were taken. Raises `port_errors`."""
 
     def close(self) -> None:
-        """Close the bus. Raises `PORT_ERRORS`."""
+        """Close the bus. Raises `port_errors`."""
 
 
 class ThreadedPort:
@@ -69,7 +69,7 @@ class ThreadedPort:
         """Return the frames that wait, `limit` at most.
 
         Raises:
-            PORT_ERRORS, BusError: none waits, and none will: reading failed.
+            port_errors, BusError: none waits, and none will: reading failed.
         """
         with self._lock:
             frames, self._frames = self._frames[:limit], self._frames[limit:]
@@ -105,7 +105,7 @@ class ThreadedPort:
         try:
             while not self._closing.is_set():
                 self._put(self._port.receive(_BATCH, _POLL_S))
-        except PORT_ERRORS as reason:
+        except port_errors() as reason:
             error = reason
         finally:
             with self._lock:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bind_signal import DIMENSIONS, SI_NAMES
@@ -42,7 +43,9 @@ from candaemon.dbc.types import MessageSpec
 from candaemon.frames.frame import EXTENDED
 from candaemon.objects.message_layout import MessageLayout
 from candaemon.objects.signals import SignalBinding
-from candaemon.playback.replay import Replayed, ReplayRequest, replay
+
+if TYPE_CHECKING:
+    from candaemon.playback.replay import Replayed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,6 +61,8 @@ def execute(arguments: argparse.Namespace) -> None:
     binding = bind(load_config(find_config(arguments.config)))
     sheets = list(check_report(binding))
     if arguments.log is not None:
+        from candaemon.playback.replay import ReplayRequest, replay  # noqa: PLC0415 - only a log needs the pipeline
+
         with log_progress(arguments.log.name) as progress:
             replayed = replay(binding, ReplayRequest(arguments.log), progress)
         sheets[-1:-1] = _ego_in_log(replayed)

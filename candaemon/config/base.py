@@ -35,7 +35,7 @@ UNIT_FACTORS: dict[str, float] = {
 class Settings(BaseModel):
     """Base of all settings: unknown keys are errors, values are checked once and frozen."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
     @field_validator("*")
     @classmethod

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import can
-
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
+from candaemon.can_io.open_port import is_known, known_interfaces
 from candaemon.config.load import load_config
 from candaemon.files.bounded import FileReader, read_bounded
 
@@ -24,10 +23,10 @@ def load_service_config(path: Path, read: FileReader = read_bounded) -> Binding:
     """
     binding = bind(load_config(path, read))
     for bus in binding.buses:
-        if bus.settings.interface not in can.VALID_INTERFACES:
+        if not is_known(bus.settings.interface):
             raise binding.loaded.error(
                 ("buses", bus.name, "interface"),
                 f"found '{bus.settings.interface}', expected an interface of python-can: "
-                f"{', '.join(sorted(can.VALID_INTERFACES))}",
+                f"{', '.join(known_interfaces())}",
             )
     return binding

@@ -23,13 +23,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Literal
-
-import cantools
-from cantools.database.can import Database as ParsedDatabase
-from cantools.database.can import Message as ParsedMessage
-from cantools.database.can import Signal as ParsedSignal
-from cantools.database.errors import UnsupportedDatabaseFormatError
+from typing import TYPE_CHECKING, Final, Literal
 
 from candaemon.dbc import bits
 from candaemon.dbc.lint import FD_LENGTH, Lint, Report
@@ -37,6 +31,10 @@ from candaemon.dbc.types import Database, Diagnostic, MessageSpec, SignalSpec
 from candaemon.errors import DatabaseError
 from candaemon.files.bounded import FileReader, read_bounded
 from candaemon.frames.frame import EXTENDED
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message as ParsedMessage
+    from cantools.database.can import Signal as ParsedSignal
 
 CLASSIC_LENGTH: Final = 8
 """Payload bytes of a classic CAN frame, at most."""
@@ -100,8 +98,41 @@ def load_database(path: Path, read: FileReader = read_bounded) -> Database:
     Raises:
         DatabaseError: the file cannot be read, or no message is left in it.
     """
+    return parse_database(read_database(path, read), path)
+
+
+def read_database(path: Path, read: FileReader = read_bounded) -> bytes:
+    """Read a DBC file's bytes.
+
+    Args:
+        path: the file.
+        read: reads it.
+
+    Raises:
+        DatabaseError: it cannot be read.
+    """
+    try:
+        return read(path, LONGEST_FILE)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise DatabaseError(f"cannot be read ({reason}); expected a DBC file", file=path) from error
+
+
+def parse_database(content: bytes, path: Path) -> Database:
+    """Parse a DBC file's bytes, tolerantly.
+
+    Args:
+        content: in UTF-8, Windows-1252, or UTF-16 with its byte order mark.
+        path: the file, for what is said of it.
+
+    Returns:
+        Its messages, and each repair and oddity as a warning.
+
+    Raises:
+        DatabaseError: no message is left in it.
+    """
     repairs, oddities = Findings(path), Findings(path)
-    contents = mend(split_statements(close_strings(_read(path, read), repairs.add), repairs.add), repairs.add)
+    contents = mend(split_statements(close_strings(_decode(content), repairs.add), repairs.add), repairs.add)
     messages: dict[str, MessageSpec] = {}
     by_id: dict[int, MessageSpec] = {}
     lint = Lint(oddities.add)
@@ -185,12 +216,7 @@ class Quota:
             report(self.line, f"{self.refused:,} {self.what} beyond the {self.most:,} that are read: left out")
 
 
-def _read(path: Path, read: FileReader) -> str:
-    try:
-        raw = read(path, LONGEST_FILE)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise DatabaseError(f"cannot be read ({reason}); expected a DBC file", file=path) from error
+def _decode(raw: bytes) -> str:
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         text = raw.decode("utf-16", errors="replace")
     else:
@@ -851,6 +877,10 @@ def _load(
     definitions: str, piece: Sequence[Identified], report: Report
 ) -> Iterator[tuple[Identified, list[ParsedMessage]]]:
     """Let cantools read a piece; if it refuses it, each identifier of it on its own."""
+    import cantools  # noqa: PLC0415 - it costs more than reading the file, which most starts find in the cache
+    from cantools.database.can import Database as ParsedDatabase  # noqa: PLC0415 - likewise
+    from cantools.database.errors import UnsupportedDatabaseFormatError  # noqa: PLC0415 - likewise
+
     text = [definitions]
     for identified in piece:
         for message in identified.messages:

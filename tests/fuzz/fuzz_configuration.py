@@ -67,13 +67,13 @@ def _parsed(path: Path) -> Database:
     return load_database(path)
 
 
-def _database(path: Path, _read: FileReader) -> Database:
+def _database(path: Path, _read: FileReader, _folder: Path | None) -> Database:
     return _parsed(path)
 
 
 def _bound(path: Path) -> Binding:
     """Bind a configuration; a DBC file is parsed once in the process, which is most of the time that it would take."""
-    with patch("candaemon.binding.bind.load_database", _database):
+    with patch("candaemon.binding.bind.load_cached", _database):
         return bind(load_config(path))
 
 

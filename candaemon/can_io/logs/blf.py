@@ -18,9 +18,9 @@ from struct import Struct
 from typing import Final, NamedTuple
 
 from candaemon.can_io.logs.stream import MOST_IN_VAIN, ChannelMap, LogBytes, LogCounts
-from candaemon.can_io.python_can import nanoseconds
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.frame_block import FD_LENGTHS
+from candaemon.frames.times import nanoseconds
 
 LONGEST_CONTAINER: Final = 16 << 20
 """Bytes of a container, packed and unpacked; usual are 128 KiB."""
