@@ -11,10 +11,12 @@ from typing import Any, Final
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.cli import console
-from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, number, output_path, refused, speed
+from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, number, output_folder, output_path, refused, speed
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError, InputError
+from candaemon.exports.drive_tables import SUMMARIES, summary_rows
+from candaemon.exports.parquet import SUFFIX, ParquetTable
 from candaemon.files.outputs import Outputs
 from candaemon.playback.recording_files import files_of
 from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
@@ -39,7 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
     parser.add_argument("log", type=input_path, metavar="LOG", help=f"{LOG_FORMATS}; or the folder of a recording")
     parser.add_argument("-o", "--output", type=output_path, metavar="OUT", help="log of the obstacles' frames")
-    parser.add_argument("--tracks", type=output_path, metavar="CSV", help="table of the obstacles, a row a cycle")
+    parser.add_argument(
+        "--tracks", type=output_path, metavar="CSV", help="table of the obstacles, a row a cycle; or a .parquet"
+    )
+    parser.add_argument(
+        "--parquet", type=output_folder, metavar="DIR", help="folder for tracks, detections, cycles and summaries"
+    )
     parser.add_argument(
         "--predictions", type=output_path, metavar="CSV", help="table of where each detection is expected"
     )
@@ -52,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--smooth",
         type=number(SHORTEST_LAG, LONGEST_LAG, "s"),
         metavar="S",
-        help="smooth the table of --tracks with so many s of what comes, such as 1; what is sent stays as it is",
+        help="smooth the tracks in the tables with so many s of what comes, such as 1; what is sent stays as it is",
     )
     parser.add_argument(
         "--fresh", action="store_true", help="begin with nothing, even where a recording says what the service knew"
@@ -85,6 +92,7 @@ def execute(arguments: argparse.Namespace) -> None:
         dict(arguments.map),
         arguments.smooth,
         arguments.fresh,
+        arguments.parquet,
     )
     _check_request(request, binding)
     with Outputs([*binding.files, *files_of(arguments.log)]) as outputs:
@@ -92,6 +100,9 @@ def execute(arguments: argparse.Namespace) -> None:
         with console.log_progress(arguments.log.name) as progress:
             replayed = replay(binding, request, progress, outputs)
         figures = summarise(replayed)
+        if request.parquet is not None:
+            with ParquetTable(outputs.open(request.parquet / f"{SUMMARIES.name}{SUFFIX}"), SUMMARIES) as table:
+                table.add(*summary_rows(figures))
         if summary is not None:
             summary.stream.write(f"{json.dumps(figures, indent=2, allow_nan=False)}\n".encode())
         silent = [name for name, counts in figures["sensors"].items() if not counts["used"]]
@@ -125,8 +136,8 @@ def _check_request(request: ReplayRequest, binding: Binding) -> None:
             f"-o {request.output}: the configuration has no 'output', so there are no frames to write; add one",
             file=binding.loaded.path,
         )
-    if request.smooth is not None and request.tracks is None:
-        raise ConfigError("--smooth is for the table of obstacles; name it with --tracks")
+    if request.smooth is not None and request.tracks is None and request.parquet is None:
+        raise ConfigError("--smooth is for the table of obstacles; name it with --tracks or --parquet")
 
 
 def horizons(text: str) -> tuple[float, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import chain
@@ -21,7 +21,10 @@ from candaemon.config.ego import InsSettings
 from candaemon.errors import InputError
 from candaemon.evaluation.drive_score import DriveScore
 from candaemon.evaluation.tables import EARTH_COLUMNS, TRACK_COLUMNS, PredictionWriter, TrackWriter, track_columns
-from candaemon.files.outputs import Outputs
+from candaemon.exports.drive_sink import DriveSink
+from candaemon.exports.drive_tables import CYCLES, DETECTIONS, TRACKS
+from candaemon.exports.parquet import SUFFIX, ParquetDrive, ParquetTable
+from candaemon.files.outputs import Outputs, make_folder
 from candaemon.frames.frame import Frame, Tick
 from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.cycle import Cycle
@@ -48,13 +51,14 @@ class ReplayRequest:
     Attributes:
         log: the recorded drive, or a folder: a recording of the service, or consecutive logs.
         output: log of the frames that the service would have sent; None: not written.
-        tracks: table of obstacles; None: not written.
+        tracks: table of obstacles, in Parquet if its name ends so, else in CSV; None: not written.
         predictions: table of expected positions; None: not written.
         horizons: of the predictions, s.
         speed: times real time; None: as fast as possible.
         channels: additional channel names in the log: channel → bus.
         smooth: lag of the smoothing of the table of obstacles, s; None: the table holds the causal estimates.
         fresh: start with an empty pipeline, even where the recording holds the service's state.
+        parquet: folder of the tables of tracks, detections and cycles in Parquet; None: not written.
     """
 
     log: Path
@@ -66,6 +70,7 @@ class ReplayRequest:
     channels: dict[str, str] = field(default_factory=dict)
     smooth: float | None = None
     fresh: bool = False
+    parquet: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +102,7 @@ def replay(
     request: ReplayRequest,
     progress: Callable[[LogCounts], None] | None = None,
     outputs: Outputs | None = None,
+    sinks: Sequence[DriveSink] = (),
 ) -> Replayed:
     """Replay a log.
 
@@ -105,6 +111,7 @@ def replay(
         request: the log and the files to write.
         progress: called once a cycle.
         outputs: where the files are written among others, made with all that is read; None: they are all.
+        sinks: what else takes the drive.
 
     Raises:
         ConfigError: a file would be written over one that is read, or twice.
@@ -119,12 +126,13 @@ def replay(
         check_log(log)
     with ExitStack() as files:
         outputs = outputs or files.enter_context(Outputs([*binding.files, *files_of(request.log)]))
-        writers = _Writers(binding, request, outputs, files)
+        writers = _Writers(binding, request, outputs, files, sinks)
         for run, pipeline in _begun(binding, recorded):
             sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
             written = _CycleOutputs(binding, pipeline, request, writers, score)
             strays = StrayTimes()
             blocks = chain.from_iterable(read_log_blocks(log, channels, counts) for log in run.logs)
+            clock.sinks = tuple(sink for sink in writers.sinks if sink.takes_frames)
             for cycle in _cycles(pipeline, sequence, strays.removed(blocks), clock, request.speed):
                 written.write(cycle)
                 if progress is not None:
@@ -134,6 +142,8 @@ def replay(
             written.finish()
             steps.add(sequence)
             stray_times += strays.corrected
+        for sink in writers.sinks:
+            sink.finish()
         counts.require_frames(request.log)
     seconds = time.perf_counter() - started
     return Replayed(pipeline, counts, steps, stray_times, score, clock.first_ns, clock.last_ns, seconds)
@@ -184,15 +194,17 @@ def _cycles(
 
 
 class _LogClock:
-    """Records the log's time, and paces frames to a multiple of real time.
+    """Records the log's time, paces frames to a multiple of real time, and shows them to who takes frames.
 
     Attributes:
         first_ns, last_ns: times of the first and last item that passed. A first time of 0 counts as none.
+        sinks: take the frames that pass.
     """
 
     def __init__(self) -> None:
         self.first_ns = 0
         self.last_ns = 0
+        self.sinks: tuple[DriveSink, ...] = ()
 
     def observed(self, blocks: Iterable[ItemBlock]) -> Iterator[ItemBlock]:
         """Pass blocks on unchanged."""
@@ -201,6 +213,8 @@ class _LogClock:
                 times = block.time_ns.tolist() if isinstance(block, FrameBlock) else [item[0] for item in block]
                 self.first_ns = self.first_ns or next(filter(None, times), 0)
                 self.last_ns = times[-1]
+            for sink in self.sinks:
+                sink.add_frames(block)
             yield block
 
     def paced(self, items: Iterable[Frame | Tick], speed: float) -> Iterator[Frame | Tick]:
@@ -219,6 +233,8 @@ class _LogClock:
                 started -= ahead
             elif ahead > 0.001:
                 time.sleep(ahead)
+            for sink in self.sinks:
+                sink.add_frames((item,))
             yield item
 
 
@@ -232,19 +248,38 @@ def _channels(binding: Binding, further: dict[str, str]) -> dict[str, int]:
 class _Writers:
     """The open files that a replay writes."""
 
-    def __init__(self, binding: Binding, request: ReplayRequest, outputs: Outputs, files: ExitStack) -> None:
+    def __init__(
+        self,
+        binding: Binding,
+        request: ReplayRequest,
+        outputs: Outputs,
+        files: ExitStack,
+        sinks: Sequence[DriveSink],
+    ) -> None:
         channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
         ego = binding.settings.ego
         georeferenced = isinstance(ego, InsSettings) and ego.gnss is not None
         self.log = self.tracks = self.predictions = None
         if request.output is not None:
             self.log = files.enter_context(open_log_writer(outputs.open(request.output), channels))
-        if request.tracks is not None:
+        self.sinks = (*sinks, *_parquet_sinks(request, [sensor.name for sensor in binding.sensors], outputs))
+        if request.tracks is not None and request.tracks.suffix != SUFFIX:
             self.tracks = files.enter_context(
                 TrackWriter(outputs.open(request.tracks), (*(EARTH_COLUMNS if georeferenced else ()), *TRACK_COLUMNS))
             )
         if request.predictions is not None:
             self.predictions = files.enter_context(PredictionWriter(outputs.open(request.predictions)))
+
+
+def _parquet_sinks(request: ReplayRequest, sensors: Sequence[str], outputs: Outputs) -> Iterator[ParquetDrive]:
+    """Yield what writes the tables in Parquet that are asked for."""
+    if request.tracks is not None and request.tracks.suffix == SUFFIX:
+        yield ParquetDrive(sensors, tracks=ParquetTable(outputs.open(request.tracks), TRACKS))
+    if request.parquet is not None:
+        make_folder(request.parquet)
+        yield ParquetDrive.of_files(
+            sensors, *(outputs.open(request.parquet / f"{form.name}{SUFFIX}") for form in (TRACKS, DETECTIONS, CYCLES))
+        )
 
 
 class _CycleOutputs:
@@ -254,9 +289,10 @@ class _CycleOutputs:
         self, binding: Binding, pipeline: Pipeline, request: ReplayRequest, writers: _Writers, score: DriveScore
     ) -> None:
         self._names = [sensor.name for sensor in binding.sensors]
+        self._pipeline = pipeline
         self._writers = writers
         self._score = score
-        smooth = request.smooth if request.tracks else None
+        smooth = request.smooth if request.tracks or request.parquet else None
         self._smoother = CycleSmoother(pipeline.trackers, smooth) if smooth is not None else None
         self._predictions = PredictionQueue(pipeline, request.horizons, writers.predictions, score)
 
@@ -264,6 +300,8 @@ class _CycleOutputs:
         """Write and score one cycle."""
         if self._writers.log is not None:
             self._writers.log.write(cycle.frames)
+        for sink in self._writers.sinks:
+            sink.add_cycle(cycle, self._pipeline)
         self._write_tracks([cycle] if self._smoother is None else self._smoother.add(cycle))
         self._score.add(cycle)
         self._predictions.add(cycle)
@@ -277,6 +315,8 @@ class _CycleOutputs:
     def _write_tracks(self, cycles: Iterable[Cycle]) -> None:
         """Write cycles to the table of obstacles."""
         for cycle in cycles:
+            for sink in self._writers.sinks:
+                sink.add_obstacles(cycle)
             if self._writers.tracks is not None:
                 columns = track_columns(cycle.obstacles, self._names, cycle.georeference)
                 self._writers.tracks.write_cycle(cycle.obstacles.time_ns, columns)

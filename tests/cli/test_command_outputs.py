@@ -72,7 +72,7 @@ OPTIONS = {
     "papers": {"--json": "p.json"},
 }
 """Each option that writes a file, with a name for it."""
-FOLDERS = {("papers", "--plots"), ("run", "--record")}
+FOLDERS = {("papers", "--plots"), ("replay", "--parquet"), ("run", "--record")}
 """Options that write into a folder, each tested with its command."""
 NO_FILE = {("papers", "NAME"), ("status", "NAME")}
 """Arguments that are plain words."""

@@ -37,6 +37,7 @@ ROOMS: tuple[str, ...] = (
     "output",
     "pipeline",
     "evaluation",
+    "exports",
     "playback",
     "daemon",
     "recording",
@@ -57,6 +58,7 @@ IGNORANT = {
     "can_io": {"config.ego", "config.sensors", "config.output", "config.tracker", "dbc"},
     "dbc": {"config", "can_io"},
     "evaluation": {"can_io"},
+    "exports": {"can_io", "dbc", "cli"},
     "estimation": {"can_io", "dbc", "config.ego", "config.sensors", "config.output", "config.buses"},
     "files": {"arrays"},
     "frames": {"files"},
@@ -85,7 +87,7 @@ NAMED_AFTER_OTHERS = {"config", "cli"}
 READS_NO_CLOCK = ROOMS[: ROOMS.index("evaluation")]
 MAY_KNOW_TIME = {"can_io.live_buses", "can_io.port", "can_io.socketcan", "can_io.udp_multicast"}
 
-HEAVY = {"scipy", "filterpy", "matplotlib", "rich", "prometheus_client"}
+HEAVY = {"scipy", "filterpy", "matplotlib", "rich", "prometheus_client", "pyarrow"}
 
 
 def modules() -> dict[str, Path]:

@@ -36,6 +36,7 @@ QUICK = (
 SPDX = {
     "MIT": {"MIT"},
     "MIT License": {"MIT"},
+    "3-Clause BSD License": {"BSD-3-Clause"},
     "BSD": {"BSD-2-Clause", "BSD-3-Clause"},
     "BSD License": {"BSD-2-Clause", "BSD-3-Clause"},
     "Apache 2.0": {"Apache-2.0"},
