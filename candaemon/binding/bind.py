@@ -16,6 +16,7 @@ from candaemon.binding.conflicts import check_identifiers, range_warnings
 from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.config.ego import StaticSettings
 from candaemon.config.load import LoadedConfig
+from candaemon.config.settings import Config
 from candaemon.dbc.database_cache import cache_folder, load_cached
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.errors import ConfigError, DatabaseError
@@ -180,7 +181,7 @@ def _buses(
             ]
         sent: list[Traffic] = []
         if output is not None and output.bus == index:
-            rate = sum(1 / sensor.settings.cycle_time for sensor in sensors)  # obstacles are sent after every scan
+            rate = _output_rate(loaded.config)
             slots = output.writer.slots
             sent = [_traffic(layout.shortest, rate * slots) for layout in output.writer.layouts] + (
                 [] if output.status is None else [_traffic(output.status.message, rate)]
@@ -191,6 +192,12 @@ def _buses(
         on_it += [sensor.database for sensor in here]
         rate = sum(each.rate for each in traffic)
         yield BoundBus(index, name, settings, frozenset(read), rate, load, output_load, tuple(on_it))
+
+
+def _output_rate(config: Config) -> float:
+    """Return how often obstacles are sent: after every scan, or every so often but never without one, 1/s."""
+    scans = sum(1 / sensor.cycle_time for sensor in config.sensors.values())
+    return min(scans, 1 / config.output_cycle_time) if config.output_cycle_time else scans
 
 
 def _frames_a_scan(sensor: BoundSensor, can_id: int) -> int:
@@ -218,6 +225,6 @@ def _load_warnings(buses: Iterable[BoundBus]) -> Iterator[str]:
         if bus.output_load and total > FULL:
             yield (
                 f"bus '{bus.name}': with every slot occupied the output adds {bus.output_load:.0%} to "
-                f"{bus.load:.0%} of {bus.settings.bitrate / 1000:g} kbit/s; use fewer slots or messages, CAN FD, "
-                "or a bus of its own"
+                f"{bus.load:.0%} of {bus.settings.bitrate / 1000:g} kbit/s; use fewer slots or messages, a "
+                "longer output.cycle_time, CAN FD, or a bus of its own"
             )

@@ -226,10 +226,16 @@ def _output(binding: Binding, output: BoundOutput) -> Iterator[Sheet]:
         *_format(settings.objects, parts),
         ("status", "-" if output.status is None else output.status.message.name),
         ("frames a cycle", f"{frames} at most; sent: {settings.send}"),
+        ("sent", _every(binding.settings.output_cycle_time)),
         ("load added", f"{bus.output_load:.1%} with every slot occupied"),
         *_protections(settings.objects, settings.protection),
     ]
     yield Sheet("output", tuple(rows))
+
+
+def _every(cycle_time: float) -> str:
+    """Return when obstacles are sent, as text."""
+    return f"every {cycle_time:g} s, with the nearest scan" if cycle_time else "after each scan"
 
 
 def _estimator(settings: EstimatorSettings) -> str:

@@ -41,6 +41,13 @@ class OutputSettings(Settings):
         "occupied", description="occupied slots and freed ones once, or every slot each cycle"
     )
     tentative: bool = Field(False, description="send tentative obstacles too")
+    cycle_time: float | None = Field(
+        None,
+        ge=0,
+        le=2,
+        description="s between two outputs, 0: one after each scan; default: one after each scan of a single sensor, "
+        "0.05 where there are several",
+    )
     path_half_width: float = Field(
         1.8, gt=0, le=20, description="m, half the width of the path in which obstacles come first"
     )

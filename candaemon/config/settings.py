@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -22,6 +22,10 @@ from candaemon.similar_names import listed_names, meant
 
 Location: TypeAlias = tuple[str | int, ...]
 """Path of keys and list positions from the YAML's root."""
+
+
+SEVERAL_SENSORS_CYCLE: Final = 0.05
+"""s between two outputs of several sensors, where the configuration does not say."""
 
 
 class CrossReferenceError(ValueError):
@@ -62,6 +66,14 @@ class Config(Settings):
         default_factory=SupervisionSettings, description="when something counts as silent, lost, degraded"
     )
     service: ServiceSettings = Field(default_factory=ServiceSettings, description="how `candaemon run` serves")
+
+    @property
+    def output_cycle_time(self) -> float:
+        """Time between two outputs, s; 0: one after each scan."""
+        asked = None if self.output is None else self.output.cycle_time
+        if asked is None:
+            return 0.0 if len(self.sensors) == 1 else SEVERAL_SENSORS_CYCLE
+        return asked
 
     @model_validator(mode="after")
     def _references_hold(self) -> Config:

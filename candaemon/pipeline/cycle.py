@@ -41,7 +41,7 @@ class PipelineCounts:
     """What the pipeline did.
 
     Attributes:
-        cycles: times that obstacles were reported.
+        cycles: times that obstacles were reported, which is not after each scan where `output.cycle_time` says so.
         coasting_cycles: those of them without a scan, because every sensor was silent.
         without_ego: scans dropped because ego motion was not known yet.
         ego_motion_short: frames of ego motion with fewer bytes than the DBC says.
@@ -61,7 +61,7 @@ class PipelineCounts:
 
 @dataclass(frozen=True, slots=True)
 class Cycle:
-    """One cycle of the daemon.
+    """One cycle of the daemon: a scan that was tracked, or an instant at which obstacles coast.
 
     Attributes:
         time_ns: of the frame that closed the scan, or of the instant at which obstacles coast.
@@ -71,6 +71,8 @@ class Cycle:
         detections: the scan's, None in a cycle without one.
         tracker: the group's tracker that took them; its latest step is this one until the next cycle.
         georeference: of the local frame on earth at the obstacles' time; None where it is not known or not asked for.
+        reported: the obstacles as they go out, with all detections used since the latest output; None in a cycle that
+            no output follows.
     """
 
     time_ns: int
@@ -80,3 +82,4 @@ class Cycle:
     detections: Detections | None
     tracker: AnyTracker | None
     georeference: Georeference | None = None
+    reported: Obstacles | None = None

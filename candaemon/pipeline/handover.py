@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from candaemon.binding.bound import Binding, BoundEgo, BoundOutput, BoundSensor
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.pipeline.cycle import BusCounts
+from candaemon.pipeline.output_cycle import OutputCycleState
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.tracking.any_tracker import AnyTracker, same_filter, set_state
 
@@ -61,6 +62,7 @@ def hand_over(former: Pipeline, successor: Pipeline) -> Kept:
         _take_ego(former, successor)
     if output and former.encoder is not None and successor.encoder is not None:
         successor.encoder.state = former.encoder.state
+    successor.output_cycle.state = OutputCycleState(former.output_cycle.state.due_ns)
     _take_trackers(former, successor, sensors if ego_motion else {})
     same_numbers = len(sensors) == len(former.assemblers) and all(old == new for old, new in sensors.items())
     if ego_motion and same_numbers and former.stationary is not None and successor.stationary is not None:

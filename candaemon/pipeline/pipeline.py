@@ -22,6 +22,7 @@ from candaemon.output.encoder import OutputEncoder, OutputStatus
 from candaemon.pipeline.cycle import BusCounts, Cycle, PipelineCounts
 from candaemon.pipeline.ego_frames import EgoFrames
 from candaemon.pipeline.health import HealthMonitor
+from candaemon.pipeline.output_cycle import OutputCycle
 from candaemon.pipeline.pipeline_state import PipelineState, Schedule
 from candaemon.pipeline.spare_frames import SpareFrames
 from candaemon.radar.assembler_factory import make_assembler
@@ -60,14 +61,16 @@ class Pipeline:
         self.trackers, self._tracker_of = self.tracker_groups.trackers, self.tracker_groups.by_sensor
         self.stationary = StationaryWatch(self.ego.teaching) if self.ego.teaching is not None else None
         # obstacles → frames
+        self.output_cycle = OutputCycle(binding.settings)
         self.encoder = OutputEncoder(binding.output) if binding.output is not None else None
         self.health = HealthMonitor(binding)
         # what happens without a frame
         supervision = binding.settings.supervision
         self.schedule = Schedule()
         self._shortest_timeout_ns = min(round(sensor.settings.timeout * 1e9) for sensor in binding.sensors)
-        self._coast_ns = min(round(sensor.settings.cycle_time * 1e9) for sensor in binding.sensors)
-        self._coast_after_ns = int(supervision.coast_after * self._coast_ns)
+        fastest_ns = min(round(sensor.settings.cycle_time * 1e9) for sensor in binding.sensors)
+        self._coast_ns = max(fastest_ns, round(binding.settings.output_cycle_time * 1e9))
+        self._coast_after_ns = int(supervision.coast_after * fastest_ns)
         self._longest_coasting_ns = round(supervision.longest_coasting * 1e9)
         self._startup_ns = round(supervision.grace * 1e9)
         self._latency_ns = min(round(sensor.settings.latency * 1e9) for sensor in binding.sensors)
@@ -183,6 +186,7 @@ class Pipeline:
             {can_id: frames.state for can_id, frames in self.ego_frames.items()},
             self.tracker_groups.state,
             None if self.stationary is None else self.stationary.state,
+            self.output_cycle.state,
             None if self.encoder is None else self.encoder.state,
             self.health.state,
             self.schedule,
@@ -203,6 +207,7 @@ class Pipeline:
         _restore(self.georeferencer, state.georeferencer)
         self.tracker_groups.state = state.trackers
         _restore(self.stationary, state.stationary)
+        self.output_cycle.state = state.output_cycle
         _restore(self.encoder, state.encoder)
         self.health.state = state.health
         self.schedule = state.schedule
@@ -278,17 +283,20 @@ class Pipeline:
         detections: Detections | None,
         tracker: AnyTracker | None,
     ) -> Cycle:
-        """Encode a cycle's obstacles and count it."""
-        self._counts.cycles += 1
+        """Encode a cycle's obstacles, if an output is due, and count it."""
         georeference = self.georeferencer.at(obstacles.time_ns) if self.georeferencer is not None else None
+        reported = self.output_cycle.reported(obstacles, now_ns)
+        if reported is None:
+            return Cycle(now_ns, obstacles, (), pose, detections, tracker, georeference)
+        self._counts.cycles += 1
         frames: Sequence[Frame] = ()
         output = self.binding.output
         if self.encoder is not None and output is not None:
             status = self._status(pose, now_ns) if output.status is not None else OutputStatus()
-            payloads = self.encoder.encode(obstacles, status, pose, georeference)
+            payloads = self.encoder.encode(reported, status, pose, georeference)
             frames = FrameBatch(now_ns, output.bus, payloads, output.fd_ids)
         self._counts.sent += len(frames)
-        return Cycle(now_ns, obstacles, frames, pose, detections, tracker, georeference)
+        return Cycle(now_ns, obstacles, frames, pose, detections, tracker, georeference, reported)
 
     def _status(self, pose: EgoPose, now_ns: int) -> OutputStatus:
         """Return what the status message says beside the slots."""

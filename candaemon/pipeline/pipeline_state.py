@@ -12,6 +12,7 @@ from candaemon.output.encoder import OutputEncoderState
 from candaemon.pipeline.cycle import PipelineCounts
 from candaemon.pipeline.ego_frames import EgoFramesState
 from candaemon.pipeline.health import HealthState
+from candaemon.pipeline.output_cycle import OutputCycleState
 from candaemon.radar.assembly import AssemblerState
 from candaemon.tracking.groups import TrackersState
 from candaemon.tracking.stationary import StationaryWatchState
@@ -42,6 +43,7 @@ class PipelineState:
         ego_frames: of each message of ego motion, by its CAN id.
         trackers: of the obstacles.
         stationary: of what stands still; None where ego motion has nothing to learn from it.
+        output_cycle: of when obstacles go out.
         encoder: of the output; None where there is none.
         health: of the sensors and of what was dropped.
         schedule: of what happens without a frame.
@@ -54,6 +56,7 @@ class PipelineState:
     ego_frames: dict[int, EgoFramesState]
     trackers: TrackersState
     stationary: StationaryWatchState | None
+    output_cycle: OutputCycleState
     encoder: OutputEncoderState | None
     health: HealthState
     schedule: Schedule

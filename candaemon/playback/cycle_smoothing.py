@@ -49,4 +49,8 @@ class CycleSmoother:
 
     def _smoothed(self, smoothed: Smoothed) -> Cycle:
         cycle = self._waiting.popleft()
-        return replace(cycle, obstacles=with_motion(cycle.obstacles, smoothed, cycle.pose))
+        obstacles, reported = with_motion(cycle.obstacles, smoothed, cycle.pose), cycle.reported
+        if reported is not None:
+            used = {name: getattr(reported, name) for name in ("used_row", "used_sensor", "used_object")}
+            reported = replace(obstacles, **used)
+        return replace(cycle, obstacles=obstacles, reported=reported)

@@ -6,7 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Final
@@ -313,8 +313,11 @@ class _CycleOutputs:
             self._write_tracks(self._smoother.finish())
 
     def _write_tracks(self, cycles: Iterable[Cycle]) -> None:
-        """Write cycles to the table of obstacles."""
-        for cycle in cycles:
+        """Write the cycles that an output follows to the tables of obstacles."""
+        for each in cycles:
+            if each.reported is None:
+                continue
+            cycle = each if each.reported is each.obstacles else replace(each, obstacles=each.reported)
             for sink in self._writers.sinks:
                 sink.add_obstacles(cycle)
             if self._writers.tracks is not None:
