@@ -16,6 +16,7 @@ from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError, InputError
 from candaemon.exports.drive_tables import SUMMARIES, summary_rows
+from candaemon.exports.foxglove_layout import layout
 from candaemon.exports.parquet import SUFFIX, ParquetTable
 from candaemon.files.outputs import Outputs
 from candaemon.playback.recording_files import files_of
@@ -44,6 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tracks", type=output_path, metavar="CSV", help="table of the obstacles, a row a cycle; or a .parquet"
     )
+    parser.add_argument("--mcap", type=output_path, metavar="MCAP", help="the drive with its frames, for Foxglove")
+    parser.add_argument("--layout", type=output_path, metavar="JSON", help="layout of Foxglove for such a drive")
     parser.add_argument(
         "--parquet", type=output_folder, metavar="DIR", help="folder for tracks, detections, cycles and summaries"
     )
@@ -93,6 +96,7 @@ def execute(arguments: argparse.Namespace) -> None:
         arguments.smooth,
         arguments.fresh,
         arguments.parquet,
+        arguments.mcap,
     )
     _check_request(request, binding)
     with Outputs([*binding.files, *files_of(arguments.log)]) as outputs:
@@ -100,6 +104,8 @@ def execute(arguments: argparse.Namespace) -> None:
         with console.log_progress(arguments.log.name) as progress:
             replayed = replay(binding, request, progress, outputs)
         figures = summarise(replayed)
+        if arguments.layout is not None:
+            outputs.open(arguments.layout).stream.write(layout(binding).encode())
         if request.parquet is not None:
             with ParquetTable(outputs.open(request.parquet / f"{SUMMARIES.name}{SUFFIX}"), SUMMARIES) as table:
                 table.add(*summary_rows(figures))

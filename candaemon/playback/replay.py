@@ -23,6 +23,7 @@ from candaemon.evaluation.drive_score import DriveScore
 from candaemon.evaluation.tables import EARTH_COLUMNS, TRACK_COLUMNS, PredictionWriter, TrackWriter, track_columns
 from candaemon.exports.drive_sink import DriveSink
 from candaemon.exports.drive_tables import CYCLES, DETECTIONS, TRACKS
+from candaemon.exports.mcap_drive import McapDrive
 from candaemon.exports.parquet import SUFFIX, ParquetDrive, ParquetTable
 from candaemon.files.outputs import Outputs, make_folder
 from candaemon.frames.frame import Frame, Tick
@@ -59,6 +60,7 @@ class ReplayRequest:
         smooth: lag of the smoothing of the table of obstacles, s; None: the table holds the causal estimates.
         fresh: start with an empty pipeline, even where the recording holds the service's state.
         parquet: folder of the tables of tracks, detections and cycles in Parquet; None: not written.
+        mcap: the drive for Foxglove; None: not written.
     """
 
     log: Path
@@ -71,6 +73,7 @@ class ReplayRequest:
     smooth: float | None = None
     fresh: bool = False
     parquet: Path | None = None
+    mcap: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,7 +265,7 @@ class _Writers:
         self.log = self.tracks = self.predictions = None
         if request.output is not None:
             self.log = files.enter_context(open_log_writer(outputs.open(request.output), channels))
-        self.sinks = (*sinks, *_parquet_sinks(request, [sensor.name for sensor in binding.sensors], outputs))
+        self.sinks = (*sinks, *_exports(binding, request, outputs))
         if request.tracks is not None and request.tracks.suffix != SUFFIX:
             self.tracks = files.enter_context(
                 TrackWriter(outputs.open(request.tracks), (*(EARTH_COLUMNS if georeferenced else ()), *TRACK_COLUMNS))
@@ -271,8 +274,9 @@ class _Writers:
             self.predictions = files.enter_context(PredictionWriter(outputs.open(request.predictions)))
 
 
-def _parquet_sinks(request: ReplayRequest, sensors: Sequence[str], outputs: Outputs) -> Iterator[ParquetDrive]:
-    """Yield what writes the tables in Parquet that are asked for."""
+def _exports(binding: Binding, request: ReplayRequest, outputs: Outputs) -> Iterator[DriveSink]:
+    """Yield what writes the files of other tools that are asked for."""
+    sensors = [sensor.name for sensor in binding.sensors]
     if request.tracks is not None and request.tracks.suffix == SUFFIX:
         yield ParquetDrive(sensors, tracks=ParquetTable(outputs.open(request.tracks), TRACKS))
     if request.parquet is not None:
@@ -280,6 +284,8 @@ def _parquet_sinks(request: ReplayRequest, sensors: Sequence[str], outputs: Outp
         yield ParquetDrive.of_files(
             sensors, *(outputs.open(request.parquet / f"{form.name}{SUFFIX}") for form in (TRACKS, DETECTIONS, CYCLES))
         )
+    if request.mcap is not None:
+        yield McapDrive(binding, outputs.open(request.mcap))
 
 
 class _CycleOutputs:

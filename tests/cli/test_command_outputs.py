@@ -66,7 +66,14 @@ CASES = {
     "papers": Command(("papers", "000-table-1", "--runs", "2"), (), ("papers", "typo")),
 }
 OPTIONS = {
-    "replay": {"--output": "o.log", "--tracks": "t.csv", "--predictions": "p.csv.gz", "--summary": "s.json"},
+    "replay": {
+        "--output": "o.log",
+        "--tracks": "t.csv",
+        "--predictions": "p.csv.gz",
+        "--summary": "s.json",
+        "--mcap": "m.mcap",
+        "--layout": "l.json",
+    },
     "simulate": {"--output": "o.log", "--truth": "t.csv", "--origins": "s.csv"},
     "evaluate": {"--json": "e.json"},
     "papers": {"--json": "p.json"},

@@ -224,5 +224,4 @@ def test_a_log_without_a_usable_frame_leaves_no_table(tmp_path: Path) -> None:
 def test_the_recorded_drive_is_that_of_the_csv(tmp_path: Path) -> None:
     assert main(["replay", "toyota_rav4_ins", str(RECORDED), *outputs(tmp_path)]) == 0
     assert same_as_csv(tmp_path) > 5000
-    latitude = pq.read_table(tmp_path / "tables" / "cycles.parquet")["latitude"].drop_null().to_numpy()
-    assert 37 < latitude.min() <= latitude.max() < 38.5
+    assert pq.read_metadata(tmp_path / "tables" / "cycles.parquet").num_rows == 1200
