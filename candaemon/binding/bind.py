@@ -182,7 +182,7 @@ def _buses(
         sent: list[Traffic] = []
         if output is not None and output.bus == index:
             rate = _output_rate(loaded.config)
-            slots = output.writer.slots
+            slots = output.writer.places
             sent = [_traffic(layout.shortest, rate * slots) for layout in output.writer.layouts] + (
                 [] if output.status is None else [_traffic(output.status.message, rate)]
             )
@@ -202,7 +202,7 @@ def _output_rate(config: Config) -> float:
 
 def _frames_a_scan(sensor: BoundSensor, can_id: int) -> int:
     """Count the frames of one identifier in a full scan."""
-    return sensor.reader.slots if sensor.reader.multiplexed and can_id in sensor.reader.routes else 1
+    return sensor.reader.places if sensor.reader.multiplexed and can_id in sensor.reader.routes else 1
 
 
 def _traffic(message: MessageSpec, rate: float) -> Traffic:

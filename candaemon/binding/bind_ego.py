@@ -34,7 +34,7 @@ def bind_ego(
     for quantity, ref, place in _signals(settings, location.at("signals")):
         with collected(errors):
             message, signal = find_qualified(database, ref.signal, place)
-            binding = bind_signal(quantity, ref, signal, place)
+            binding = bind_signal(quantity, ref, signal, place, settings.units)
             found.setdefault(message.can_id, (message, []))[1].append(binding)
     monitors: dict[int, FrameMonitorSettings | None] = {}
     for name, protection in settings.protection.items():

@@ -27,7 +27,9 @@ def bind_output(settings: OutputSettings, bus: int, database: Database, location
     signals: dict[str, SignalRef | tuple[SignalRef, ...]] = {
         str(quantity): refs for quantity, refs in settings.signals.items()
     }
-    writer = bind_writer(settings.objects, signals, database, settings.protection, location=location)
+    writer = bind_writer(
+        settings.objects, signals, database, settings.protection, location=location, units=settings.units
+    )
     status = None
     if settings.status is not None:
         place = location.at("status")

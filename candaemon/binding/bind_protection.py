@@ -171,7 +171,7 @@ def bind_frame_monitors(
 
     """
     # where all objects share a message it comes as many times a cycle
-    cycle_time = settings.cycle_time / (reader.slots if reader.multiplexed else 1)
+    cycle_time = settings.cycle_time / (reader.places if reader.multiplexed else 1)
     protections = layout_protections(reader.layouts, settings.objects, settings.protection, location)
     return tuple(
         bind_frame_monitor(

@@ -11,6 +11,7 @@ from candaemon.binding.bind_writer import bind_writer
 from candaemon.binding.bound import BoundSensor
 from candaemon.binding.location import SettingLocation
 from candaemon.binding.look_up import check_alike, find_in_layouts, find_message, find_signal, signal_of
+from candaemon.binding.numbered_names import numbered_names
 from candaemon.config.base import SignalRef
 from candaemon.config.sensors import CounterScan, HeaderScan, LookSettings, ObjectSignals, SensorSettings, TriggerScan
 from candaemon.dbc.bits import sendable_values
@@ -39,7 +40,14 @@ def bind_sensor(
         ConfigError: naming every message, signal and unit that is wrong.
 
     """
-    reader = bind_reader(settings.objects, _quantities(settings.signals), database, location)
+    reader = bind_reader(
+        settings.objects,
+        _quantities(settings.signals),
+        database,
+        location,
+        units=settings.units,
+        names=numbered_names(settings),
+    )
     scan, place = settings.scan, location.at("scan")
     can_ids = set(reader.routes)
     counters: list[Callable[[bytes], int]] = []
@@ -54,6 +62,11 @@ def bind_sensor(
     elif isinstance(scan, TriggerScan):
         trigger = find_message(database, scan.message, place.at("message"))
         can_ids.add(trigger.can_id)
+        if trigger.can_id in reader.claims:
+            raise place.at("message").error(
+                f"frames of '{trigger.name}' are of several messages (by 'when'), so none of them ends a scan; "
+                "expected another message, or another way to close a scan"
+            )
         if trigger.can_id not in reader.routes:
             mark_monitor = bind_frame_monitor(
                 [trigger], scan.protection, place.at("protection"), cycle_time=settings.cycle_time
@@ -135,6 +148,8 @@ def bind_sensor_writer(sensor: BoundSensor, location: SettingLocation | None = N
         settings.protection,
         counters=counters,
         location=location,
+        units=settings.units,
+        names=numbered_names(settings),
     )
 
 

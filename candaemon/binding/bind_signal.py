@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final, Literal, TypeAlias
 
 from candaemon.binding.location import SettingLocation
-from candaemon.config.base import UNIT_FACTORS, ObjectSignalRef, SignalRef
+from candaemon.config.base import UNIT_FACTORS, ObjectSignalRef, SignalRef, Units
 from candaemon.dbc.bits import has_value, representable_values
 from candaemon.dbc.types import SignalSpec
 from candaemon.objects.signals import SignalBinding
@@ -56,6 +56,9 @@ SI_NAMES: Final[dict[Dimension, str]] = {
     "number": "1",
 }
 
+DEFAULT_UNITS: Final = Units()
+"""SI, and no word on angles."""
+
 
 def normalised_unit(unit: str) -> str:
     """Bring a unit's text into one form: `Meters/Sec` becomes `meter/s`."""
@@ -66,7 +69,9 @@ def normalised_unit(unit: str) -> str:
     return text
 
 
-def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, location: SettingLocation) -> SignalBinding:
+def bind_signal(
+    quantity: str, ref: SignalRef, signal: SignalSpec, location: SettingLocation, units: Units = DEFAULT_UNITS
+) -> SignalBinding:
     """Work out gain and bias of a signal as a quantity.
 
     Args:
@@ -74,13 +79,20 @@ def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, location: Set
         ref: the signal's entry in the configuration.
         signal: as the DBC describes it.
         location: the entry's place.
+        units: of signals of which neither the entry nor the DBC names one.
 
     Raises:
         ConfigError: the unit does not fit the quantity, is not known, or is an angle's and given nowhere.
 
     """
+    form = ref.form if isinstance(ref, ObjectSignalRef) else None
     dimension = DIMENSIONS.get(quantity, "number")
+    if form is not None and dimension != "angle":
+        raise location.error(f"'form: {form}' is of an angle, but '{signal.name}' is {quantity}; leave it out")
+    dimension = "number" if form is not None else dimension
     unit, source = (ref.unit, "the configuration") if ref.unit is not None else (signal.unit, "the DBC")
+    if not unit.strip():
+        unit, source = getattr(units, dimension, None) or "", "the configuration"
     factor = 1.0
     expected = f"expected {SI_NAMES[dimension]} or another unit of {dimension}; give {{signal: {ref.signal}, unit: …}}"
     known = UNITS.get(normalised_unit(unit)) if unit.strip() else None
@@ -102,7 +114,10 @@ def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, location: Set
         return SignalBinding(quantity, signal, gain, bias)
     if ref.codes is not None and quantity != "class":
         raise location.error(f"'codes' are values for classes, but '{signal.name}' is {quantity}; leave them out")
-    named = [("unknown", ref.unknown)] if ref.unknown is not None else []
+    from_raw = [raw * signal.scale + signal.offset for raw in ref.unknown_raw]
+    if from_raw and signal.is_float:
+        raise location.error(f"signal '{signal.name}' is a float; give 'unknown' instead of 'unknown_raw'")
+    named = [("unknown", value) for value in ref.unknown] + [("unknown_raw", value) for value in from_raw]
     for key, value in (*named, *(("codes", code) for code in ref.codes or ())):
         if not has_value(signal, value):
             low, high = representable_values(signal)
@@ -110,4 +125,4 @@ def bind_signal(quantity: str, ref: SignalRef, signal: SignalSpec, location: Set
                 f"'{key}' has {value:g}, which signal '{signal.name}' cannot be; expected a value from {low:g} to "
                 f"{high:g} in steps of {abs(signal.scale):g}"
             )
-    return SignalBinding(quantity, signal, gain, bias, ref.unknown, ref.codes)
+    return SignalBinding(quantity, signal, gain, bias, (*ref.unknown, *from_raw), ref.codes, form)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -15,19 +16,21 @@ from candaemon.binding.bind_protection import (
     counter_period,
     layout_protections,
 )
-from candaemon.binding.bind_signal import bind_signal
+from candaemon.binding.bind_signal import DEFAULT_UNITS, bind_signal
 from candaemon.binding.compile_condition import candidates, compile_condition, first_that, passing_interval
 from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.binding.look_up import check_alike, find_in_layouts, find_layouts
-from candaemon.config.base import Condition, SignalRef
+from candaemon.binding.numbered_names import numbered_names, unlike_point
+from candaemon.config.base import Condition, SignalRef, Units
 from candaemon.config.protection import InputProtectionSettings, ProtectionSettings
-from candaemon.config.sensors import ObjectFormat
+from candaemon.config.sensors import MOST_SLOTS, ObjectFormat, is_of_point
 from candaemon.dbc.batch_codec import BatchEncoder
 from candaemon.dbc.bits import as_decoded, representable_values, sendable_values, value_count
 from candaemon.dbc.types import Database, SignalSpec
 from candaemon.errors import ConfigError
 from candaemon.objects.conditions import CompiledCondition
-from candaemon.objects.message_layout import MessageLayout
+from candaemon.objects.message_layout import MessageLayout, first_point_name, point_name
+from candaemon.objects.reader import POSITION
 from candaemon.objects.signals import SignalBinding
 from candaemon.objects.writer import LayoutWriter, ObjectWriter, QuantityColumn
 
@@ -53,6 +56,8 @@ def bind_writer(
     *,
     counters: Iterable[str] = (),
     location: SettingLocation | None = None,
+    units: Units = DEFAULT_UNITS,
+    names: Collection[str] = (),
 ) -> ObjectWriter:
     """Bind the writer of one object format.
 
@@ -63,6 +68,8 @@ def bind_writer(
         protection: counter and checksum of the frames.
         counters: further signals that count scans (a shared counter that marks the frames of one scan).
         location: place of the sensor or output in the configuration.
+        units: of signals of which neither their entry nor the DBC names one.
+        names: of further signals, which may hold numbers.
 
     Raises:
         ConfigError: naming every message, signal, unit and value that is wrong.
@@ -71,17 +78,17 @@ def bind_writer(
     location = location or SettingLocation()
     place = location.at("objects")
     protection = protection or ProtectionSettings()
-    layouts = find_layouts(form, database, place)
-    written = [_WrittenLayout(layout) for layout in layouts]
-    errors: list[ConfigError] = []
     counting = list(counters)
+    layouts = find_layouts(form, database, place, numbered_names(form, signals, protection, counting, names))
+    written = [_WrittenLayout(layout, points=len(form.points)) for layout in layouts]
+    errors: list[ConfigError] = []
     for quantity, refs in signals.items():
         for ref in refs if isinstance(refs, tuple) else (refs,):
             if quantity == "counter":
                 counting.append(ref.signal)
                 continue
             with collected(errors):
-                _add_quantity(written, quantity, ref, location.at("signals", quantity))
+                _add_quantity(written, quantity, ref, location.at("signals", quantity), units)
     for kind, values in (("fixed", form.fixed), ("empty", form.empty)):
         with collected(errors):
             _add_values(written, values, kind, place)
@@ -94,6 +101,7 @@ def bind_writer(
     raise_all(errors)
     return ObjectWriter(
         slots=form.slots,
+        points=len(form.points),
         layouts=layouts,
         quantities=tuple(signals),
         data_ids=sum(
@@ -132,6 +140,12 @@ class _WrittenSignal:
     wrap: int = 0
     new: float | None = None
 
+    @property
+    def tells_empty(self) -> bool:
+        """Whether a slot with its empty value is empty, as the position is not known."""
+        binding = self.binding
+        return binding is not None and binding.quantity in POSITION and self.empty in binding.unknown
+
 
 @dataclass(slots=True)
 class _WrittenLayout:
@@ -141,6 +155,15 @@ class _WrittenLayout:
     signals: dict[str, _WrittenSignal] = field(default_factory=dict)
     counters: list[str] = field(default_factory=list)
     identities: list[str] = field(default_factory=list)
+    points: int = 1
+
+    @property
+    def numbers_places(self) -> bool:
+        """Whether its id signal counts messages otherwise than the objects are counted."""
+        layout = self.layout
+        return layout.id_signal is not None and (
+            bool(layout.keys) or (layout.first, layout.step) != (0, 1) or self.points > 1
+        )
 
     def written(self, signal: SignalSpec) -> _WrittenSignal:
         """Return how a signal is written; one met for the first time is 0, or raw 0 in an empty slot."""
@@ -176,7 +199,9 @@ def _find(written: Sequence[_WrittenLayout], name: str, location: SettingLocatio
     return [written[layout.index].written(signal) for layout, signal in found]
 
 
-def _add_quantity(written: Sequence[_WrittenLayout], quantity: str, ref: SignalRef, location: SettingLocation) -> None:
+def _add_quantity(
+    written: Sequence[_WrittenLayout], quantity: str, ref: SignalRef, location: SettingLocation, units: Units
+) -> None:
     """Let signals carry a quantity: in every message that has the signal.
 
     Raises:
@@ -188,7 +213,9 @@ def _add_quantity(written: Sequence[_WrittenLayout], quantity: str, ref: SignalR
             raise location.error(
                 f"signal '{each.signal.name}' is {each.binding.quantity} already; a signal carries one quantity"
             )
-        each.binding = bind_signal(quantity, ref, each.signal, location)
+        each.binding = bind_signal(quantity, ref, each.signal, location, units)
+        if quantity in POSITION and each.binding.unknown:
+            each.empty = each.binding.unknown[0]
         each.wrap = value_count(each.signal) if quantity in WRAPPING else 0
 
 
@@ -228,6 +255,11 @@ def _add_conditions(written: Sequence[_WrittenLayout], form: ObjectFormat, locat
         ConfigError: no value does, or the values given contradict the conditions.
 
     """
+    for layout in written:
+        if layout.layout.selector is not None:
+            signal, value = layout.layout.selector
+            chosen = layout.written(signal)
+            chosen.occupied = chosen.empty = value
     valid = _by_signal(written, form.valid, location.at("valid"))
     new = _by_signal(written, form.new, location.at("new"))
     fixed = {name.rpartition(".")[2] for name in form.fixed}
@@ -235,7 +267,8 @@ def _add_conditions(written: Sequence[_WrittenLayout], form: ObjectFormat, locat
         _choose_occupied(each, fixed, location)
     for each in new:
         _choose_new(each, next((other for other in valid if other.written is each.written), None), location)
-    if valid and all(each.hold(each.written.empty) for each in valid):
+    told = [each for layout in written for each in layout.signals.values() if each.tells_empty]
+    if valid and not told and all(each.hold(each.written.empty) for each in valid):
         _choose_empty(valid, form, location)
 
 
@@ -318,8 +351,9 @@ def _add_counters_and_identity(
             written[layout.index].identities.append(signal.name)
     for each in written:
         id_signal = each.layout.id_signal
-        if id_signal is not None and id_signal.name not in each.identities:
+        if id_signal is not None:
             each.written(id_signal)
+        if id_signal is not None and not each.numbers_places and id_signal.name not in each.identities:
             each.identities.append(id_signal.name)
 
 
@@ -338,6 +372,7 @@ def _layout_writer(
         location: place of the sensor or output.
 
     """
+    points, id_signal = written.points, written.layout.id_signal
     every_message = written.layout.messages
     messages = [every_message[slot] for slot in slots]
     message = messages[0]
@@ -348,16 +383,24 @@ def _layout_writer(
     for signal in message.signals:
         # Bits left 0 would show a value where zero is not raw 0.
         if signal.offset and signal.multiplexer_signal is None:
-            written.written(signal)
+            written.written(message.signal(first_point_name(signal.name)))
     signals = [each for name, each in written.signals.items() if name != checksum]
     names = [each.signal.name for each in signals]
-    check_alike(written.layout, names, location.at("objects"))
+    of_point = np.array([is_of_point(name) for name in names], np.bool_)
+    unlike = unlike_point(message, compress(names, of_point), points)
+    if unlike is not None:
+        raise location.at("objects", "points").error(
+            f"message '{message.name}' has no signal '{unlike}' like that of the first point; "
+            "the points of a message differ in nothing but their bits' places"
+        )
+    others = [point_name(name, point) for point in range(1, points) for name in compress(names, of_point)]
+    check_alike(written.layout, [*names, *others], location.at("objects"))
     mine = None
     if len(messages) != len(every_message):
         mine = np.zeros(len(every_message), np.bool_)
         mine[list(slots)] = True
     return LayoutWriter(
-        encoder=BatchEncoder(message, names),
+        encoder=BatchEncoder(message, [*names, *others]),
         length=message.length,
         can_ids=np.array([each.can_id for each in every_message], np.int64),
         mine=mine,
@@ -373,6 +416,11 @@ def _layout_writer(
             if written.signals[name].binding is None
         ),
         protector=protector,
+        points=points,
+        of_point=of_point.nonzero()[0],
+        place=None
+        if id_signal is None or not written.numbers_places
+        else (names.index(id_signal.name), np.array([written.layout.key(place) for place in range(MOST_SLOTS)])),
     )
 
 
@@ -381,14 +429,13 @@ def _quantity_column(row: int, written: _WrittenSignal, binding: SignalBinding) 
     lossy = binding.quantity not in OPEN_ENDED
     low, high = sendable_values(written.signal)
     unknown = None
-    if binding.quantity in MAY_BE_UNKNOWN:
-        unknown = binding.unknown
-        if unknown is None:
+    if binding.quantity in MAY_BE_UNKNOWN or binding.unknown:
+        if not binding.unknown:
             unknown = high if binding.gain > 0.0 else low
-        elif not written.signal.is_float:  # what is known is not written as if it were not
-            step = abs(written.signal.scale)
-            low, high = low + step * (unknown <= low), high - step * (unknown >= high)
-    limits = written.interval if lossy or written.interval is not None else (low, high)
+        else:
+            unknown = binding.unknown[0]
+            low, high = _known(written.signal, binding.unknown, low, high)
+    limits = written.interval if (lossy and not binding.unknown) or written.interval is not None else (low, high)
     return QuantityColumn(
         row,
         binding.quantity,
@@ -399,7 +446,20 @@ def _quantity_column(row: int, written: _WrittenSignal, binding: SignalBinding) 
         lossy,
         unknown,
         None if binding.codes is None else np.array(binding.codes),
+        binding.form,
     )
+
+
+def _known(signal: SignalSpec, unknown: Sequence[float], low: float, high: float) -> tuple[float, float]:
+    """Return the least and greatest value of a signal that is not written as if it were not known."""
+    if signal.is_float:
+        return low, high
+    step = abs(signal.scale)
+    for value in sorted(unknown):
+        low += step * (value <= low)
+    for value in sorted(unknown, reverse=True):
+        high -= step * (value >= high)
+    return low, high
 
 
 def _of_one_length(layout: MessageLayout, checksum: str | None) -> list[list[int]]:

@@ -34,7 +34,11 @@ def check_identifiers(
     if ego is not None:
         owners.update(((ego.bus, can_id), "ego") for can_id in ego.messages)
     for sensor in sensors:
-        owned = [(i, owners[sensor.bus, i]) for i in sorted(sensor.can_ids) if (sensor.bus, i) in owners]
+        owned = [
+            (i, owners[sensor.bus, i])
+            for i in sorted(sensor.can_ids)
+            if (sensor.bus, i) in owners and not _shares(sensor, i, sensors)
+        ]
         if owned:
             bus = sensor.settings.bus
             errors.append(location.at("sensors", sensor.name).error(f"on bus '{bus}' {_owned(owned)}"))
@@ -46,6 +50,13 @@ def check_identifiers(
         if owned:
             errors.append(location.at("output").error(f"on bus '{output.settings.bus}' {_owned(owned)}"))
     return errors
+
+
+def _shares(sensor: BoundSensor, can_id: int, sensors: Iterable[BoundSensor]) -> bool:
+    """Return whether a value in each frame of an id says which of the sensors on the bus it is of."""
+    claims = [each.reader.claims.get(can_id) for each in sensors if each.bus == sensor.bus and can_id in each.can_ids]
+    values = [claim.value for of_sensor in claims for claim in of_sensor or ()]
+    return all(claims) and len(set(values)) == len(values)
 
 
 def _owned(owned: list[tuple[int, str]]) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 from candaemon.binding.location import SettingLocation, collected, raise_all
-from candaemon.config.sensors import ObjectFormat
-from candaemon.dbc.bits import same_layout
+from candaemon.binding.numbered_names import numbered_view, selected_view, valued_view
+from candaemon.config.sensors import ObjectFormat, ObjectMessage
+from candaemon.dbc.bits import same_layout, sendable_values
 from candaemon.dbc.types import Database, MessageSpec, SignalSpec, near_names
 from candaemon.errors import ConfigError
 from candaemon.objects.message_layout import MessageLayout
@@ -62,13 +63,16 @@ def find_qualified(database: Database, name: str, location: SettingLocation) -> 
     return message, find_signal(message, signal_name, location)
 
 
-def find_layouts(form: ObjectFormat, database: Database, location: SettingLocation) -> tuple[MessageLayout, ...]:
+def find_layouts(
+    form: ObjectFormat, database: Database, location: SettingLocation, names: Collection[str] = ()
+) -> tuple[MessageLayout, ...]:
     """Find the messages of an object format.
 
     Args:
         form: the format.
         database: the DBC.
         location: place of the format in the configuration.
+        names: of signals that hold numbers, as configured.
 
     Raises:
         ConfigError: naming every message that the DBC lacks.
@@ -76,21 +80,57 @@ def find_layouts(form: ObjectFormat, database: Database, location: SettingLocati
     """
     errors: list[ConfigError] = []
     layouts: list[MessageLayout] = []
-    numbers = [form.first + form.step * slot for slot in range(1 if form.multiplexed else form.slots)]
     for index, entry in enumerate(form.messages):
-        place = location.at("messages", index)
         with collected(errors):
-            messages = tuple(find_message(database, entry.named(number), place) for number in numbers)
-            id_signal = None
-            if entry.id_signal is not None:
-                if not form.multiplexed:
-                    raise place.error("id_signal is for a message that all objects share; this one has {slot}")
-                id_signal = find_signal(messages[0], entry.id_signal, place.at("id_signal"))
-            layouts.append(MessageLayout(index, entry.message, messages, entry.optional, id_signal))
+            layouts.append(_layout(index, entry, form, database, location.at("messages", index), names))
     raise_all(errors)
     if all(layout.optional for layout in layouts):
         raise location.at("messages").error("every message is optional; one at least must be there for an object")
     return tuple(layouts)
+
+
+def _layout(
+    index: int,
+    entry: ObjectMessage,
+    form: ObjectFormat,
+    database: Database,
+    location: SettingLocation,
+    names: Collection[str],
+) -> MessageLayout:
+    """Find one of an object's messages, for every place."""
+    places = range(1 if form.multiplexed else form.places)
+    numbers = [form.first + form.step * place for place in places]
+    found = [find_message(database, entry.named(number), location) for number in numbers]
+    id_signal, keys = None, dict[int, int]()
+    messages = tuple(numbered_view(message, names, form, place) for place, message in enumerate(found))
+    if entry.id_signal is not None and not form.multiplexed:
+        raise location.error("id_signal is for a message that all objects share; this one has {slot}")
+    if entry.id_signal:
+        id_signal = find_signal(found[0], entry.id_signal, location.at("id_signal"))
+        if names and id_signal.is_multiplexer:
+            try:
+                view, keys = selected_view(found[0], id_signal, names, form)
+            except ValueError as error:
+                raise location.at("id_signal").error(f"message '{entry.message}': {error}") from None
+            messages = (view,) if keys else messages
+    selector = None
+    for name, value in entry.when.items():
+        signal = find_signal(messages[0], name, location.at("when", name))
+        low, high = sendable_values(signal)
+        if not low <= value <= high:
+            raise location.at("when", name).error(f"'{name}' cannot be {value}, it holds {low:g} to {high:g}")
+        selector = signal, value
+        messages = tuple(valued_view(message, name, value) for message in messages)
+    for place, message in enumerate(messages):
+        lacking = [name for name in names if messages[0].find(name) is not None and message.find(name) is None]
+        if lacking:
+            raise location.error(
+                f"message '{message.name}' has no signal '{lacking[0]}' for slot {numbers[place]}; "
+                f"{near_names(lacking[0], [each.name for each in message.signals])}"
+            )
+    return MessageLayout(
+        index, entry.message, messages, entry.optional, id_signal, keys, form.first, form.step, selector
+    )
 
 
 def find_in_layouts(

@@ -207,7 +207,12 @@ def _format(form: ObjectFormat, parts: Iterable[MessageLayout]) -> Iterator[tupl
             _identifier(first.can_id) if first is last else f"{_identifier(first.can_id)} … {_identifier(last.can_id)}"
         )
         yield "messages", f"{names}, {ids}, {part.length} bytes" + (", optional" if part.optional else "")
-    yield "slots", f"{form.slots}" + (", told apart by an id in the payload" if form.multiplexed else "")
+    told = ", told apart by an id in the payload" if form.multiplexed else ""
+    if any(entry.id_signal is False for entry in form.messages):
+        told = ", in the order of their frames"
+    yield "slots", f"{form.slots}" + told
+    if len(form.points) > 1:
+        yield "points", f"{len(form.points)} in each message"
     yield "identity", "none" if form.identity is False else form.identity or "the slot"
     yield "valid", _conditions(form.valid) or "always"
     if form.new:
@@ -219,7 +224,7 @@ def _format(form: ObjectFormat, parts: Iterable[MessageLayout]) -> Iterator[tupl
 def _output(binding: Binding, output: BoundOutput) -> Iterator[Sheet]:
     settings, bus = output.settings, binding.buses[output.bus]
     parts = output.writer.layouts
-    frames = output.writer.slots * len(parts) + (output.status is not None)
+    frames = output.writer.places * len(parts) + (output.status is not None)
     rows = [
         ("bus", settings.bus),
         ("DBC", settings.dbc),

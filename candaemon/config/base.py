@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
@@ -47,14 +47,47 @@ class Settings(BaseModel):
         return value
 
 
+MOST_UNKNOWN: Final = 16
+"""Values of a signal that say that a quantity is not known."""
+
+
+def _several(value: Any) -> Any:
+    """Convert a single value to a list of one."""
+    return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+RawValue = Annotated[int, Field(ge=-(2**63), lt=2**64)]
+UnknownValues = Annotated[
+    tuple[SignalValue, ...],
+    Field(max_length=MOST_UNKNOWN),
+    BeforeValidator(_several, json_schema_input_type=tuple[SignalValue, ...] | SignalValue),
+]
+UnknownRaws = Annotated[
+    tuple[RawValue, ...],
+    Field(max_length=MOST_UNKNOWN),
+    BeforeValidator(_several, json_schema_input_type=tuple[RawValue, ...] | RawValue),
+]
+
+
+class Units(Settings):
+    """Units of signals whose own entry gives none and of which the DBC names none either."""
+
+    length: Literal["m", "dm", "cm", "mm"] = Field("m", description="of positions and sizes")
+    angle: Literal["deg", "rad"] | None = Field(None, description="of directions; default: each signal must say")
+    speed: Literal["m/s", "km/h", "mph"] = Field("m/s", description="of speeds and range rates")
+    rate: Literal["deg/s", "rad/s"] | None = Field(None, description="of yaw rates; default: each signal must say")
+    acceleration: Literal["m/s^2", "g"] = Field("m/s^2", description="of accelerations")
+
+
 class SignalRef(Settings):
     """A DBC signal read as, or written from, a physical quantity: quantity = unit × (scale × signal + offset).
 
     In YAML either a mapping of these fields or a short text: `PosLat`, `-LAT_DIST` (scale −1: an axis that
-    points the other way), `Velocity.VelNorth` (message and signal).
+    points the other way), `Velocity.VelNorth` (message and signal). The minus sign may stand in the mapping too:
+    `{signal: -LAT_DIST, unit: m}`.
     """
 
-    signal: DbcName = Field(description="signal name, or MESSAGE.SIGNAL")
+    signal: DbcName = Field(description="signal name, or MESSAGE.SIGNAL; a minus sign before it turns the scale's")
     unit: Unit | None = Field(None, description="unit of the signal; default: the DBC's, and SI where it names none")
     scale: Factor = Field(1.0, description="factor on the DBC's physical value; −1 turns an axis round")
     offset: Factor = Field(0.0, description="added after the scale, in the signal's unit")
@@ -69,8 +102,15 @@ class SignalRef(Settings):
 class ObjectSignalRef(SignalRef):
     """A signal of an object: which of its values says that the quantity is not known, and which stand for classes."""
 
-    unknown: SignalValue | None = Field(
-        None, description="value of the signal, in the DBC's unit, that says that the quantity is not known"
+    unknown: UnknownValues = Field(
+        (),
+        description="value of the signal, or list of values, in the DBC's unit, that says: the quantity is not known",
+    )
+    unknown_raw: UnknownRaws = Field(
+        (), description="likewise as the number in the signal's bits, before the DBC's scale and offset: 0xFFF"
+    )
+    form: Literal["sine", "slope"] | None = Field(
+        None, description="of an angle only: the signal gives its sine, or its slope (tangent); default: the angle"
     )
     codes: tuple[SignalValue, ...] | None = Field(
         None,
@@ -81,11 +121,14 @@ class ObjectSignalRef(SignalRef):
 
 
 def _signal_from_text(value: Any) -> Any:
-    """Convert the short text form of a signal to its fields."""
-    if not isinstance(value, str):
+    """Convert the short text form of a signal to its fields, and a minus sign before its name to the scale's."""
+    if isinstance(value, str):
+        value = {"signal": value.strip()}
+    if not isinstance(value, dict) or not isinstance(value.get("signal"), str) or value["signal"][:1] != "-":
         return value
-    name = value.removeprefix("-").strip()
-    return {"signal": name, "scale": -1.0 if value.startswith("-") else 1.0}
+    scale = value.get("scale", 1.0)
+    turned = -scale if isinstance(scale, int | float) and not isinstance(scale, bool) else scale
+    return {**value, "signal": value["signal"].removeprefix("-").strip(), "scale": turned}
 
 
 Signal = Annotated[SignalRef, BeforeValidator(_signal_from_text, json_schema_input_type=DbcName | SignalRef)]

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from candaemon.config.base import Settings, Signal, Signals
+from candaemon.config.base import Settings, Signal, Signals, Units
 from candaemon.config.gnss import GnssSettings
 from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.protection import InputProtectionSettings, MotionPlausibilitySettings
@@ -24,6 +24,7 @@ class EgoCommon(Settings):
 
     bus: Name = Field(description="name of the bus")
     dbc: FilePath = Field(description="DBC file, relative to this YAML")
+    units: Units = Field(default_factory=Units, description="of signals without a unit of their own")
     age_limit: float = Field(0.5, gt=0, le=10, description="s without an update before ego motion counts as lost")
     dead_reckoning: float = Field(
         10.0, gt=0, le=600, description="s without an update before even dead reckoning is given up"

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from candaemon.config.base import ListedObjectSignals, Settings
+from candaemon.config.base import ListedObjectSignals, Settings, Units
 from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.numbers import SignalValue
 from candaemon.config.protection import ProtectionSettings
@@ -35,6 +35,7 @@ class OutputSettings(Settings):
     dbc: FilePath = Field(description="DBC file, relative to this YAML")
     objects: ObjectFormat
     signals: dict[Quantity, ListedObjectSignals] = Field(description="quantity: the signal, or signals, it goes into")
+    units: Units = Field(default_factory=Units, description="of signals without a unit of their own")
     status: StatusFormat | None = Field(None, description="message sent once a cycle")
     mount: Mount = Field(default_factory=Mount, description="axes the obstacles are written in; default: vehicle axes")
     send: Literal["occupied", "all"] = Field(

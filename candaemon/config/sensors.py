@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from candaemon.config.base import Condition, ObjectSignal, Settings
+from candaemon.config.base import Condition, ObjectSignal, RawValue, Settings, Units
 from candaemon.config.directions import Pair
 from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.numbers import SignalValue
@@ -23,8 +23,10 @@ class Mount(Settings):
     yaw_deg: float = Field(0.0, ge=-180, le=180, description="deg, positive to the left")
 
 
-_SLOT = re.compile(r"\{slot(:0?[1-9]?[dxX])?\}")
-"""What stands for a slot's number in a message's name."""
+_NUMBER = re.compile(r"\{(slot|point|object)(:0?[1-9]?[dxX])?\}")
+"""What stands in a name for the number of a slot, of a point in its message, of an object of all messages."""
+MOST_POINTS: Final = 64
+"""Objects in one message: a byte of a CAN FD frame each."""
 
 
 def _message_from_text(value: Any) -> Any:
@@ -36,7 +38,16 @@ class ObjectMessage(Settings):
     """One message of an object. `{slot}` in the name stands for the slot's number."""
 
     message: DbcName = Field(description="message name; `{slot}`, `{slot:02d}` … stands for the slot's number")
-    id_signal: DbcName | None = Field(None, description="signal of this message that says which object it is of")
+    id_signal: DbcName | Literal[False] | None = Field(
+        None,
+        description="signal of this message that says which object it is of; false: frames come in the objects' order",
+    )
+    when: dict[DbcName, RawValue] = Field(
+        default_factory=dict,
+        max_length=1,
+        description="signal: value; only frames with that value are of this entry, others are of another one, "
+        "or of another sensor",
+    )
     optional: bool = Field(False, description="an object is used without this message too")
     protection: InputProtectionSettings | None = Field(
         None, description="of this message; default: that of the sensor or the output"
@@ -44,7 +55,8 @@ class ObjectMessage(Settings):
 
     @model_validator(mode="after")
     def _name_has_only_slot(self) -> ObjectMessage:
-        if not set(_SLOT.sub("", self.message)).isdisjoint("{}"):
+        found = [match.group(1) for match in _NUMBER.finditer(self.message)]
+        if not set(_NUMBER.sub("", self.message)).isdisjoint("{}") or set(found) - {"slot"}:
             raise ValueError(
                 f"'{self.message}' has braces that are not {{slot}}, or such as {{slot:02d}} or {{slot:x}} (9 digits)"
             )
@@ -55,18 +67,48 @@ class ObjectMessage(Settings):
         return self.message.format(slot=number)
 
 
+def is_numbered(name: str) -> bool:
+    """Return whether numbers of slots, points or objects stand in a signal's name."""
+    return _NUMBER.search(name) is not None and set(_NUMBER.sub("", name)).isdisjoint("{}")
+
+
+def is_of_point(name: str) -> bool:
+    """Return whether a signal's name says which of a message's objects it is of."""
+    return any(match.group(1) != "slot" for match in _NUMBER.finditer(name))
+
+
 Messages = tuple[
     Annotated[ObjectMessage, BeforeValidator(_message_from_text, json_schema_input_type=DbcName | ObjectMessage)], ...
 ]
+
+
+def _counted(value: Any) -> Any:
+    """Convert a number of points to their numbers, from 0."""
+    counts = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_POINTS
+    return tuple(range(value)) if counts else value
+
+
+_Point = Annotated[int, Field(ge=0, le=1_000_000)] | DbcName
+Points = Annotated[
+    tuple[_Point, ...],
+    Field(min_length=1, max_length=MOST_POINTS),
+    BeforeValidator(_counted, json_schema_input_type=Annotated[int, Field(ge=1, le=MOST_POINTS)] | tuple[_Point, ...]),
+]
+MOST_SLOTS: Final = 4096
+"""Objects that a format can hold."""
 
 
 class ObjectFormat(Settings):
     """Where the objects lie in the frames; serves reading and writing alike."""
 
     messages: Messages = Field(min_length=1, description="the messages that together make one object")
-    slots: int = Field(ge=1, le=256, description="objects the format can hold")
-    first: int = Field(0, ge=0, le=1_000_000, description="number of the first slot in the messages' names")
+    slots: int = Field(ge=1, le=MOST_SLOTS, description="objects the format can hold")
+    first: int = Field(0, ge=0, le=1_000_000, description="number of the first slot in the names")
     step: int = Field(1, ge=1, le=1_000_000, description="difference of the numbers of neighbouring slots")
+    points: Points = Field(
+        (0,),
+        description="objects in one message: how many, or a list of what `{point}` stands for in their signals' names",
+    )
     identity: DbcName | Literal[False] | None = Field(
         None,
         description="signal that is the object's identity; default: the slot is; false: it has none",
@@ -85,9 +127,9 @@ class ObjectFormat(Settings):
     def _slots_are_distinguishable(self) -> ObjectFormat:
         by_name = ["{slot" in entry.message for entry in self.messages]
         for entry, numbered in zip(self.messages, by_name, strict=True):
-            if not numbered and entry.id_signal is None and self.slots > 1:
+            if not numbered and entry.id_signal is None and self.places > 1:
                 raise ValueError(
-                    f"message '{entry.message}' is the same for all {self.slots} slots; "
+                    f"message '{entry.message}' is the same for all {self.places} slots; "
                     "put {slot} into its name or give its id_signal"
                 )
         if any(by_name) and not all(by_name):
@@ -95,10 +137,30 @@ class ObjectFormat(Settings):
         return self
 
     @model_validator(mode="after")
+    def _points_fill_the_slots(self) -> ObjectFormat:
+        if self.slots % len(self.points):
+            raise ValueError(
+                f"{self.slots} slots are no whole number of messages with {len(self.points)} points each; "
+                "slots counts the objects of all messages"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _order_is_of_one_message(self) -> ObjectFormat:
+        if any(entry.id_signal is False for entry in self.messages) and len(self.messages) > 1:
+            raise ValueError("id_signal: false is for an object of one message; several need what tells objects apart")
+        return self
+
+    @model_validator(mode="after")
     def _new_is_of_an_identity(self) -> ObjectFormat:
         if self.identity is False and self.new:
             raise ValueError("identity is false, so no slot keeps its object, but new is given; leave one of them out")
         return self
+
+    @property
+    def places(self) -> int:
+        """Messages that a scan can hold of each of an object's messages."""
+        return self.slots // len(self.points)
 
     @property
     def multiplexed(self) -> bool:
@@ -287,6 +349,7 @@ class SensorSettings(Settings):
     objects: ObjectFormat
     scan: ScanSettings
     signals: ObjectSignals
+    units: Units = Field(default_factory=Units, description="of signals without a unit of their own")
     noise: ObjectNoise
     rates: Literal["of_position", "over_ground"] = Field(
         "of_position", description="vx and vy are rates of x and y in the turning sensor axes, or velocity differences"
@@ -323,6 +386,12 @@ class SensorSettings(Settings):
     def _sees_by_looks_or_without(self) -> SensorSettings:
         if self.looks is not None and "field_of_view" in self.model_fields_set:
             raise ValueError("looks give a field of view each, but field_of_view is given too; leave one of them out")
+        return self
+
+    @model_validator(mode="after")
+    def _order_begins_with_a_scan(self) -> SensorSettings:
+        if isinstance(self.scan, CounterScan) and any(entry.id_signal is False for entry in self.objects.messages):
+            raise ValueError("frames without an id are counted from a scan's begin, which close: counter does not show")
         return self
 
     @model_validator(mode="after")

@@ -55,3 +55,24 @@ class TabulatedCondition:
     def passes(self, value: Floats) -> Booleans:
         """Return elementwise whether decoded values pass."""
         return self.table.take(value.astype(np.intp))
+
+
+@dataclass(frozen=True, slots=True)
+class KnownCondition:
+    """A test that a signal has none of the values that say that the quantity is not known.
+
+    Attributes:
+        unknown: those values.
+        near: how near to one is as good.
+
+    """
+
+    unknown: tuple[float, ...]
+    near: float
+
+    def passes(self, value: Floats) -> Booleans:
+        """Return elementwise whether decoded values pass."""
+        passed = np.ones(value.shape, np.bool_)
+        for each in self.unknown:
+            passed &= np.abs(value - each) >= self.near
+        return passed

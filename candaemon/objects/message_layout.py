@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
+from candaemon.config.sensors import is_of_point
 from candaemon.dbc.types import MessageSpec, SignalSpec
+
+
+def point_name(name: str, point: int) -> str:
+    """Return the name under which a layout has a signal of one of a message's points; the first has the pattern's."""
+    return f"{name}[{point}]" if point and is_of_point(name) else name
+
+
+def first_point_name(name: str) -> str:
+    """Return what `point_name` gives for the first of the points."""
+    return name.partition("[")[0]
 
 
 @dataclass(frozen=True, slots=True)
 class MessageLayout:
-    """One of the messages that together make an object; every slot's message of it is laid out alike.
+    """One of the messages that together make an object; every place's message of it is laid out alike.
 
     Attributes:
         index: position among the object's messages.
         pattern: the message's name as configured.
-        messages: by slot; a single one where all objects share it.
+        messages: by place (a slot, or as many slots as a message has points); a single one where all objects share it.
+            Signals with numbers in their names have their patterns as names, `point_name` those of further points.
         optional: whether an object is used without it.
-        id_signal: signal that gives the object of a frame, where all objects share the message.
+        id_signal: signal that gives the place of a frame, where all objects share the message.
+        keys: place by the value of that signal; empty where `first` and `step` give it.
+        first: value of that signal for the first place.
+        step: difference of the values of neighbouring places.
+        selector: signal and value that a frame must have to be of this layout; None: every frame of its id is.
 
     """
 
@@ -25,13 +42,30 @@ class MessageLayout:
     messages: tuple[MessageSpec, ...]
     optional: bool
     id_signal: SignalSpec | None
+    keys: Mapping[int, int] = field(default_factory=dict)
+    first: int = 0
+    step: int = 1
+    selector: tuple[SignalSpec, int] | None = None
 
     @property
     def shortest(self) -> MessageSpec:
-        """The message that stands for those of all slots: the first of the shortest ones."""
+        """The message that stands for those of all places: the first of the shortest ones."""
         return min(self.messages, key=lambda message: message.length)
 
     @property
     def length(self) -> int:
         """Payload bytes of the shortest message, which hold every signal that is used."""
         return self.shortest.length
+
+    def place(self, key: int) -> int:
+        """Return the place that a value of the id signal stands for, −1 where it stands for none."""
+        if self.keys:
+            return self.keys.get(key, -1)
+        place, rest = divmod(key - self.first, self.step)
+        return -1 if rest else place
+
+    def key(self, place: int) -> int:
+        """Return the value of the id signal for a place."""
+        if self.keys:
+            return next((key for key, of in self.keys.items() if of == place), -1)
+        return self.first + self.step * place

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,16 +12,36 @@ import numpy.typing as npt
 from candaemon.arrays import Booleans, Bytes, Floats, Integers
 from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.dbc.single_codec import compile_field_reader
-from candaemon.objects.conditions import CompiledCondition, TabulatedCondition
-from candaemon.objects.message_layout import MessageLayout
+from candaemon.objects.conditions import CompiledCondition, KnownCondition, TabulatedCondition
+from candaemon.objects.message_layout import MessageLayout, point_name
 from candaemon.objects.object_batch import ObjectBatch
-from candaemon.objects.signals import SignalBinding
+from candaemon.objects.signals import SignalBinding, angle_of
 
 Column: TypeAlias = Sequence[bytes | None] | Bytes
 """Payloads of one layout, one an object; None where it did not come. Or (n, length), where all came."""
 Row: TypeAlias = tuple[int, int]
 """A decoded signal: index of its layout, and its row there."""
-ReadCondition: TypeAlias = CompiledCondition | TabulatedCondition
+ReadCondition: TypeAlias = CompiledCondition | TabulatedCondition | KnownCondition
+POSITION: Final = ("x", "y", "range", "azimuth")
+"""Quantities without which an object is nowhere."""
+
+
+class Claim(NamedTuple):
+    """What frames of an identifier that several messages share are of one of them.
+
+    Attributes:
+        length: payload bytes of the message.
+        read: payload → the value that says it.
+        value: that of these frames.
+        layout: index of the layout they are of.
+        place: theirs; −1 where the payload says it.
+    """
+
+    length: int
+    read: Callable[[bytes], int]
+    value: int
+    layout: int
+    place: int
 
 
 class LayoutReader:
@@ -33,6 +53,7 @@ class LayoutReader:
         bindings: the signals that are quantities.
         valid: row and condition of each signal that makes an object valid.
         new: row and condition of each signal that makes it new in its slot.
+        points: objects in a message.
 
     Attributes:
         length: payload bytes that are read.
@@ -40,8 +61,9 @@ class LayoutReader:
         gain: (quantities, 1) SI units per unit of the signal.
         bias: (quantities, 1) in SI, None where all are 0.
         uncertain: whether a quantity may be NaN, as floats and multiplexed signals can.
-        unknown: row of each signal with a value that says nothing, that value, and how near it is as good.
+        unknown: row of each signal and value of it that says nothing, and how near to that is as good.
         codes: row of each signal with values for classes, and those values (1, classes).
+        angles: row of each signal that gives the sine or the slope of an angle, and which of them.
 
     """
 
@@ -52,21 +74,32 @@ class LayoutReader:
         bindings: Sequence[SignalBinding],
         valid: Sequence[tuple[int, ReadCondition]],
         new: Sequence[tuple[int, ReadCondition]],
+        points: int = 1,
     ) -> None:
         self.layout, self.bindings = layout, tuple(bindings)
+        self.points = points
         self.valid, self.new = tuple(valid), tuple(new)
         self.length = layout.length
-        self.decoder = BatchDecoder(layout.shortest, names) if names else None
+        each = [point_name(name, point) for point in range(points) for name in names]
+        self.decoder = BatchDecoder(layout.shortest, each) if names else None
         self.gain: Floats = np.array([[binding.gain] for binding in bindings])
         bias = np.array([[binding.bias] for binding in bindings])
         self.bias: Floats | None = bias if bias.any() else None
         self.unknown = tuple(
-            (row, each.unknown, abs(each.signal.scale) / 2)
-            for row, each in enumerate(bindings)
-            if each.unknown is not None
+            (row, value, abs(each.signal.scale) / 2) for row, each in enumerate(bindings) for value in each.unknown
         )
+        self.angles = tuple((row, each.form) for row, each in enumerate(bindings) if each.form is not None)
         self.codes = tuple((row, np.array([each.codes])) for row, each in enumerate(bindings) if each.codes is not None)
         self.uncertain = any(each.signal.is_float or each.signal.multiplexer_signal for each in bindings)
+
+    def decode(self, payload: bytes | Bytes) -> Floats:
+        """Decode the signals of n frames: a row each, a column an object."""
+        assert self.decoder is not None, "there are signals to decode"  # noqa: S101  # the caller asked
+        raw = self.decoder.decode(payload)
+        if self.points == 1:
+            return raw
+        signals, frames = len(raw) // self.points, raw.shape[1]
+        return raw.reshape(self.points, signals, frames).transpose(1, 2, 0).reshape(signals, frames * self.points)
 
 
 class ObjectReader:
@@ -74,13 +107,16 @@ class ObjectReader:
 
     Args:
         slots: objects the format can hold.
+        points: objects in one message.
         multiplexed: whether all objects share their messages and `object_key` gives the object of a payload.
         readers: one a message of the object.
-        routes: CAN id → (layout, slot); slot −1 where all objects share the message.
+        routes: CAN id → (layout, place); place −1 where all objects share the message.
+        claims: by CAN id, what of its frames is whose, where a value in them says it.
         pairs: signals that are equal in messages of one object.
         identity: the signal that is the object's identity, None where the format has none.
 
     Attributes:
+        places: messages that a scan can hold of each of an object's messages: slots, where each holds one object.
         layouts: the messages of an object.
         bindings: the signals that are quantities.
         quantities: their names, in the same order: the rows of `ObjectBatch.values`.
@@ -91,13 +127,17 @@ class ObjectReader:
         self,
         *,
         slots: int,
+        points: int = 1,
         multiplexed: bool,
         readers: Sequence[LayoutReader],
         routes: Mapping[int, tuple[int, int]],
+        claims: Mapping[int, tuple[Claim, ...]] | None = None,
         pairs: Sequence[Row],
         identity: Row | None,
     ) -> None:
         self.slots, self.multiplexed, self.routes = slots, multiplexed, routes
+        self.points, self.places = points, slots // points
+        self.claims = claims or {}
         self.layouts = tuple(reader.layout for reader in readers)
         self.bindings = tuple(binding for reader in readers for binding in reader.bindings)
         self.quantities = tuple(binding.quantity for binding in self.bindings)
@@ -115,20 +155,20 @@ class ObjectReader:
         return self._has_new and not any(reader.new and reader.layout.optional for reader in self._readers)
 
     def object_key(self, layout: int, data: bytes) -> int:
-        """Read the object id from a payload of a multiplexed format, 0 where there is only one object."""
+        """Read the place from a payload of a multiplexed format, 0 where there is only one, −1 where it is none."""
         key = self._keys[layout]
-        return 0 if key is None else key(data)
+        return 0 if key is None else self.layouts[layout].place(key(data))
 
     def read(self, columns: Sequence[Column]) -> ObjectBatch:
         """Read the objects of a scan.
 
         Args:
-            columns: per layout n payloads, each of the layout's length or longer, or None where it did not come.
-                Without a required message an object is not valid; without an optional one its quantities are NaN, as
-                one is whose signal says that it is not known.
+            columns: per layout n payloads (of as many objects, or `points` times as many), each of the layout's length
+                or longer, or None where it did not come. Without a required message an object is not valid; without an
+                optional one its quantities are NaN, as one is whose signal says that it is not known.
 
         """
-        n = len(columns[0])
+        n = len(columns[0]) * self.points
         values = np.empty((len(self.quantities), n))
         valid: list[Booleans] = []
         finite: list[Booleans] = []
@@ -137,12 +177,14 @@ class ObjectReader:
         first = 0
         for reader, column in zip(self._readers, columns, strict=True):
             payload, missing = _joined(column, reader.length)
+            if missing is not None and self.points > 1:
+                missing = missing.repeat(self.points)
             if missing is not None and not reader.layout.optional:
                 valid.append(~missing)
             if reader.decoder is None:
                 raws.append(values)
                 continue
-            raw = reader.decoder.decode(payload)
+            raw = reader.decode(payload)
             raws.append(raw)
             count = len(reader.bindings)
             if count:
@@ -153,6 +195,8 @@ class ObjectReader:
                     rows += reader.bias
                 if reader.uncertain:
                     finite.append(np.logical_and.reduce(np.isfinite(rows)))
+                for row, form in reader.angles:
+                    rows[row] = angle_of(rows[row], form)
                 for row, unknown, near in reader.unknown:
                     rows[row, np.abs(raw[row] - unknown) < near] = np.nan
                 for row, codes in reader.codes:  # a value that stands for no class is the first: unknown
@@ -188,7 +232,7 @@ class ObjectReader:
             for layout, row in others:
                 equal = raws[first][first_row] == raws[layout][row]
                 if self.layouts[layout].optional:
-                    equal |= np.array([payload is None for payload in columns[layout]], np.bool_)
+                    equal |= np.array([payload is None for payload in columns[layout]], np.bool_).repeat(self.points)
                 equalities.append(equal)
         return _all_of(equalities, n)
 

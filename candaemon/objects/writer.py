@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from struct import Struct
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.dbc.batch_codec import BatchEncoder
 from candaemon.objects.message_layout import MessageLayout
+from candaemon.objects.signals import AngleForm, form_of
 from candaemon.protection.checksums import FrameProtector
 
 QuantityValues: TypeAlias = Mapping[str, Floats | npt.NDArray[np.integer]]
@@ -34,6 +35,7 @@ class QuantityColumn:
         lossy: whether clipping counts as saturated.
         unknown: the signal's value where the quantity is NaN; None where it never is.
         codes: the signal's values by class; None where the quantity is none, or its own value.
+        form: whether the signal gives the sine or the slope of the quantity, an angle; None: neither.
 
     """
 
@@ -46,12 +48,15 @@ class QuantityColumn:
     lossy: bool
     unknown: float | None = None
     codes: Floats | None = None
+    form: AngleForm | None = None
 
     def signal_values(self, found: Floats | npt.NDArray[np.integer]) -> tuple[Floats, Booleans | None]:
         """Convert the quantity into the signal's values; return with them which were clipped, None if that is free."""
         if self.codes is not None:
             return self.codes.take(found.astype(np.intp), mode="clip"), None
         wire: Floats = np.asarray(found % self.wrap if self.wrap else found, np.float64)
+        if self.form is not None:
+            wire = form_of(wire, self.form)
         if self.bias:
             wire = wire - self.bias
         if self.gain != 1.0:
@@ -73,14 +78,19 @@ class LayoutWriter:
     Attributes:
         encoder: of the signals, a row each.
         length: payload bytes.
-        can_ids: by slot of the whole layout; a single one where all objects share the message.
-        mine: by slot, whether this writer writes it; None where it writes all.
+        can_ids: by place of the whole layout; a single one where all objects share the message.
+        mine: by place, whether this writer writes it; None where it writes all.
         templates: (signals, 2) values in an empty and in an occupied slot.
         columns: the signals that carry quantities.
         new: row and value of each signal that shows an object to be new in its slot.
         counters: row and number of values of each signal that counts.
         identities: row and number of values of each signal that shows the identity.
         protector: counter and checksum, None where there are none.
+        points: objects in a message.
+        of_point: rows of the signals that each point has; the encoder's rows are those of the first point and of the
+            message, then these again for each further point.
+        place: row of the signal that says which place a message is of, and its value by place; None where none does,
+            or an identity does.
 
     """
 
@@ -94,6 +104,9 @@ class LayoutWriter:
     counters: tuple[tuple[int, int], ...]
     identities: tuple[tuple[int, int], ...]
     protector: FrameProtector | None
+    points: int = 1
+    of_point: Indices = field(default_factory=lambda: np.empty(0, np.intp))
+    place: tuple[int, Integers] | None = None
 
     def write(
         self,
@@ -107,7 +120,7 @@ class LayoutWriter:
     ) -> int:
         """Append the frames; return how many values were saturated. Arguments as `ObjectWriter.write`."""
         if self.mine is not None:
-            chosen = np.flatnonzero(self.mine[slot])
+            chosen = np.flatnonzero(self.mine[slot // self.points])
             if not len(chosen):
                 return 0
             slot, occupied, identity = slot[chosen], occupied[chosen], identity[chosen]
@@ -130,8 +143,13 @@ class LayoutWriter:
                 table[row, new & occupied] = value
         for row, wrap in self.identities:
             table[row] = np.where(occupied, identity % wrap, table[row])
+        if self.place is not None:
+            row, of_place = self.place
+            table[row] = of_place[slot // self.points]
         for row, wrap in self.counters:
             table[row] = counter % wrap
+        if self.points > 1:
+            slot, table = self._by_message(slot, table, occupied)
         payloads, saturated = self.encoder.encode(table)
         ids = np.full(len(slot), self.can_ids[0]) if len(self.can_ids) == 1 else self.can_ids[slot]
         if self.protector is not None:
@@ -141,12 +159,24 @@ class LayoutWriter:
         frames += zip(ids.tolist(), _splitter(self.length, len(slot)).unpack(payloads.tobytes()), strict=True)
         return saturated + outside
 
+    def _by_message(self, slot: Integers, table: Floats, occupied: Booleans) -> tuple[Integers, Floats]:
+        """Put the columns of objects, all points of each message side by side, into one column a message."""
+        messages = len(slot) // self.points
+        each = table.reshape(len(table), messages, self.points)
+        # what all points of a message share shows what the first object in it does
+        shown = occupied.reshape(messages, self.points).argmax(axis=1)
+        whole = np.take_along_axis(each, shown[None, :, None], axis=2)[:, :, 0]
+        of_point = each[self.of_point].transpose(2, 0, 1)
+        whole[self.of_point] = of_point[0]
+        return slot[:: self.points] // self.points, np.concatenate([whole, *of_point[1:]])
+
 
 class ObjectWriter:
     """Writes objects of one format; `binding.bind_writer` makes it.
 
     Args:
         slots: objects the format can hold.
+        points: objects in one message.
         layouts: the messages of an object.
         quantities: those that `write` uses.
         data_ids: messages that share the data ids of the protection.
@@ -161,12 +191,14 @@ class ObjectWriter:
         self,
         *,
         slots: int,
+        points: int = 1,
         layouts: Sequence[MessageLayout],
         quantities: Sequence[str],
         data_ids: int,
         writers: Sequence[LayoutWriter],
     ) -> None:
         self.slots, self.layouts, self.quantities = slots, tuple(layouts), tuple(quantities)
+        self.points, self.places = points, slots // points
         self.data_ids = data_ids
         self.saturated = 0
         self._writers = tuple(writers)
@@ -201,9 +233,48 @@ class ObjectWriter:
             return frames
         identity = slot if identity is None else identity
         new = None if new is None or not np.count_nonzero(new) else new
+        if self.points > 1:
+            slot, values, occupied, counter, new, identity = self._whole_messages(
+                slot, values, occupied, counter, new, identity
+            )
         for writer in self._writers:
             self.saturated += writer.write(frames, slot, values, occupied, counter, new, identity)
         return frames
+
+    def _whole_messages(
+        self,
+        slot: Integers,
+        values: QuantityValues,
+        occupied: Booleans,
+        counter: int | Integers,
+        new: Booleans | None,
+        identity: Integers,
+    ) -> tuple[Integers, QuantityValues, Booleans, int | Integers, Booleans | None, Integers]:
+        """Add the slots, empty, that are in a message with one of those given. Arguments as `write`."""
+        messages = np.unique(slot // self.points)
+        every = (messages[:, None] * self.points + np.arange(self.points)).ravel()
+        place = np.searchsorted(every, slot)
+
+        def spread(found: npt.NDArray[Any]) -> npt.NDArray[Any]:
+            full = np.zeros(len(every), found.dtype)
+            full[place] = found
+            return full
+
+        if not isinstance(counter, int):  # one frame has one counter: that of its first slot given
+            order = place[::-1]
+            of_message = np.zeros(len(messages), counter.dtype)
+            of_message[order // self.points] = counter[::-1]
+            counter = of_message.repeat(self.points)
+        everywhere = every.copy()
+        everywhere[place] = identity
+        return (
+            every,
+            {name: spread(found) for name, found in values.items()},
+            spread(occupied),
+            counter,
+            None if new is None else spread(new),
+            everywhere,
+        )
 
 
 @lru_cache

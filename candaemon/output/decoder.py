@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from candaemon.arrays import Floats
 from candaemon.binding.bind_reader import bind_reader
 from candaemon.binding.bound import BoundOutput
+from candaemon.binding.numbered_names import numbered_names
 from candaemon.config.base import SignalRef
 from candaemon.frames.bodies import BODY, CLASSES
 from candaemon.tracking.obstacles import MOTION
@@ -67,7 +68,13 @@ class OutputDecoder:
     def __init__(self, output: BoundOutput) -> None:
         settings = output.settings
         signals: dict[str, SignalRef] = {str(name): refs[0] for name, refs in settings.signals.items()}
-        self._reader = bind_reader(settings.objects, signals, output.database)
+        self._reader = bind_reader(
+            settings.objects,
+            signals,
+            output.database,
+            units=settings.units,
+            names=numbered_names(settings.signals, settings.protection),
+        )
         self._status_id = None if output.status is None else output.status.message.can_id
         self._payloads: list[list[bytes | None]] = []
         self._clear()
@@ -95,4 +102,4 @@ class OutputDecoder:
 
     def _clear(self) -> None:
         """Discard the frames of the cycle."""
-        self._payloads = [[None] * self._reader.slots for _ in self._reader.layouts]
+        self._payloads = [[None] * self._reader.places for _ in self._reader.layouts]

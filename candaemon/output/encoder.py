@@ -68,8 +68,8 @@ class OutputEncoderState:
 class OutputEncoder:
     """Obstacles → slots → frames, cycle by cycle.
 
-    Sends the status, then the occupied slots and, once, each freed slot as empty; with `send: all`, every slot. Where
-    all objects share their messages, only the occupied slots are sent.
+    Sends the status, then the occupied slots and, once, each freed slot as empty; with `send: all`, every slot, and
+    so where a message holds several. Where all objects share their messages, only the occupied slots are sent.
 
     Counters of the protection count the frames of each message; where `counter` is among the output's quantities, they
     count cycles, the same in all slots.
@@ -84,7 +84,8 @@ class OutputEncoder:
         self._mount, self._half_width = settings.mount, settings.path_half_width
         self._tentative = settings.tentative
         self._listed = settings.objects.multiplexed
-        self._all = settings.send == "all" and not self._listed
+        several = len(settings.objects.points) > 1  # then a message may hold slots that nothing else makes be sent
+        self._all = (settings.send == "all" or several) and not self._listed
         self._names = tuple(name for name in settings.signals if name not in OF_FRAME)
         self._may_be_unknown = [row for row, name in enumerate(self._names) if name in MAY_BE_UNKNOWN]
         self._polar = "range" in settings.signals

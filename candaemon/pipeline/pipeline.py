@@ -26,8 +26,9 @@ from candaemon.pipeline.output_cycle import OutputCycle
 from candaemon.pipeline.pipeline_state import PipelineState, Schedule
 from candaemon.pipeline.spare_frames import SpareFrames
 from candaemon.radar.assembler_factory import make_assembler
-from candaemon.radar.assembly import Route, ScanAssembler
+from candaemon.radar.assembly import ScanAssembler
 from candaemon.radar.block_routing import BlockRouter
+from candaemon.radar.claimed_frames import ClaimedFrames, ClaimedRoute, Route
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import Mounting
 from candaemon.radar.scan import Scan
@@ -333,8 +334,16 @@ class Pipeline:
         if self.binding.ego is not None:
             for can_id, frames in self.ego_frames.items():
                 routes[self.binding.ego.bus][can_id] = (frames.receive, 0, 0)
+        claimed: dict[tuple[int, int], list[ClaimedRoute]] = {}
         for sensor, assembler in zip(self.binding.sensors, self.assemblers, strict=True):
-            routes[sensor.bus].update(assembler.routes)
+            routes[sensor.bus].update(
+                (can_id, route) for can_id, route in assembler.routes.items() if can_id not in assembler.claimed
+            )
+            for can_id, claims in assembler.claimed.items():
+                claimed.setdefault((sensor.bus, can_id), []).extend(claims)
+        for (index, can_id), all_claims in claimed.items():  # what no sensor claims is counted as known
+            spare, _, _ = routes[index][can_id]
+            routes[index][can_id] = (ClaimedFrames(all_claims, spare).receive, 0, 0)
         return routes
 
 

@@ -20,10 +20,10 @@ those known, or the last look plus the shortest time-out, has come.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 
@@ -32,15 +32,11 @@ from candaemon.frames.times import LONG_AGO_NS, NEVER_NS
 from candaemon.objects.object_batch import ObjectBatch
 from candaemon.objects.scan_messages import LookReader
 from candaemon.protection.monitor import FrameMonitor, FrameMonitorState
+from candaemon.radar.claimed_frames import ClaimedFrames, ClaimedRoute, Route
 from candaemon.radar.frame_validity import FrameValidity, FrameValidityState
 from candaemon.radar.plausibility import ObjectPlausibilityState, count_keys
 from candaemon.radar.scan import Scan, ScanCounts
 from candaemon.radar.selection import Selection
-
-FrameHandler: TypeAlias = Callable[[int, int, bytes, int], Scan | None]
-"""Takes part, slot, payload and time stamp (ns) of a frame; returns the scan that it closes."""
-Route: TypeAlias = tuple[FrameHandler, int, int]
-"""Handler of a CAN id, and the part and slot to call it with."""
 
 UNKNOWN: Final = -1
 """Frames awaited where a scan does not say how many it has: it is counted down from here and never reaches 0."""
@@ -101,6 +97,7 @@ class ScanAssembler(ABC):
 
     Attributes:
         routes: each CAN id the sensor takes, and who receives it.
+        claimed: the CAN ids among them of which only frames with certain values are the sensor's.
         timeout_ns: from the first frame of a scan to its deadline.
     """
 
@@ -109,7 +106,9 @@ class ScanAssembler(ABC):
         counts = ScanCounts() if counts is None else counts
         self.timeout_ns: Final = round(settings.timeout * 1e9)
         self._sensor, self._reader = sensor.index, reader
-        self._slots, self._multiplexed = reader.slots, reader.multiplexed
+        self._slots, self._multiplexed = reader.places, reader.multiplexed
+        self._listed_in_order = any(entry.id_signal is False for entry in settings.objects.messages)
+        self._points, self._point = reader.points, np.arange(reader.points)
         self._latency_ns = round(settings.latency * 1e9)
         self._from_last = settings.time_from == "last"
         self._half_cycle_ns = round(settings.cycle_time * 5e8)
@@ -125,8 +124,8 @@ class ScanAssembler(ABC):
         self._optional = [part.index for part in reader.layouts if part.optional]
         self._every_slot = np.arange(reader.slots, dtype=np.int64)
         self._every_slot.flags.writeable = False  # scans share it
-        self._slot_list = list(range(reader.slots))
-        self._in_order = itemgetter(*range(reader.slots)) if reader.slots > 1 else None
+        self._slot_list = list(range(reader.places))
+        self._in_order = itemgetter(*range(reader.places)) if reader.places > 1 else None
         self._keys = count_keys(sensor)
         self._look, self._views = sensor.look, sensor.settings.views
         self._state = AssemblerState(
@@ -138,6 +137,7 @@ class ScanAssembler(ABC):
             [True] * len(reader.layouts),
             [{} for _ in reader.layouts],
         )
+        self.claimed: dict[int, tuple[ClaimedRoute, ...]] = {}
         self.routes: Mapping[int, Route] = self._all_routes()
 
     @abstractmethod
@@ -210,10 +210,22 @@ class ScanAssembler(ABC):
             self._alike[part] and self._monitors[part] is None and part in self._required and not self._multiplexed
             for part in range(len(self._lengths))
         ]
-        return {
+        routes: dict[int, Route] = {
             can_id: (self.receive if plain[part] else self._admit, part, slot)
             for can_id, (part, slot) in self._reader.routes.items()
         }
+        for can_id, claims in self._reader.claims.items():
+            self.claimed[can_id] = tuple(
+                (
+                    claim.length,
+                    claim.read,
+                    claim.value,
+                    (self.receive if plain[claim.layout] else self._admit, claim.layout, claim.place),
+                )
+                for claim in claims
+            )
+            routes[can_id] = (ClaimedFrames(self.claimed[can_id]).receive, 0, 0)
+        return routes
 
     def _admit(self, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:
         """Take a frame that needs more: its own length, a checksum verified, its object read, its part awaited."""
@@ -227,8 +239,8 @@ class ScanAssembler(ABC):
             self._validity.refused(time_ns)
             return None
         if slot < 0:
-            slot = self._reader.object_key(part, data)
-            if slot < 0:
+            slot = len(state.frames[part]) if self._listed_in_order else self._reader.object_key(part, data)
+            if not 0 <= slot < self._keys:
                 state.counts.surplus += 1
                 return None
         if not state.expected[part]:
@@ -278,8 +290,12 @@ class ScanAssembler(ABC):
         objects = self._objects()
         return UNKNOWN if objects is None else objects * sum(self._state.expected)
 
+    def _count(self) -> int:
+        """Return how many objects the open scan says that it has; more than there can be where it does not."""
+        return NEVER_NS
+
     def _limit(self) -> int:
-        """Return from which slot on objects do not hold."""
+        """Return from which place on frames do not hold."""
         return NEVER_NS
 
     def _unmarked(self) -> int:
@@ -381,6 +397,10 @@ class ScanAssembler(ABC):
         full = len(slots) == self._slots and not self._multiplexed
         batch = self._reader.read([self._payloads(column, slots, full) for column in self._state.frames])
         slot = self._every_slot if full else np.array(slots, np.int64)
+        if self._points > 1:
+            if not full:
+                slot = (slot[:, None] * self._points + self._point).ravel()
+            batch = replace(batch, valid=batch.valid & (slot < self._count()))
         return self._selection.scan(self._time_ns(), batch, slot, missing)
 
     def _payloads(self, column: Mapping[int, bytes], slots: list[int], full: bool) -> Sequence[bytes | None]:

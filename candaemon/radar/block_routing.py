@@ -11,8 +11,9 @@ import numpy as np
 from candaemon.arrays import Booleans, Indices, Integers
 from candaemon.binding.bound import BoundSensor
 from candaemon.frames.frame_block import FrameBlock
-from candaemon.radar.assembly import Route, ScanAssembler
+from candaemon.radar.assembly import ScanAssembler
 from candaemon.radar.block_scans import WholeScans, whole_scans
+from candaemon.radar.claimed_frames import Route
 from candaemon.radar.scan import Scan
 
 Event: TypeAlias = tuple[int, Callable[[int, int, Any, int], Scan | None], int, int, Any]

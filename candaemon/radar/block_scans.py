@@ -34,7 +34,7 @@ class WholeScans:
         self._reader = sensor.reader
         self._counters = [BatchDecoder(part.shortest, [scan.signal]) for part in sensor.reader.layouts]
         self._lengths = np.array([part.length for part in sensor.reader.layouts])
-        self._frames = sensor.reader.slots * len(sensor.reader.layouts)
+        self._frames = sensor.reader.places * len(sensor.reader.layouts)
 
     def find(
         self, block: FrameBlock, rows: Indices, part: Integers, slot: Integers
@@ -59,7 +59,7 @@ class WholeScans:
         full = np.flatnonzero(spans == size)
         members = begins[full][:, None] + np.arange(size)
         frames = rows[members]
-        key = (part * self._reader.slots + slot)[members]
+        key = (part * self._reader.places + slot)[members]
         order = key.argsort(axis=1)
         each_once = (np.take_along_axis(key, order, axis=1) == np.arange(size)).all(axis=1)
         long_enough = (block.length[frames] >= self._lengths[part[members]]).all(axis=1)
@@ -82,7 +82,7 @@ class WholeScans:
     def _read(self, block: FrameBlock, frames: Indices) -> list[ObjectBatch]:
         """Read the objects of scans, whose frames (scans, parts × slots) are sorted by part and slot."""
         slots = self._reader.slots
-        parts = frames.reshape(len(frames), len(self._lengths), slots)
+        parts = frames.reshape(len(frames), len(self._lengths), self._reader.places)
         objects = self._reader.read(
             [_payloads(block, parts[:, index].ravel(), int(length)) for index, length in enumerate(self._lengths)]
         )
@@ -91,7 +91,7 @@ class WholeScans:
 
 def whole_scans(sensor: BoundSensor, assembler: ScanAssembler) -> WholeScans | None:
     """Return what finds the whole scans of a sensor; None where its frames must be looked at one by one."""
-    several = sensor.reader.slots * len(sensor.reader.layouts) > 1
+    several = sensor.reader.places * len(sensor.reader.layouts) > 1
     if isinstance(assembler, CounterAssembler) and assembler.takes_all_alike and several and sensor.look is None:
         return WholeScans(sensor, assembler)
     return None

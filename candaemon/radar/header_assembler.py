@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from candaemon.binding.bound import BoundSensor
 from candaemon.frames.times import NEVER_NS
-from candaemon.radar.assembly import UNKNOWN, Route
+from candaemon.radar.assembly import UNKNOWN
+from candaemon.radar.claimed_frames import Route
 from candaemon.radar.scan import Scan, ScanCounts
 from candaemon.radar.timeout_assembler import TimeoutAssembler
 
@@ -62,14 +63,18 @@ class HeaderAssembler(TimeoutAssembler):
         state.measurement = measurement
 
     def _objects(self) -> int | None:
-        return self._state.count if self._header.used_only else self._slots
+        count = self._state.count
+        return self._slots if not self._header.used_only else None if count is None else -(-count // self._points)
+
+    def _count(self) -> int:
+        return NEVER_NS if self._state.count is None else self._state.count
 
     def _awaits(self) -> int:
         return UNKNOWN if self._state.count is None else super()._awaits()
 
     def _limit(self) -> int:
         count = self._state.count
-        return NEVER_NS if count is None or self._header.used_only else count
+        return NEVER_NS if count is None or self._header.used_only else -(-count // self._points)
 
     def _unmarked(self) -> int:
         return int(self._state.count is None)

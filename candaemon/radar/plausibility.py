@@ -62,7 +62,7 @@ class ObjectPlausibility:
         self._ranged = np.array([row for row, limits in enumerate(ranges) if limits is not None], np.intp)
         found = np.array([limits for limits in ranges if limits is not None]).reshape(-1, 2)
         self._low, self._high = found[:, :1], found[:, 1:]
-        slots = count_keys(sensor)
+        slots = count_keys(sensor) * sensor.reader.points
         self._speed = settings.max_speed if reader.reports_new and slots <= MOST_SLOTS else None
         self._polar = "range" in reader.quantities
         first, second = ("range", "azimuth") if self._polar else ("x", "y")
@@ -139,6 +139,6 @@ class ObjectPlausibility:
 
 
 def count_keys(sensor: BoundSensor) -> int:
-    """Count the slots, or the ids in the payload, that distinguish objects."""
+    """Count the places, or the ids in the payload, that distinguish the frames of a message."""
     identifying = [part.id_signal for part in sensor.reader.layouts if part.id_signal is not None]
-    return max([sensor.reader.slots, *(value_count(signal) for signal in identifying)])
+    return max([sensor.reader.places, *(value_count(signal) for signal in identifying)])

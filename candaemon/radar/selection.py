@@ -37,7 +37,7 @@ class Selection:
         self._has_identity = bool(form.identity)
         self._has_pairs = len(form.pair) > 1
         self._may_lack = any(part.optional for part in reader.layouts) or any(
-            binding.unknown is not None for binding in reader.bindings
+            bool(binding.unknown) for binding in reader.bindings
         )
         largest = {"length": LONGEST_BODY, "width": WIDEST_BODY}
         self._sizes = [(row, largest[name]) for row, name in enumerate(reader.quantities) if name in largest]

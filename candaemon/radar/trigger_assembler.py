@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from candaemon.binding.bound import BoundSensor
-from candaemon.radar.assembly import UNKNOWN, Route
+from candaemon.radar.assembly import UNKNOWN
+from candaemon.radar.claimed_frames import Route
 from candaemon.radar.scan import Scan, ScanCounts
 from candaemon.radar.timeout_assembler import TimeoutAssembler
 

@@ -43,8 +43,10 @@ class SensorEncoder:
         self._looks = tuple(sensor.settings.views)
         self._writers = {look: bind_sensor_writer(sensor, where, look) for look in self._looks}
         self._writer = self._writers[self._looks[0]]
-        self._packed = bool(form.identity) and not form.multiplexed
+        counted = isinstance(scan, HeaderScan) and len(form.points) > 1  # the count says which points are used
+        self._packed = bool(form.identity) and (counted or not form.multiplexed)
         self._listed = form.identity is False
+        self._order_counts = any(entry.id_signal is False for entry in form.messages)
         self._used_only = form.multiplexed or (isinstance(scan, HeaderScan) and scan.used_only)
         objects = {message.can_id: (part.index, message) for part in self._writer.layouts for message in part.messages}
         self._fd = frozenset(can_id for can_id, (_, message) in objects.items() if message.is_fd)
@@ -120,7 +122,7 @@ class SensorEncoder:
 
     def _in_order(self, sent: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
         """Return frames in sending order: by part where objects share messages, the trigger frame last."""
-        if self._transmission.order == "shuffled":
+        if self._transmission.order == "shuffled" and not self._order_counts:
             sent = [sent[k] for k in self._order.permutation(len(sent)).tolist()]
         if self._rank:
             sent.sort(key=lambda frame: self._rank[frame[0]])

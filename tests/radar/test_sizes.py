@@ -97,7 +97,7 @@ def test_codes_are_values_of_the_signal_and_of_a_class() -> None:
 @pytest.mark.parametrize("unknown", [0.0, 0.6, 51.0])
 def test_a_value_that_says_unknown_reads_as_no_number(unknown: float) -> None:
     bound = bind_signal("length", ObjectSignalRef(signal="Size", unknown=unknown), signal(), SettingLocation())
-    assert bound.unknown == unknown
+    assert bound.unknown == (unknown,)
     sensor = binding("acura_ilx").sensors[0]
     spec = replace(sensor.reader.layouts[0].messages[0], length=1, signals=(signal(),))
     layout = replace(sensor.reader.layouts[0], messages=(spec,))
