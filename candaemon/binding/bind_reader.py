@@ -11,12 +11,12 @@ from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.binding.look_up import check_alike, find_in_layouts, find_layouts
 from candaemon.binding.numbered_names import numbered_names, unlike_point
 from candaemon.config.base import Condition, SignalRef, Units
-from candaemon.config.sensors import ObjectFormat, is_of_point
+from candaemon.config.sensors import ObjectFormat
 from candaemon.dbc.single_codec import compile_field_reader
 from candaemon.dbc.types import Database
 from candaemon.errors import ConfigError
 from candaemon.objects.conditions import KnownCondition
-from candaemon.objects.message_layout import MessageLayout, point_name
+from candaemon.objects.message_layout import MessageLayout, is_of_point, point_name
 from candaemon.objects.reader import POSITION, Claim, LayoutReader, ObjectReader, ReadCondition, Row
 from candaemon.objects.signals import SignalBinding
 

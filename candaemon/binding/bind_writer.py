@@ -23,13 +23,13 @@ from candaemon.binding.look_up import check_alike, find_in_layouts, find_layouts
 from candaemon.binding.numbered_names import numbered_names, unlike_point
 from candaemon.config.base import Condition, SignalRef, Units
 from candaemon.config.protection import InputProtectionSettings, ProtectionSettings
-from candaemon.config.sensors import MOST_SLOTS, ObjectFormat, is_of_point
+from candaemon.config.sensors import MOST_SLOTS, ObjectFormat
 from candaemon.dbc.batch_codec import BatchEncoder
 from candaemon.dbc.bits import as_decoded, representable_values, sendable_values, value_count
 from candaemon.dbc.types import Database, SignalSpec
 from candaemon.errors import ConfigError
 from candaemon.objects.conditions import CompiledCondition
-from candaemon.objects.message_layout import MessageLayout, first_point_name, point_name
+from candaemon.objects.message_layout import MessageLayout, first_point_name, is_of_point, point_name
 from candaemon.objects.reader import POSITION
 from candaemon.objects.signals import SignalBinding
 from candaemon.objects.writer import LayoutWriter, ObjectWriter, QuantityColumn

@@ -72,11 +72,6 @@ def is_numbered(name: str) -> bool:
     return _NUMBER.search(name) is not None and set(_NUMBER.sub("", name)).isdisjoint("{}")
 
 
-def is_of_point(name: str) -> bool:
-    """Return whether a signal's name says which of a message's objects it is of."""
-    return any(match.group(1) != "slot" for match in _NUMBER.finditer(name))
-
-
 Messages = tuple[
     Annotated[ObjectMessage, BeforeValidator(_message_from_text, json_schema_input_type=DbcName | ObjectMessage)], ...
 ]

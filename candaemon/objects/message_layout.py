@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from candaemon.config.sensors import is_of_point
 from candaemon.dbc.types import MessageSpec, SignalSpec
+
+
+def is_of_point(name: str) -> bool:
+    """Return whether a signal's name, as configured, says which of a message's objects it is of."""
+    return "{point" in name or "{object" in name
 
 
 def point_name(name: str, point: int) -> str:
