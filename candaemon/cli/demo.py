@@ -23,8 +23,9 @@ import can
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding, BoundOutput
 from candaemon.can_io.python_can import to_frame, to_message
-from candaemon.cli.arguments import SCENARIO, input_path, number, seed, speed
+from candaemon.cli.arguments import SCENARIO, input_path, number, seed, speed, whole_number
 from candaemon.cli.console import console, say
+from candaemon.cli.view import LARGEST_PORT, LONGEST_VIEW, PORT, require_extra, show
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config, find_scenario
 from candaemon.daemon.daemon import Daemon
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 SHORTEST_DRIVE: Final = 0.001
 """Shortest drive, s."""
 
+_DURATION_S, _VIEWED_S = 20.0, 60.0
 _SPEED = 4.0
 """Times real time on a terminal."""
 _HANDOVER_TIMEOUT_S = 10.0
@@ -63,24 +65,63 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--duration",
         type=number(SHORTEST_DRIVE, LONGEST_DRIVE, "s"),
-        default=20.0,
         metavar="S",
-        help="s of the drive; default: 20",
+        help=f"s of the drive; default: {_DURATION_S:g}, with --view {_VIEWED_S:g}",
     )
     parser.add_argument("--seed", type=seed, default=1, help="of all random numbers; default: 1")
     parser.add_argument(
-        "--speed", type=speed, help="times real time; default: 4 on a terminal, elsewhere as fast as it goes"
+        "--speed",
+        type=speed,
+        help="times real time; default: 4 on a terminal, 1 with --view, elsewhere as fast as it goes",
+    )
+    parser.add_argument("--view", action="store_true", help="open a page in the browser that shows the drive")
+    parser.add_argument(
+        "--view-for",
+        type=number(0.001, LONGEST_VIEW, "s"),
+        metavar="S",
+        help="s after which the page is closed; default: never",
+    )
+    parser.add_argument(
+        "--port", type=whole_number(0, LARGEST_PORT), default=PORT, help=f"of that page; default: {PORT}; 0: any"
     )
 
 
 def execute(arguments: argparse.Namespace) -> None:
     """Simulate a drive, track it and compare."""
     scenario = load_scenario(find_scenario(arguments.scenario))
-    run_demo(
-        bind(load_config(find_config(Path("demo")))),
-        scenario.model_copy(update={"duration": min(arguments.duration, scenario.duration)}),
-        seed=arguments.seed,
-        speed=arguments.speed,
+    duration = arguments.duration or (_VIEWED_S if arguments.view else _DURATION_S)
+    scenario = scenario.model_copy(update={"duration": min(duration, scenario.duration)})
+    if arguments.view:
+        require_extra()
+    binding = bind(load_config(find_config(Path("demo"))))
+    if arguments.view:
+        view_demo(binding, scenario, arguments)
+    else:
+        run_demo(binding, scenario, seed=arguments.seed, speed=arguments.speed)
+
+
+def view_demo(binding: Binding, scenario: Scenario, arguments: argparse.Namespace) -> None:
+    """Show a drive in the browser, through the pipeline without the buses.
+
+    Args:
+        binding: the configuration.
+        scenario: the drive.
+        arguments: of the command.
+    """
+    from candaemon.view.drive_pictures import pictures_of_frames  # noqa: PLC0415 - only to look at it
+    from candaemon.view.page_server import PageAddress  # noqa: PLC0415 - the room's libraries are an extra
+
+    simulation = simulate(scenario, binding, arguments.seed)
+    say(f"{scenario.duration:g} s of a simulated drive")
+    show(
+        binding,
+        lambda _: pictures_of_frames(binding, simulation.frames()),
+        f"simulated: {arguments.scenario.stem}",
+        PageAddress("127.0.0.1", arguments.port),
+        live=False,
+        opens=True,
+        speed=arguments.speed or 1.0,
+        duration=arguments.view_for,
     )
 
 

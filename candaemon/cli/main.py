@@ -32,6 +32,8 @@ COMMANDS = {
     "status": "Show what a running service does, live on a terminal.",
     "install-service": "Write the systemd unit that runs a configuration.",
     "replay": "Replay a recorded drive.",
+    "view": "Show live buses or a recorded drive in the browser.",
+    "watch": "Show the obstacles of live buses in the terminal.",
     "check": "Load a configuration, open nothing, and tell what it does.",
     "simulate": "Write the frames of a scenario through the sensors of a configuration.",
     "evaluate": "Compare tracks with the truth.",

@@ -121,7 +121,7 @@ def replay(
         InputError: there is no such log, it holds no frame of the configured buses, or a file cannot be written.
     """
     started = time.perf_counter()
-    channels, counts, steps = _channels(binding, request.channels), LogCounts(), ReorderCounts()
+    channels, counts, steps = channel_indices(binding, request.channels), LogCounts(), ReorderCounts()
     clock, stray_times = _LogClock(), 0
     score = DriveScore([sensor.settings.cycle_time for sensor in binding.sensors], request.horizons)
     recorded = runs(request.log, fingerprint(binding), fresh=request.fresh)
@@ -130,7 +130,7 @@ def replay(
     with ExitStack() as files:
         outputs = outputs or files.enter_context(Outputs([*binding.files, *files_of(request.log)]))
         writers = _Writers(binding, request, outputs, files, sinks)
-        for run, pipeline in _begun(binding, recorded):
+        for run, pipeline in begun_runs(binding, recorded):
             sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
             written = _CycleOutputs(binding, pipeline, request, writers, score)
             strays = StrayTimes()
@@ -152,7 +152,7 @@ def replay(
     return Replayed(pipeline, counts, steps, stray_times, score, clock.first_ns, clock.last_ns, seconds)
 
 
-def _begun(binding: Binding, recorded: Iterable[Run]) -> Iterator[tuple[Run, Pipeline]]:
+def begun_runs(binding: Binding, recorded: Iterable[Run]) -> Iterator[tuple[Run, Pipeline]]:
     """Yield runs with the pipelines that they begin with; a log whose state is refused is left out, with a warning.
 
     What comes after it in its run begins with the next state.
@@ -241,7 +241,7 @@ class _LogClock:
             yield item
 
 
-def _channels(binding: Binding, further: dict[str, str]) -> dict[str, int]:
+def channel_indices(binding: Binding, further: dict[str, str]) -> dict[str, int]:
     """Return the bus index of each channel name that a log may use."""
     index = {bus.name: bus.index for bus in binding.buses}
     channels = {name: bus.index for bus in binding.buses for name in bus.settings.names_in_logs}

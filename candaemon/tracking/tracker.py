@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.tracker import TrackerSettings
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.measurement import Measurement
@@ -158,6 +158,11 @@ class Tracker:
             return np.zeros((0, 2))
         rows = self.update.reflection
         return self._tracks.estimator.expected_position(rows, horizon, self._tracks.direction[rows])
+
+    def mode_probabilities(self) -> tuple[Integers, Floats]:
+        """Return the obstacles' identities (k,) and the weights of the models of their leading reflections (k, M)."""
+        obstacles = self._tracks.obstacles
+        return obstacles.id, self._tracks.estimator.probability[obstacles.leader]
 
     def _used(self, detections: Detections | None) -> Used:
         """Return what this cycle's detections updated."""

@@ -219,6 +219,10 @@ class VehicleTracker:
         ahead = from_travel_axes(drift, bodies.obstacles.axis[body])
         return mean[:, POSITION] + ahead + bias + bodies.offsets()[rows]
 
+    def mode_probabilities(self) -> tuple[Integers, Floats]:
+        """Return the obstacles' identities (k,) and the probabilities of their modes (k, M)."""
+        return self._bodies.obstacles.id, self._bodies.filter.probability
+
     def _used(self, detections: Detections | None) -> Used:
         """Return what this cycle's detections updated."""
         if self.update is None or detections is None:

@@ -53,7 +53,13 @@ INSTEAD = {
 }
 """Words of commands, and what stands in for them."""
 
-ADDED = {"papers": ["003", "--runs", "2"], "status": ["--once"]}
+ADDED = {
+    "demo": ["--duration", "1", "--port", "0", "--view-for", "0.01"],
+    "papers": ["003", "--runs", "2"],
+    "status": ["--once"],
+    "view": ["--duration", "0.01", "--port", "0"],
+    "watch": ["--duration", "0.01"],
+}
 """Arguments that let a command end soon."""
 
 SHORT = "duration: 3\nego: {start: {speed: 20}}\nactors: [{name: lead, start: {x: 40, y: 0, vx: 20, vy: 0}}]\n"

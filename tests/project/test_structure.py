@@ -44,6 +44,7 @@ ROOMS: tuple[str, ...] = (
     "status",
     "simulation",
     "papers",
+    "view",
     "cli",
     "candaemon",
     "__main__",

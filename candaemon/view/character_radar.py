@@ -1,0 +1,64 @@
+"""A bird's-eye view made of characters, for a terminal: ahead is up, the own vehicle is `^`."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from candaemon.view.picture import Picture
+
+SIGNS: Final = "?0+"
+"""Of tentative, confirmed and coasting obstacles, where a label does not fit."""
+_DETECTION, _OWN = "·", "^"
+_ROWS_A_METRE_WIDE: Final = 2.0
+"""A character is twice as high as wide."""
+
+
+def drawn(picture: Picture, columns: int, rows: int, *, ahead: float = 100.0) -> list[str]:
+    """Return a picture as lines of characters.
+
+    Args:
+        picture: of the cycle.
+        columns: characters of a line.
+        rows: lines.
+        ahead: m that the upper edge lies ahead; a sixth of it is drawn behind.
+    """
+    field = [[" "] * columns for _ in range(rows)]
+    behind = ahead / 6
+    metres = (ahead + behind) / max(rows - 1, 1)
+    own_row = round(ahead / metres)
+    middle = columns // 2
+
+    def cell(x: float, y: float) -> tuple[int, int] | None:
+        if not (abs(x) < 1e6 and abs(y) < 1e6):  # NaN is not less
+            return None
+        row, column = own_row - round(x / metres), middle - round(y / metres * _ROWS_A_METRE_WIDE)
+        return (row, column) if 0 <= row < rows and 0 <= column < columns else None
+
+    for k in range(rows):
+        distance = (own_row - k) * metres
+        if round(distance / metres) % 5 == 0 and k != own_row:
+            label = f"{distance:.0f} m"
+            field[k][: len(label)] = label[:columns]
+            field[k][middle] = "|"
+    for scan in picture.scans:
+        for x, y in zip(scan.x.tolist(), scan.y.tolist(), strict=True):
+            if (at := cell(x, y)) is not None:
+                field[at[0]][at[1]] = _DETECTION
+    if 0 <= own_row < rows:
+        field[own_row][middle] = _OWN
+    named = picture.columns
+    for row in np.argsort(-named["x"], kind="stable").tolist():
+        at = cell(float(named["x"][row]), float(named["y"][row]))
+        if at is not None:
+            text = SIGNS[int(named["state"][row]) % len(SIGNS)] + str(int(named["id"][row]))
+            _put(field[at[0]], at[1], text)
+    return ["".join(line).rstrip() for line in field]
+
+
+def _put(line: list[str], column: int, text: str) -> None:
+    """Write a text into a line, as far as it has room."""
+    for k, character in enumerate(text):
+        if column + k < len(line):
+            line[column + k] = character

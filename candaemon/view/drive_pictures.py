@@ -1,0 +1,61 @@
+"""Pictures of what is known in advance: a log, or the frames of a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import chain
+from pathlib import Path
+
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.read import check_log, read_log_blocks
+from candaemon.can_io.logs.stream import LogCounts
+from candaemon.can_io.reorder import ReorderBuffer
+from candaemon.can_io.stray_times import StrayTimes
+from candaemon.frames.frame import Frame
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.pipeline.saved_state import fingerprint
+from candaemon.playback.recording_files import runs
+from candaemon.playback.replay import begun_runs, channel_indices
+from candaemon.view.painter import Painter
+from candaemon.view.picture import Picture
+
+
+def pictures_of_log(
+    binding: Binding,
+    log: Path,
+    channels: Mapping[str, str] | None = None,
+    progress: Callable[[LogCounts], None] | None = None,
+) -> Iterator[Picture]:
+    """Yield the pictures of a recorded drive, as fast as it goes.
+
+    Args:
+        binding: the configuration, bound to its DBC files.
+        log: the recorded drive, or a folder: a recording of the service, or consecutive logs.
+        channels: additional channel names in the log: channel → bus.
+        progress: called once a picture.
+
+    Raises:
+        InputError: there is no such log, or it holds no frame of the configured buses.
+    """
+    indices, counts = channel_indices(binding, dict(channels or {})), LogCounts()
+    recorded = runs(log, fingerprint(binding), fresh=False)
+    for each in chain.from_iterable(run.logs for run in recorded):
+        check_log(each)
+    for run, pipeline in begun_runs(binding, recorded):
+        painter, strays = Painter(pipeline), StrayTimes()
+        sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
+        blocks = chain.from_iterable(read_log_blocks(each, indices, counts) for each in run.logs)
+        cycles = pipeline.run_blocks(sequence.sequenced_blocks(strays.removed(blocks)))
+        for cycle in chain(cycles, pipeline.finish() if run.ends else ()):
+            yield painter.paint(cycle)
+            if progress is not None:
+                progress(counts)
+    counts.require_frames(log)
+
+
+def pictures_of_frames(binding: Binding, frames: Iterable[Frame]) -> Iterator[Picture]:
+    """Yield the pictures of frames in order of time, such as those of a simulation."""
+    pipeline = Pipeline(binding)
+    painter = Painter(pipeline)
+    for cycle in chain(pipeline.run(frames), pipeline.finish()):
+        yield painter.paint(cycle)
