@@ -51,6 +51,7 @@ def sheets(figures: Tree) -> list[Sheet]:
         _times(figures),
         _buses(figures),
         _sensors(figures),
+        *_calibration(figures),
         *_rare(figures),
     ]
 
@@ -175,6 +176,24 @@ def _sensors(figures: Tree) -> Sheet:
     return Sheet(
         "sensors", rows, ("", "state", "scans/s", "age s", "used", "missing", "dropped", "trust", "NIS/freedom")
     )
+
+
+def _calibration(figures: Tree) -> Iterator[Sheet]:
+    """Yield a sheet on what is estimated of the sensors, once anything is known."""
+    rows = tuple(
+        (
+            name,
+            f"{1e3 * of['latency']:.1f} ± {1e3 * of['latency_sd']:.1f}",
+            f"{1e3 * of['latency_applied']:.1f}",
+            f"{of['yaw_deg']:.2f} ± {of['yaw_sd_deg']:.2f}",
+            f"{of['yaw_applied_deg']:.2f}",
+        )
+        for name, sensor in figures["sensors"].items()
+        if (of := sensor.get("calibration")) and of["latency"] is not None
+    )
+    if rows:
+        header = ("", "latency ms", "applied ms", "yaw deg", "applied deg")
+        yield Sheet("beyond what is configured", rows, header)
 
 
 def _rare(figures: Tree) -> Iterator[Sheet]:

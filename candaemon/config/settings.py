@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from candaemon.config.base import Settings
 from candaemon.config.buses import BusSettings
+from candaemon.config.calibration import CalibrationSettings
 from candaemon.config.ego import EgoSettings, InsSettings, StaticSettings
 from candaemon.config.names import Line, Name, Prose
 from candaemon.config.output import OutputSettings
@@ -57,6 +58,9 @@ class Config(Settings):
     tracker: TrackerSettings = Field(default_factory=TrackerSettings, description="how detections become obstacles")
     groups: dict[Name, GroupSettings] = Field(
         default_factory=dict, description="sensors tracked on their own, by group name; default: all together"
+    )
+    calibration: CalibrationSettings = Field(
+        default_factory=CalibrationSettings, description="what is estimated of the sensors while driving"
     )
     output: OutputSettings | None = Field(None, description="how obstacles go onto a bus; default: they do not")
     ordering_window: float = Field(

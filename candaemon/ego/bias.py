@@ -107,6 +107,20 @@ class MotionBias:
             variance = 2 * (self._settings.drift_noise / swept) ** 2
             self._update(row, float(row @ self.state.mean) + moved / swept, variance)
 
+    def set_scale(self, scale: float, deviation: float) -> None:
+        """Set the speed's factor, and how well it is known."""
+        self._set(_SCALE, scale, deviation)
+
+    def set_yaw_rate(self, yaw_rate: float, deviation: float) -> None:
+        """Set the yaw rate's bias, rad/s, and how well it is known."""
+        self._set(_BIAS, yaw_rate, deviation)
+
+    def _set(self, index: int, value: float, deviation: float) -> None:
+        state = self.state
+        state.mean[index] = value
+        state.covariance[index, :] = state.covariance[:, index] = 0.0
+        state.covariance[index, index] = deviation**2
+
     def _update(self, row: Floats, value: float, variance: float) -> None:
         """Update with one scalar measurement: value = row · state + noise."""
         state = self.state

@@ -283,5 +283,13 @@ class InsMotion:
         """Return the ego pose at an instant; None before the first complete sample."""
         return self.history.pose(time_ns)
 
+    @property
+    def corrections(self) -> tuple[float, float]:
+        """None: speed and yaw rate are used as the INS gives them."""
+        return 1.0, 0.0
+
     def learn(self, returns: StationaryReturns) -> None:
         """Ignore what stands still: the INS knows better."""
+
+    def correct(self, scale: float, yaw_rate: float, scale_sd: float, yaw_rate_sd: float) -> None:
+        """Ignore what a calibration found: the INS knows better."""

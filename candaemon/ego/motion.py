@@ -87,6 +87,11 @@ class EgoMotion(Protocol):
         """Time of the latest sample; poses after it are extrapolated."""
         ...
 
+    @property
+    def corrections(self) -> tuple[float, float]:
+        """Factor on the speed as read, and what is taken from the yaw rate as read, rad/s."""
+        ...
+
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Take the quantities of one frame, SI units."""
         ...
@@ -97,6 +102,10 @@ class EgoMotion(Protocol):
 
     def learn(self, returns: StationaryReturns) -> None:
         """Correct what the source reads wrongly by what stands still."""
+        ...
+
+    def correct(self, scale: float, yaw_rate: float, scale_sd: float, yaw_rate_sd: float) -> None:
+        """Set the corrections to what a calibration found, and how well that is known."""
         ...
 
 

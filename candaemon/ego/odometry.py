@@ -221,6 +221,20 @@ class OdometryMotion:
         """Correct the speed's factor and the yaw rate's bias by what stands still."""
         self.bias.learn_from_returns(returns, self._state.wheel_speed, by_wheels=self._state.by_wheels)
 
+    @property
+    def corrections(self) -> tuple[float, float]:
+        """Factor on the wheels' speed, and what is taken from the yaw rate as read, rad/s."""
+        state = self._state
+        if state.derived is None:
+            return self.bias.scale, self.bias.yaw_rate
+        return self.bias.scale, self.bias.mismatch if state.by_wheels else 0.0
+
+    def correct(self, scale: float, yaw_rate: float, scale_sd: float, yaw_rate_sd: float) -> None:
+        """Set the speed's factor, and the yaw rate sensor's bias while that is what tells the turning."""
+        self.bias.set_scale(scale, scale_sd)
+        if self._state.derived is None:
+            self.bias.set_yaw_rate(yaw_rate, yaw_rate_sd)
+
 
 class StandingStill:
     """Ego motion of a vehicle, or a mast, that never moves: it remembers nothing."""
@@ -238,5 +252,13 @@ class StandingStill:
         """Return the origin, at rest."""
         return EgoPose(time_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EgoStatus.VALID)
 
+    @property
+    def corrections(self) -> tuple[float, float]:
+        """None: nothing is read."""
+        return 1.0, 0.0
+
     def learn(self, returns: StationaryReturns) -> None:
         """Ignore what stands still: nothing can be learnt at rest."""
+
+    def correct(self, scale: float, yaw_rate: float, scale_sd: float, yaw_rate_sd: float) -> None:
+        """Ignore what a calibration found: nothing is read."""

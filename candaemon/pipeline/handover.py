@@ -67,6 +67,8 @@ def hand_over(former: Pipeline, successor: Pipeline) -> Kept:
     same_numbers = len(sensors) == len(former.assemblers) and all(old == new for old, new in sensors.items())
     if ego_motion and same_numbers and former.stationary is not None and successor.stationary is not None:
         successor.stationary.state = former.stationary.state
+    if ego_motion:
+        _take_calibration(former, successor, sensors)
     _take_counts(former, successor)
     _take_times(former, successor, sensors)
     kept = sum(map(len, successor.trackers))
@@ -132,6 +134,14 @@ def _take_trackers(former: Pipeline, successor: Pipeline, sensors: Mapping[int, 
         if kept and same_filter(predecessor, tracker):
             predecessor.renumber_sensors(kept)
             set_state(tracker, predecessor.state)
+
+
+def _take_calibration(former: Pipeline, successor: Pipeline, sensors: Mapping[int, int]) -> None:
+    """Let what was learnt of the sensors live on that are the same."""
+    if former.calibrator is not None and successor.calibrator is not None:
+        before, after = former.calibrator.state.sensors, successor.calibrator.state.sensors
+        for old, new in sensors.items():
+            after[new] = before[old]
 
 
 def _groups(pipeline: Pipeline) -> dict[str, tuple[AnyTracker, frozenset[int]]]:

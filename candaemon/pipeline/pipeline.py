@@ -7,9 +7,11 @@ happened on the road happens again from its recording.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from candaemon.binding.bound import Binding
+from candaemon.calibration.calibrator import Calibrator
 from candaemon.ego.factory import make_ego, make_georeferencer
 from candaemon.ego.georeference import Georeferencer
 from candaemon.ego.motion import EgoMotion
@@ -61,6 +63,9 @@ class Pipeline:
         )
         self.trackers, self._tracker_of = self.tracker_groups.trackers, self.tracker_groups.by_sensor
         self.stationary = StationaryWatch(self.ego.teaching) if self.ego.teaching is not None else None
+        # detections of what stands → latency and yaw of the sensors, errors of ego motion
+        self.calibrator = self._make_calibrator()
+        self._corrects = self.calibrator is not None and self.calibrator.settings.apply
         # obstacles → frames
         self.output_cycle = OutputCycle(binding.settings)
         self.encoder = OutputEncoder(binding.output) if binding.output is not None else None
@@ -188,6 +193,7 @@ class Pipeline:
             self.tracker_groups.state,
             None if self.stationary is None else self.stationary.state,
             self.output_cycle.state,
+            None if self.calibrator is None else self.calibrator.state,
             None if self.encoder is None else self.encoder.state,
             self.health.state,
             self.schedule,
@@ -209,6 +215,7 @@ class Pipeline:
         self.tracker_groups.state = state.trackers
         _restore(self.stationary, state.stationary)
         self.output_cycle.state = state.output_cycle
+        _restore(self.calibrator, state.calibrator)
         _restore(self.encoder, state.encoder)
         self.health.state = state.health
         self.schedule = state.schedule
@@ -242,6 +249,9 @@ class Pipeline:
         """Scan → detections → tracks → obstacles → frames."""
         self.health.note_scan(scan.sensor, now_ns)
         self.schedule.coast_due_ns = now_ns + self._coast_after_ns
+        calibrator, stamped, yaw = self.calibrator, scan, 0.0
+        if calibrator is not None and self._corrects:
+            scan, yaw = calibrator.corrected(scan), calibrator.yaw(scan.sensor)
         # where the vehicle was, and how it moved, at the measurement
         pose = self.ego.pose(scan.time_ns)
         if pose is None:
@@ -249,7 +259,7 @@ class Pipeline:
             yield self._report(no_obstacles(scan.time_ns), _unknown_pose(scan.time_ns), now_ns, None, None)
             return
         # sensor axes → local frame
-        detections = self._mountings[scan.sensor].detections(scan, pose)
+        detections = self._mountings[scan.sensor].detections(scan, pose, yaw)
         # association, update, initiation and deletion in the sensor's group; the other groups are predicted
         tracker = self._tracker_of[scan.sensor]
         obstacles = self._track(tracker, detections, pose)
@@ -258,14 +268,18 @@ class Pipeline:
         # what stands still shows what the sensors of ego motion read wrongly
         if self.stationary is not None:
             returns = self.stationary.returns(detections, tracker, obstacles, pose)
-            if returns is not None:
-                self.ego.learn(returns)
+            if returns is not None:  # a turned sensor makes things drift, too: who corrects it tells the two apart
+                self.ego.learn(replace(returns, drifts=()) if self._corrects else returns)
+        if calibrator is not None:
+            calibrator.learn(stamped)
 
     def _coast(self, now_ns: int) -> Cycle:
         """Report where the obstacles should be, every sensor being silent."""
         self.schedule.coast_due_ns = now_ns + self._coast_ns
         self._counts.coasting_cycles += 1
         time_ns = now_ns - self._latency_ns
+        if self.calibrator is not None and self._corrects:
+            time_ns -= min(map(self.calibrator.latency_ns, range(len(self.assemblers))))
         pose = self.ego.pose(time_ns)
         if pose is None:
             return self._report(no_obstacles(time_ns), _unknown_pose(time_ns), now_ns, None, None)
@@ -313,6 +327,13 @@ class Pipeline:
         first_ns = min(each.deadline_ns for each in self.assemblers)
         # while a scan is open nothing coasts: it is about to show where things are
         schedule.deadline_ns = min(opening_ns, schedule.coast_due_ns if first_ns == NEVER_NS else first_ns)
+
+    def _make_calibrator(self) -> Calibrator | None:
+        """Return what calibrates the sensors; None where that is not asked for, or the vehicle stands for good."""
+        settings = self.binding.settings
+        if not settings.calibration.enabled or self.binding.ego is None:
+            return None
+        return Calibrator(settings.calibration, self.binding.sensors, self.ego, settings.ego)
 
     def _make_ego_frames(self) -> dict[int, EgoFrames]:
         """Return who receives the frames of ego motion, by CAN id."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from candaemon.calibration.calibrator import CalibratorState
 from candaemon.ego.georeference import GeoreferencerState
 from candaemon.ego.ins import InsMotionState
 from candaemon.ego.odometry import OdometryState
@@ -44,6 +45,7 @@ class PipelineState:
         trackers: of the obstacles.
         stationary: of what stands still; None where ego motion has nothing to learn from it.
         output_cycle: of when obstacles go out.
+        calibrator: of what is estimated of the sensors; None where nothing is.
         encoder: of the output; None where there is none.
         health: of the sensors and of what was dropped.
         schedule: of what happens without a frame.
@@ -57,6 +59,7 @@ class PipelineState:
     trackers: TrackersState
     stationary: StationaryWatchState | None
     output_cycle: OutputCycleState
+    calibrator: CalibratorState | None
     encoder: OutputEncoderState | None
     health: HealthState
     schedule: Schedule

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from candaemon.calibration.report import ego_figures, sensor_figures
 from candaemon.ego.georeference import Georeferencer
+from candaemon.pipeline.pipeline import Pipeline
 from candaemon.playback.replay import Replayed
 
 
@@ -33,6 +35,9 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     `gnss`              only with `ego.gnss`: fixes received and by outcome, RMS innovation of the used ones, standard
                         deviation of the last georeference, m
     `seconds`           duration of the log
+    `calibration`       per sensor, only where it is estimated: latency, yaw, their standard deviations, what is applied
+                        (`candaemon.calibration.report`)
+    `ego_calibration`   only with odometry: scale of the speed, bias of the yaw rate, their standard deviations
     `ego_signals`       how often each signal of ego motion came
     `ego_samples`       samples of ego motion, and in how many of them what was derived
     ==================  ==============================================================================
@@ -95,9 +100,20 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
         "output": {"frames": counts.sent, "saturated": pipeline.saturated},
         **({} if pipeline.georeferencer is None else {"gnss": _gnss(pipeline.georeferencer)}),
         "seconds": _rounded((replayed.last_ns - replayed.first_ns) * 1e-9),
+        **_calibration(pipeline),
         "ego_signals": pipeline.ego_signals,
         "ego_samples": asdict(pipeline.ego.counts),
     }
+
+
+def _calibration(pipeline: Pipeline) -> dict[str, Any]:
+    """Return what was estimated of the sensors and of odometry."""
+    calibrator = pipeline.calibrator
+    if calibrator is None:
+        return {}
+    sensors = {sensor.name: sensor_figures(calibrator, sensor.index) for sensor in pipeline.binding.sensors}
+    ego = ego_figures(calibrator)
+    return {"calibration": sensors, **({} if ego is None else {"ego_calibration": ego})}
 
 
 def _gnss(georeferencer: Georeferencer) -> dict[str, Any]:

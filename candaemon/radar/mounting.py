@@ -99,11 +99,17 @@ class Mounting:
         self._turning = settings.rates == "of_position"
         self._identified = settings.identified
 
-    def detections(self, scan: Scan, pose: EgoPose) -> Detections:
-        """Return the scan's objects as seen from the pose, which is that of the scan's instant."""
+    def detections(self, scan: Scan, pose: EgoPose, turned: float = 0.0) -> Detections:
+        """Return the scan's objects as seen from a pose.
+
+        Args:
+            scan: of the sensor.
+            pose: at the scan's instant.
+            turned: by how much the sensor is turned to the left beyond its configured mounting, rad.
+        """
         mount, values = self._mount, scan.values
         a, b = values[self._first], values[self._second]
-        yaw = pose.heading + self._yaw
+        yaw = pose.heading + self._yaw + turned
         noise = np.empty((len(a), 2, 2))
         if self._polar:
             angle = b + yaw

@@ -332,6 +332,9 @@ class MeasurementEffects(Settings):
     slot_reuse: float = Field(
         0.4, ge=0, le=1, description="probability that a new object takes a slot freed in the same scan"
     )
+    turned_deg: float = Field(
+        0.0, ge=-45, le=45, description="deg to the left, by which sensors are turned beyond their configured mounting"
+    )
     cycle_jitter: float = Field(0.001, ge=0, le=0.02, description="s, standard deviation of the measurement's instant")
     traffic: TrafficEffects | None = Field(
         None, description="what measurements of traffic show beyond that; default: fixed reflections with white noise"

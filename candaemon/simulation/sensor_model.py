@@ -153,6 +153,7 @@ class SensorModel:
     def __init__(
         self, scene: Scene, settings: SensorSettings, measurement: MeasurementEffects, *, seed: int, source: int
     ) -> None:
+        settings = _turned(settings, measurement.turned_deg)
         self._scene, self._settings, self._measurement = scene, settings, measurement
         self._looks = cycle(settings.views.values())
         self._view = settings.field_of_view
@@ -395,6 +396,14 @@ class SensorModel:
         self._clutter_key = np.concatenate([self._clutter_key[stay], self._fresh_keys(count)])
         self._clutter = np.concatenate([self._clutter[:, stay], fresh], axis=1)
         self._clutter_place = np.concatenate([self._clutter_place[stay], motion.position])
+
+
+def _turned(settings: SensorSettings, angle_deg: float) -> SensorSettings:
+    """Return a sensor as it is mounted: turned to the left of what its configuration says."""
+    if not angle_deg:
+        return settings
+    yaw_deg = math.remainder(settings.mount.yaw_deg + angle_deg, 360.0)
+    return settings.model_copy(update={"mount": settings.mount.model_copy(update={"yaw_deg": yaw_deg})})
 
 
 def _deviation(name: str, settings: SensorSettings, measurement: MeasurementEffects) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 
 from candaemon._version import __version__
 from candaemon.binding.bound import BoundBus
+from candaemon.calibration.report import ego_figures, sensor_figures
 from candaemon.daemon.observer import DaemonView
 from candaemon.ego.pose import EgoStatus
 from candaemon.pipeline.cycle import Cycle
@@ -122,7 +123,8 @@ def _memory() -> int | None:
 def _own_motion(pipeline: Pipeline, last: Cycle | None) -> EgoMotionStatus:
     counts = {"short": pipeline.counts.ego_motion_short} | asdict(pipeline.counts.ego_motion)
     status = "unknown" if last is None else EGO_STATUS_NAMES[last.pose.status]
-    return EgoMotionStatus(status, counts, pipeline.ego_signals, asdict(pipeline.ego.counts))
+    calibration = ego_figures(pipeline.calibrator)
+    return EgoMotionStatus(status, counts, pipeline.ego_signals, asdict(pipeline.ego.counts), calibration)
 
 
 def _tracks(last: Cycle | None) -> Counts:
@@ -200,5 +202,6 @@ def _sensors(pipeline: Pipeline, measured: Measurements, rates: Mapping[Hashable
                 if each.name not in {"used", *UNUSABLE_CAUSES}
             },
             nis=watch.nis.status(),
+            calibration=sensor_figures(pipeline.calibrator, sensor.index),
         )
     return statuses

@@ -19,6 +19,7 @@ from prometheus_client.core import (
 )
 from prometheus_client.registry import Collector
 
+from candaemon.calibration.report import Figures
 from candaemon.printable import printable
 from candaemon.status.collect import EGO_STATUS_NAMES
 from candaemon.status.histogram import HistogramSnapshot
@@ -108,6 +109,10 @@ def _of_sensors(sensors: Mapping[str, SensorStatus]) -> Iterator[Metric]:
     yield _gauge("candaemon_sensor_trust", "Share of late frames that are usable", of, each(lambda s: s.trust))
     yield _gauge("candaemon_nis", "NIS of late over its freedom: 1 is expected", of, each(lambda s: s.nis.ratio))
     yield _counter("candaemon_nis_sum", "Sum of NIS", of, each(lambda s: s.nis.sum))
+    yield _gauge(
+        "candaemon_sensor_calibration", "Errors of what is configured, and what is applied: s, deg", (*of, "figure"),
+        [each for name, sensor in sensors.items() for each in _figures((name,), sensor.calibration)],
+    )  # fmt: skip
     yield _counter("candaemon_nis_freedom", "Sum of their degrees of freedom", of, each(lambda s: s.nis.freedom))
 
 
@@ -121,6 +126,9 @@ def _of_tracking(snapshot: StatusSnapshot) -> Iterator[Metric]:
     yield _counter("candaemon_own_motion_events", "Its frames not used", ("event",), _by((), motion.counts))
     yield _counter("candaemon_own_motion_signals", "How often each came", ("signal",), _by((), motion.signals))
     yield _counter("candaemon_own_motion_samples", "Samples by what was derived", ("kind",), _by((), motion.samples))
+    yield _gauge(
+        "candaemon_own_motion_calibration", "What odometry reads wrongly", ("figure",), _figures((), motion.calibration)
+    )
     yield CounterMetricFamily("candaemon_cycles", "Times that obstacles were told", cycles.told)
     yield CounterMetricFamily("candaemon_coasting_cycles", "Those of them with every sensor silent", cycles.coasting)
     yield CounterMetricFamily("candaemon_scans_without_ego", "Scans dropped for want of own motion", cycles.without_ego)
@@ -130,6 +138,11 @@ def _of_tracking(snapshot: StatusSnapshot) -> Iterator[Metric]:
     for name, value in (snapshot.recording or {}).items():
         if not isinstance(value, str):
             yield GaugeMetricFamily(f"candaemon_recording_{name}", "What the recording counts", float(value))
+
+
+def _figures(labels: Sequence[str], figures: Figures | None) -> list[Labelled]:
+    """Return what is known of a calibration by its names, the name as the last label."""
+    return [((*labels, name), float(value)) for name, value in (figures or {}).items() if value is not None]
 
 
 def _by(labels: Sequence[str], counts: Counts) -> list[Labelled]:

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from math import isfinite
 from typing import Any, TypeAlias
 
+from candaemon.calibration.report import Figures
 from candaemon.status.histogram import HistogramSnapshot
 from candaemon.status.losses import Losses
 
@@ -90,12 +91,14 @@ class EgoMotionStatus:
         counts: its frames that were not used, and what else is counted of it, by name.
         signals: how often each of its signals came.
         samples: all of them, and in how many of them what was derived.
+        calibration: what odometry reads wrongly, as `candaemon.calibration.report.ego_figures`; None without odometry.
     """
 
     status: str
     counts: Counts
     signals: Counts
     samples: Counts
+    calibration: Figures | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +132,7 @@ class SensorStatus:
         frames: frames by what became of them.
         counts: what else is counted of it: scans, frames missing, objects rejected …
         nis: how its detections fit the tracks.
+        calibration: what is estimated of it, as `candaemon.calibration.report.sensor_figures`; None where nothing is.
     """
 
     bus: str
@@ -139,6 +143,7 @@ class SensorStatus:
     frames: Counts
     counts: Counts
     nis: NisStatus
+    calibration: Figures | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,6 +34,7 @@ ROOMS: tuple[str, ...] = (
     "ego",
     "radar",
     "tracking",
+    "calibration",
     "output",
     "pipeline",
     "evaluation",

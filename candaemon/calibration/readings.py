@@ -1,0 +1,169 @@
+"""What a sensor read over a window, in its own axes: the scans of the window as columns of one batch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import radians
+from typing import Final
+
+import numpy as np
+
+from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices, Integers
+from candaemon.config.sensors import SensorSettings
+from candaemon.radar.scan import Scan
+
+MOST_OBJECTS: Final = 64
+"""Objects of a scan from which is learnt; of more, the first."""
+WANDERING: Final = 0.1
+"""m, added to the noise of a position: reflections wander on what they are of."""
+
+_UNKNOWN: Final = 1e6
+"""m or m/s: stands for what is not known, for a saved state holds numbers only."""
+_FARTHEST: Final = 1e5
+"""m."""
+
+_USED: Final = ("range", "azimuth", "x", "y", "range_rate", "vx", "vy")
+
+
+@dataclass(slots=True)
+class HeldScan:
+    """A scan that waits for its window to be complete.
+
+    Attributes:
+        time_ns: its time as stamped, less the configured latency.
+        scale: factor in the ego's speed then.
+        bias: rad/s taken out of the ego's yaw rate then.
+        object_id: (n,).
+        new: (n,) the id names another object than before.
+        values: (quantities, n) of positions and speeds in sensor axes; `_UNKNOWN` where one is not known.
+    """
+
+    time_ns: int
+    scale: float
+    bias: float
+    object_id: Integers
+    new: Booleans
+    values: Floats
+
+    def validate(self) -> None:
+        """Refuse a scan whose parts do not fit.
+
+        Raises:
+            ValueError: they are of different lengths, or there are too many.
+        """
+        n = len(self.object_id)
+        if self.object_id.ndim != 1 or self.new.shape != (n,) or self.values.ndim != 2 or n > MOST_OBJECTS:
+            raise ValueError(f"a held scan of {n} objects, expected {MOST_OBJECTS} at most, with all their values")
+        if self.values.shape[1] != n:
+            raise ValueError("a held scan with values of another number of objects")
+
+
+@dataclass(frozen=True, slots=True)
+class Speeds:
+    """One kind of speed of n objects.
+
+    Attributes:
+        name: `range_rate`, `vx` or `vy`.
+        value: m/s (n,), NaN where it is not known.
+        noise: one standard deviation, m/s.
+    """
+
+    name: str
+    value: Floats
+    noise: float
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """n objects of several scans.
+
+    Attributes:
+        scan: number of the scan of each (n,), ascending.
+        object_id: (n,).
+        new: (n,).
+        place: in sensor axes, x + iy, m (n,).
+        along, across: one standard deviation of the place along and across the line of sight, m (n,).
+        speeds: what is known of their velocity.
+    """
+
+    scan: Indices
+    object_id: Integers
+    new: Booleans
+    place: ComplexPlane
+    along: Floats
+    across: Floats
+    speeds: tuple[Speeds, ...]
+
+    def take(self, rows: Indices | Booleans) -> Readings:
+        """Return some of them."""
+        return Readings(
+            self.scan[rows],
+            self.object_id[rows],
+            self.new[rows],
+            self.place[rows],
+            self.along[rows],
+            self.across[rows],
+            tuple(Speeds(each.name, each.value[rows], each.noise) for each in self.speeds),
+        )
+
+
+@dataclass(frozen=True)
+class SensorReader:
+    """How a sensor's scans are read.
+
+    Attributes:
+        settings: of the sensor.
+        quantities: rows of `Scan.values`.
+    """
+
+    settings: SensorSettings
+    quantities: tuple[str, ...]
+    rows: dict[str, int] = field(init=False)
+    taken: Indices = field(init=False)
+
+    def __post_init__(self) -> None:
+        used = [name for name in _USED if name in self.quantities]
+        object.__setattr__(self, "rows", {name: k for k, name in enumerate(used)})
+        object.__setattr__(self, "taken", np.array([self.quantities.index(name) for name in used]))
+
+    def hold(self, scan: Scan, scale: float, bias: float) -> HeldScan:
+        """Return what is needed of a scan."""
+        values = np.nan_to_num(scan.values[self.taken], copy=False, nan=_UNKNOWN)
+        if len(scan.object_id) <= MOST_OBJECTS:
+            return HeldScan(scan.time_ns, scale, bias, scan.object_id, scan.new, values)
+        first = slice(MOST_OBJECTS)
+        return HeldScan(scan.time_ns, scale, bias, scan.object_id[first], scan.new[first], values[:, first])
+
+    def read(self, scans: list[HeldScan]) -> Readings:
+        """Return the objects of scans together."""
+        settings, rows = self.settings, self.rows
+        values = np.concatenate([each.values for each in scans], axis=1)
+        counts = [len(each.object_id) for each in scans]
+        noise = settings.noise
+        if settings.signals.polar:
+            distance, angle = values[rows["range"]], values[rows["azimuth"]]
+            place = distance * np.exp(1j * angle)
+            along = np.full(len(distance), noise.range or 0.0)
+            across = distance * radians(noise.azimuth_deg or 0.0)
+        else:
+            place = values[rows["x"]] + 1j * values[rows["y"]]
+            unit = place / np.maximum(np.abs(place), 1e-9)
+            x, y = noise.x or 0.0, noise.y or 0.0
+            along = np.hypot(x * unit.real, y * unit.imag)
+            across = np.hypot(x * unit.imag, y * unit.real)
+        known = np.where(values == _UNKNOWN, np.nan, values)
+        speeds = tuple(
+            Speeds(name, known[rows[name]], getattr(noise, name) or 1.0)
+            for name in ("range_rate", "vx", "vy")
+            if name in rows
+        )
+        readings = Readings(
+            np.repeat(np.arange(len(scans)), counts),
+            np.concatenate([each.object_id for each in scans]),
+            np.concatenate([each.new for each in scans]),
+            place,
+            np.hypot(along, WANDERING),
+            np.hypot(across, WANDERING),
+            speeds,
+        )
+        return readings.take(np.abs(place) < _FARTHEST)

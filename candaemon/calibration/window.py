@@ -1,0 +1,307 @@
+"""One window of one sensor: what its standing returns say of latency, yaw, speed scale and yaw rate bias.
+
+A point that stands is measured at z in sensor axes, from the pose (p, ψ) that the vehicle had when it was measured.
+It lies at P = p + e^{iψ} (m + e^{i(ψ₀ + δ)} z), with the mounting m, ψ₀ and its error δ, and P is the same in all
+scans. Its speed relative to the sensor is minus the sensor's own, V = v + i ω m in vehicle axes. Both are linear in
+small errors of the four parameters; where the points lie is eliminated, track by track. The result are the normal
+equations of the window, to be solved with those of others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+from typing import Final
+
+import numpy as np
+
+from candaemon.arrays import Booleans, ComplexPlane, Floats, Integers
+from candaemon.calibration.ego_path import EgoMoments, EgoPath
+from candaemon.calibration.parameters import BIAS, COLUMNS, COUNT, LATENCY, OFFSET, SCALE, YAW, Estimate
+from candaemon.calibration.readings import Readings, SensorReader, Speeds
+
+LEAST_SPEED: Final = 3.0
+"""m/s of the vehicle, below which standing returns show hardly anything."""
+_NEAREST: Final = 3.0
+"""m from the sensor: nearer, a return is any part of what it is of."""
+_SLOWEST: Final = 0.4
+"""m/s over ground, up to which what moves cannot be told from what stands."""
+_GATE: Final = 3.0
+"""Standard deviations."""
+_FEWEST: Final = 5
+"""Scans in which a standing return is measured."""
+_SHARE: Final = 0.3
+"""Of the window, at least, from a standing return's first measurement to its last."""
+_HUBER: Final = 2.0
+"""Standard deviations from which on a residual counts linearly."""
+_JUMP: Final = 3.0
+"""m over ground from scan to scan, from which on it is another object."""
+
+
+@dataclass(frozen=True, slots=True)
+class WindowEquations:
+    """Normal equations of a window: information × step = score.
+
+    Attributes:
+        information: (5, 5), the last row that of the offset of the ego's speed in this window.
+        score: (5,).
+        returns: standing returns whose drift was used.
+        measurements: of them.
+    """
+
+    information: Floats
+    score: Floats
+    returns: int
+    measurements: int
+
+
+@dataclass(frozen=True, slots=True)
+class StandingReturns:
+    """Measurements of what stands, sorted by return, and where the parameters would move them.
+
+    Attributes:
+        readings: of the sensor, n of them.
+        first: row of each return's first measurement (k,).
+        count: measurements of each (k,).
+        seconds: since the window began (n,).
+        along, across: residual of the place along and across the line of sight, m (n,).
+        along_rows, across_rows: its derivatives (n, 5).
+    """
+
+    readings: Readings
+    first: Integers
+    count: Integers
+    seconds: Floats
+    along: Floats
+    across: Floats
+    along_rows: Floats
+    across_rows: Floats
+
+
+class WindowReader:
+    """Makes the equations of one sensor's windows.
+
+    Args:
+        reader: of its scans.
+    """
+
+    def __init__(self, reader: SensorReader) -> None:
+        settings = reader.settings
+        self._mount = complex(settings.mount.x, settings.mount.y)
+        self._yaw = radians(settings.mount.yaw_deg)
+        self._turning = settings.rates == "of_position"
+        self._identified = settings.identified
+        self._longest_gap = 4.0 * settings.revisit_time
+
+    def equations(self, readings: Readings, times_ns: Floats, path: EgoPath, at: Estimate) -> WindowEquations | None:
+        """Return the equations at an estimate; None where nothing that stands is seen.
+
+        Args:
+            readings: of the window's scans.
+            times_ns: of each scan as stamped, relative to the path's first instant.
+            path: ego motion, as far as the estimated latency needs it.
+            at: estimate at which they are linear, and how far it may be wrong.
+        """
+        information, score = np.zeros((COLUMNS, COLUMNS)), np.zeros(COLUMNS)
+        found = self.standing(readings, times_ns, path, at)
+        if found is None:
+            return None
+        returns, moments = found
+        for speeds in returns.readings.speeds:
+            residual, rows = self._speed_rows(speeds, returns.readings.place, moments, at)
+            known = np.isfinite(residual)
+            _add(
+                information, score, rows[known], residual[known], _huber(residual[known] / speeds.noise) / speeds.noise
+            )
+        readings, sizes = returns.readings, returns.count
+        for residual, rows, noise in (
+            (returns.along, returns.along_rows, readings.along),
+            (returns.across, returns.across_rows, readings.across),
+        ):
+            deviation = _means(noise, returns)
+            weight = np.repeat(_huber(_spread_of(residual, returns) / np.maximum(deviation, 1e-9)) / deviation, sizes)
+            _add(information, score, rows, residual, weight)
+        return WindowEquations(information, score, len(sizes), len(residual))
+
+    def standing(
+        self, readings: Readings, times_ns: Floats, path: EgoPath, at: Estimate
+    ) -> tuple[StandingReturns, EgoMoments] | None:
+        """Return the returns that stand, and the ego motion at each of their measurements; None: there are none."""
+        latency, _, scale, bias = at.mean
+        moments = path.at(times_ns - latency * 1e9, 1.0 + scale, bias)
+        if moments.speed.min(initial=LEAST_SPEED) < LEAST_SPEED:
+            return None
+        each = _taken(moments, readings.scan)
+        slow = np.abs(readings.place) > _NEAREST
+        for speeds in readings.speeds:
+            residual, rows = self._speed_rows(speeds, readings.place, each, at)
+            slow &= np.abs(residual) < _SLOWEST + _GATE * np.hypot(speeds.noise, _expected(rows, at))
+        if np.count_nonzero(slow) < _FEWEST:
+            return None
+        readings, each = readings.take(slow), _taken(each, np.flatnonzero(slow))
+        return self._tracked(readings, each, at)
+
+    def _tracked(
+        self, readings: Readings, moments: EgoMoments, at: Estimate
+    ) -> tuple[StandingReturns, EgoMoments] | None:
+        """Return the measurements by what they are of, without what drifts more than any estimate explains."""
+        place = moments.position + np.exp(1j * moments.heading) * self._seen(readings.place, at)
+        track = self._by_identity(readings, moments, place) if self._identified else _by_place(readings, place)
+        order = np.lexsort((readings.scan, track))
+        track = track[order]
+        bounds = np.flatnonzero(np.diff(track, prepend=-1))
+        counts = np.diff(bounds, append=len(track))
+        seconds = moments.since[order]
+        length = seconds[bounds + counts - 1] - seconds[bounds]
+        window = np.ptp(moments.since) if len(seconds) else 0.0
+        kept = (counts >= _FEWEST) & (length >= _SHARE * window)
+        if not kept.any():
+            return None
+        rows = order[np.repeat(kept, counts)]
+        returns, moments = self._returns(readings.take(rows), _taken(moments, rows), counts[kept], at)
+        still = _stands(returns, at)
+        if not still.any():
+            return None
+        rows = np.flatnonzero(np.repeat(still, returns.count))
+        return self._returns(returns.readings.take(rows), _taken(moments, rows), returns.count[still], at)
+
+    def _returns(
+        self, readings: Readings, moments: EgoMoments, counts: Integers, at: Estimate
+    ) -> tuple[StandingReturns, EgoMoments]:
+        """Return residuals and derivatives of the places, less their means over each return."""
+        ahead = np.exp(1j * moments.heading)
+        offset = ahead * self._seen(readings.place, at)
+        turned = 1j * ahead * (self._seen(readings.place, at) - self._mount)
+        place = moments.position + offset
+        rows = np.empty((len(place), COLUMNS), np.complex128)
+        rows[:, LATENCY] = -(moments.speed * ahead + 1j * moments.turn * offset)
+        rows[:, YAW] = turned
+        rows[:, SCALE] = moments.per_scale
+        rows[:, OFFSET] = moments.per_offset
+        rows[:, BIAS] = moments.per_bias - 1j * moments.since * offset
+        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+        sight = turned / np.maximum(np.abs(turned), 1e-9) / 1j
+        sight = np.repeat(sight[first + counts // 2], counts).conj()
+        place, rows = sight * place, sight[:, None] * rows
+        place -= np.repeat(np.add.reduceat(place, first) / counts, counts)
+        rows -= np.repeat(np.add.reduceat(rows, first) / counts[:, None], counts, axis=0)
+        return (
+            StandingReturns(
+                readings, first, counts, moments.since, -place.real, -place.imag, rows.real.copy(), rows.imag.copy()
+            ),
+            moments,
+        )
+
+    def _seen(self, place: ComplexPlane, at: Estimate) -> ComplexPlane:
+        """Return places in vehicle axes, as the estimate turns the sensor."""
+        return np.asarray(self._mount + np.exp(1j * (self._yaw + at.mean[YAW])) * place)
+
+    def _speed_rows(
+        self, speeds: Speeds, place: ComplexPlane, moments: EgoMoments, at: Estimate
+    ) -> tuple[Floats, Floats]:
+        """Return by how much measured speeds differ from those of what stands (n,), and these' derivatives (n, 5)."""
+        turn = np.exp(1j * (self._yaw + at.mean[YAW]))
+        own = (moments.speed + 1j * moments.turn * self._mount) / turn  # the sensor's velocity in its own axes
+        change = (moments.acceleration + 1j * moments.turn_change * self._mount) / turn
+        expected = -own
+        rows = np.empty((len(place), COLUMNS), np.complex128)
+        rows[:, LATENCY] = change
+        rows[:, YAW] = 1j * own
+        rows[:, SCALE] = -moments.speed / (1.0 + at.mean[SCALE]) / turn
+        rows[:, BIAS] = 1j * self._mount / turn
+        rows[:, OFFSET] = -1.0 / turn
+        if self._turning and speeds.name != "range_rate":
+            expected = expected - 1j * moments.turn * place
+            rows[:, LATENCY] += 1j * moments.turn_change * place
+            rows[:, BIAS] += 1j * place
+        unit: ComplexPlane = np.full(len(place), 1j if speeds.name == "vy" else 1.0 + 0j)
+        if speeds.name == "range_rate":
+            unit = place / np.maximum(np.abs(place), 1e-9)
+        shown = np.real(unit.conj() * expected)
+        return speeds.value - shown, np.real(unit.conj()[:, None] * rows)
+
+    def _by_identity(self, readings: Readings, moments: EgoMoments, place: ComplexPlane) -> Integers:
+        """Return the number of the return that each measurement is of, by the sensor's ids and where they jump."""
+        order = np.lexsort((readings.scan, readings.object_id))
+        key = readings.object_id[order]
+        breaks = np.ones(len(order), dtype=np.bool_)
+        breaks[1:] = (key[1:] != key[:-1]) | readings.new[order][1:]
+        breaks[1:] |= np.abs(np.diff(place[order])) > _JUMP
+        breaks[1:] |= np.diff(moments.since[order]) > self._longest_gap
+        track = np.empty(len(order), np.int64)
+        track[order] = np.cumsum(breaks) - 1
+        return track
+
+
+def _by_place(readings: Readings, place: ComplexPlane) -> Integers:
+    """Return the number of the return that each measurement is of, of a sensor without ids: what is nearest."""
+    track = np.empty(len(place), np.int64)
+    last = np.empty(0, np.complex128)
+    numbers = np.empty(0, np.int64)
+    given = 0
+    for scan in range(int(readings.scan[-1]) + 1):
+        rows = np.flatnonzero(readings.scan == scan)
+        if not len(rows):
+            continue
+        here, number = place[rows], np.full(len(rows), -1, np.int64)
+        if len(last):
+            apart = np.abs(here[:, None] - last[None, :])
+            nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
+            mutual = (back[nearest] == np.arange(len(rows))) & (apart.min(axis=1) < _JUMP / 2)
+            number[mutual] = numbers[nearest[mutual]]
+            last[nearest[mutual]] = here[mutual]
+        fresh = np.flatnonzero(number < 0)
+        number[fresh] = given + np.arange(len(fresh))
+        given += len(fresh)
+        last, numbers = np.concatenate([last, here[fresh]]), np.concatenate([numbers, number[fresh]])
+        track[rows] = number
+    return track
+
+
+def _stands(returns: StandingReturns, at: Estimate) -> Booleans:
+    """Return which returns drift no faster than noise and a wrong estimate explain."""
+    seconds = returns.seconds - np.repeat(_means(returns.seconds, returns), returns.count)
+    swept = np.maximum(np.add.reduceat(seconds**2, returns.first), 1e-9)
+    stands = np.ones(len(returns.first), dtype=np.bool_)
+    for residual, rows, noise in (
+        (returns.along, returns.along_rows, returns.readings.along),
+        (returns.across, returns.across_rows, returns.readings.across),
+    ):
+        drift = np.add.reduceat(seconds * residual, returns.first) / swept
+        per = np.add.reduceat(seconds[:, None] * rows, returns.first) / swept[:, None]
+        error = np.hypot(_means(noise, returns) / np.sqrt(swept), _expected(per, at))
+        stands &= np.abs(drift) < _SLOWEST + _GATE * error
+    return stands
+
+
+def _means(values: Floats, returns: StandingReturns) -> Floats:
+    """Return the mean over each return (k,)."""
+    return np.asarray(np.add.reduceat(values, returns.first) / returns.count)
+
+
+def _spread_of(values: Floats, returns: StandingReturns) -> Floats:
+    """Return the root mean square over each return (k,)."""
+    return np.sqrt(_means(values**2, returns))
+
+
+def _expected(rows: Floats, at: Estimate) -> Floats:
+    """Return one standard deviation of what the estimate's error does to rows (n, 5)."""
+    rows = rows[:, :COUNT]
+    return np.asarray(np.sqrt(np.maximum(np.sum((rows @ at.covariance) * rows, axis=1), 0.0)))
+
+
+def _huber(deviations: Floats) -> Floats:
+    """Return the square root of the weight of residuals, in standard deviations."""
+    return np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(deviations), 1e-9)))
+
+
+def _add(information: Floats, score: Floats, rows: Floats, residual: Floats, weight: Floats) -> None:
+    """Add weighted equations rows · step = residual, in place."""
+    weighted = rows * weight[:, None]
+    information += weighted.T @ weighted
+    score += weighted.T @ (residual * weight)
+
+
+def _taken(moments: EgoMoments, rows: Integers) -> EgoMoments:
+    """Return the motion at some of the instants."""
+    return EgoMoments(*(getattr(moments, name)[rows] for name in EgoMoments.__slots__))
