@@ -24,6 +24,7 @@ from candaemon.daemon.service_log import (
 )
 from candaemon.daemon.trial_load import TriedConfig
 from candaemon.recording.recorder import Recorder
+from candaemon.status.calibration_keeper import CalibrationKeeper
 from candaemon.status.health_summary import StatusLogger
 from candaemon.status.metrics_endpoint import MetricsEndpoint
 from candaemon.status.sd_notify import SystemdNotifier, SystemdObserver
@@ -91,6 +92,9 @@ def _observers(
     if recording is not None:
         yield recording
     yield meter
+    state_folder, *_ = os.environ.get("STATE_DIRECTORY", "").split(":")
+    if state_folder:
+        yield CalibrationKeeper(Path(state_folder))
     yield StatusSocket(meter)
     yield MetricsEndpoint(meter)
     yield LogFormatObserver(request.log, repetitions)
