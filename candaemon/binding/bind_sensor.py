@@ -124,13 +124,15 @@ def _bind_look(
     return found
 
 
-def bind_sensor_writer(sensor: BoundSensor, location: SettingLocation | None = None, look: int = -1) -> ObjectWriter:
+def bind_sensor_writer(
+    sensor: BoundSensor, location: SettingLocation | None = None, look: int | None = None
+) -> ObjectWriter:
     """Bind the writer of a sensor's own frames, as the simulation needs it.
 
     Args:
         sensor: the bound sensor.
         location: its place in the configuration.
-        look: which of its looks the objects are written for, where their messages say it.
+        look: which of its looks the objects are written for, where their messages say it; default: the first.
 
     Raises:
         ConfigError: a slot cannot be written as configured.
@@ -138,7 +140,7 @@ def bind_sensor_writer(sensor: BoundSensor, location: SettingLocation | None = N
     """
     settings, form = sensor.settings, sensor.settings.objects
     if settings.looks is not None and sensor.look is not None and sensor.look.part is not None:
-        says = {settings.looks.signal: look}
+        says = {settings.looks.signal: next(iter(settings.views)) if look is None else look}
         form = form.model_copy(update={"fixed": {**form.fixed, **says}, "empty": {**form.empty, **says}})
     counters = [settings.scan.signal] if isinstance(settings.scan, CounterScan) else []
     return bind_writer(

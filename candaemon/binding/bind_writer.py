@@ -381,9 +381,11 @@ def _layout_writer(
     protector = bind_protector(messages, settings, protection.place, order=protection.order(slots))
     checksum = None if protector is None else settings.checksum
     for signal in message.signals:
-        # Bits left 0 would show a value where zero is not raw 0.
-        if signal.offset and signal.multiplexer_signal is None:
-            written.written(message.signal(first_point_name(signal.name)))
+        # Bits left 0 would show a value where zero is not raw 0. What has a number in its name that no setting names
+        # is of one slot only, and stays 0.
+        name = first_point_name(signal.name)
+        if signal.offset and signal.multiplexer_signal is None and all(each.find(name) for each in every_message):
+            written.written(message.signal(name))
     signals = [each for name, each in written.signals.items() if name != checksum]
     names = [each.signal.name for each in signals]
     of_point = np.array([is_of_point(name) for name in names], np.bool_)

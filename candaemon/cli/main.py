@@ -38,6 +38,7 @@ COMMANDS = {
     "simulate": "Write the frames of a scenario through the sensors of a configuration.",
     "evaluate": "Compare tracks with the truth.",
     "papers": "Run the five papers' experiments again, beside their printed tables.",
+    "radars": "List the configurations that come with candaemon, and what each shows.",
     "schema": "Print the JSON Schema of the configuration, for editors.",
 }
 """The commands and their descriptions. The module of a command has its name, with `_` for `-`."""

@@ -29,7 +29,19 @@ VENDOR_FILES = {
     "acura_ilx_radar": "acura_ilx_2016_nidec",
     "mando_radar": "hyundai_kia_mando_front_radar_generated",
 }
-FILES = (*OUTPUTS, *VENDOR_FILES, "ars408")
+LIBRARY = (
+    "ford_mrr",
+    "ford_mrr_fd",
+    "volkswagen_meb",
+    "chrysler_pacifica",
+    "multiplexed_radar",
+    "smartmicro_umrr",
+    "mazda_radar",
+    "near_far_radar",
+    "unnumbered_list",
+    "surround",
+)
+FILES = (*OUTPUTS, *VENDOR_FILES, "ars408", *LIBRARY)
 SLOTS = 32
 UDS_IDS = {0x7DF, *range(0x7E0, 0x7F0)}
 SLOT_SIGNALS = {

@@ -24,6 +24,15 @@ CONFIGS = (
     "esr_to_ars408",
     "ars408_to_esr",
     "demo",
+    "ford_mrr",
+    "ford_mrr_fd",
+    "volkswagen_meb",
+    "chrysler_pacifica",
+    "multiplexed_radar",
+    "smartmicro_umrr",
+    "mazda_radar",
+    "near_far_radar",
+    "unnumbered_list",
 )
 
 
