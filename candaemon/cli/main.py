@@ -32,6 +32,7 @@ COMMANDS = {
     "status": "Show what a running service does, live on a terminal.",
     "install-service": "Write the systemd unit that runs a configuration.",
     "replay": "Replay a recorded drive.",
+    "report": "Replay a recorded drive and write a page about it.",
     "view": "Show live buses or a recorded drive in the browser.",
     "watch": "Show the obstacles of live buses in the terminal.",
     "check": "Load a configuration, open nothing, and tell what it does.",

@@ -98,7 +98,7 @@ def execute(arguments: argparse.Namespace) -> None:
         arguments.parquet,
         arguments.mcap,
     )
-    _check_request(request, binding)
+    check_request(request, binding)
     with Outputs([*binding.files, *files_of(arguments.log)]) as outputs:
         summary = None if arguments.summary is None else outputs.open(arguments.summary)
         with console.log_progress(arguments.log.name) as progress:
@@ -111,27 +111,34 @@ def execute(arguments: argparse.Namespace) -> None:
                 table.add(*summary_rows(figures))
         if summary is not None:
             summary.stream.write(f"{json.dumps(figures, indent=2, allow_nan=False)}\n".encode())
-        silent = [name for name, counts in figures["sensors"].items() if not counts["used"]]
+        silent = silent_sensors(figures)
         if len(silent) == len(figures["sensors"]):
             console.print_figures(arguments.log.name, figures)
-            raise _nothing_used(arguments.log, figures)
+        require_used(arguments.log, figures)
     console.print_figures(arguments.log.name, figures)
     console.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
     if silent:
         console.warn([f"sensor '{name}': not one usable frame in this log" for name in silent])
 
 
-def _nothing_used(log: Path, figures: Mapping[str, Any]) -> InputError:
-    """Return the error of a log without one usable frame."""
+def silent_sensors(figures: Mapping[str, Any]) -> list[str]:
+    """Return the sensors of which a log has not one usable frame."""
+    return [name for name, counts in figures["sensors"].items() if not counts["used"]]
+
+
+def require_used(log: Path, figures: Mapping[str, Any]) -> None:
+    """Refuse a log without one usable frame of any sensor."""
+    if len(silent_sensors(figures)) < len(figures["sensors"]):
+        return
     others = ", ".join(list(figures["log"]["other_channels"])[:_CHANNELS_NAMED]) or "none"
-    return InputError(
+    raise InputError(
         f"not one usable frame of any sensor ({', '.join(figures['sensors'])}); log channels no bus takes: {others}; "
         "check each bus's channel, or use --map CHANNEL=BUS; nothing is written",
         file=log,
     )
 
 
-def _check_request(request: ReplayRequest, binding: Binding) -> None:
+def check_request(request: ReplayRequest, binding: Binding) -> None:
     """Refuse what can be checked before the log is read."""
     buses = {bus.name for bus in binding.buses}
     for channel, bus in request.channels.items():

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, nan, sqrt
 
 import numpy as np
 
-from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.evaluation.chi_square import chi2_quantile
 from candaemon.evaluation.duplicates import DuplicateScore
 from candaemon.evaluation.object_runs import ObjectRuns, RunSums, RunTotals
@@ -145,17 +145,23 @@ class PredictionScore:
         horizons: s ahead, each a row of the result.
         cycles: nominal cycle time of each sensor, s, by its index.
         minimum_run: s.
+
+    Attributes:
+        horizons: as given.
+        listener: called with each scan's compared predictions: sensor, time they were made at, index of the horizon,
+            their rows in what `predict` was given, errors of x and y, m. Those of short runs are among them.
     """
 
     def __init__(self, horizons: Sequence[float], cycles: Sequence[float], *, minimum_run: float = 3.0) -> None:
-        self._horizons = tuple(horizons)
+        self.horizons = tuple(horizons)
+        self.listener: Callable[[int, int, int, Indices, Floats, Floats], None] | None = None
         self._horizons_ns = tuple(round(horizon * 1e9) for horizon in horizons)
         # a prediction may arrive up to a second after it was due
         self._keep_ns = max(self._horizons_ns, default=0) + 1_000_000_000
         self._minimum_ns = round(minimum_run * 1e9)
         self._streams = tuple(_Stream(round(cycle * 1e9), self._horizons_ns) for cycle in cycles)
-        self._runs = RunSums(3 * len(self._horizons), self._keep_ns)
-        self._totals = np.zeros(3 * len(self._horizons))
+        self._runs = RunSums(3 * len(self.horizons), self._keep_ns)
+        self._totals = np.zeros(3 * len(self.horizons))
 
     def measure(self, sensor: int, time_ns: int, run: Integers, x: Floats, y: Floats) -> None:
         """Process one scan.
@@ -181,8 +187,8 @@ class PredictionScore:
         if time_ns - times[0] > 2 * self._keep_ns:
             old = bisect_left(times, time_ns - self._keep_ns)
             del times[:old], scans[:old]
-        for horizon in range(len(self._horizons)):
-            self._settle(stream, horizon)
+        for horizon in range(len(self.horizons)):
+            self._settle(sensor, horizon)
 
     def predict(self, sensor: int, time_ns: int, horizon: int, run: Integers, x: Floats, y: Floats) -> None:
         """Add predictions, in the order of their times; they may arrive after the scan that they are compared with.
@@ -197,14 +203,14 @@ class PredictionScore:
         """
         stream = self._streams[sensor]
         stream.waiting[horizon].append((time_ns + self._horizons_ns[horizon], run, x, y))
-        self._settle(stream, horizon)
+        self._settle(sensor, horizon)
 
     def result(self) -> tuple[PredictionError, ...]:
         """Return the errors so far, one row per horizon; open runs count once they are long enough."""
         count, x, y = (self._totals + self._total(self._runs.open())).reshape(-1, 3).T
         return tuple(
             PredictionError(horizon, sqrt(sx / n) if n else nan, sqrt(sy / n) if n else nan, int(n))
-            for horizon, n, sx, sy in zip(self._horizons, count.tolist(), x.tolist(), y.tolist(), strict=True)
+            for horizon, n, sx, sy in zip(self.horizons, count.tolist(), x.tolist(), y.tolist(), strict=True)
         )
 
     def _total(self, ended: RunTotals) -> Floats:
@@ -212,8 +218,9 @@ class PredictionScore:
         total: Floats = ended.sums[ended.last_ns - ended.first_ns >= self._minimum_ns].sum(axis=0)
         return total
 
-    def _settle(self, stream: _Stream, horizon: int) -> None:
+    def _settle(self, sensor: int, horizon: int) -> None:
         """Compare the predictions whose due time the scans have reached."""
+        stream = self._streams[sensor]
         queue, times = stream.waiting[horizon], stream.times
         while queue and times and queue[0][0] <= times[-1]:
             due_ns, run, x, y = queue.popleft()
@@ -224,8 +231,10 @@ class PredictionScore:
             at = np.minimum(np.searchsorted(seen, run), len(seen) - 1)
             same = np.flatnonzero((seen[at] == run) & np.isfinite(x) & np.isfinite(y))
             at = at[same]
-            errors = np.stack((np.ones(len(same)), (x[same] - seen_x[at]) ** 2, (y[same] - seen_y[at]) ** 2), axis=1)
-            self._runs.add(run[same], 3 * horizon, errors)
+            off_x, off_y = x[same] - seen_x[at], y[same] - seen_y[at]
+            self._runs.add(run[same], 3 * horizon, np.stack((np.ones(len(same)), off_x**2, off_y**2), axis=1))
+            if self.listener is not None:
+                self.listener(sensor, due_ns - self._horizons_ns[horizon], horizon, same, off_x, off_y)
 
 
 @dataclass(frozen=True, slots=True)

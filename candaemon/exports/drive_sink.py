@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from candaemon.evaluation.drive_score import DriveScore
 from candaemon.frames.frame import Frame, Tick
 from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.cycle import Cycle
@@ -15,6 +16,9 @@ class DriveSink:
 
     takes_frames: bool = False
     """Whether `add_frames` does anything."""
+
+    def attach(self, score: DriveScore) -> None:
+        """See the drive's score before its first cycle."""
 
     def add_frames(self, block: FrameBlock | Sequence[Frame | Tick]) -> None:
         """Take frames in order of time, before the cycles that they complete."""

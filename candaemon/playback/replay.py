@@ -130,6 +130,8 @@ def replay(
     with ExitStack() as files:
         outputs = outputs or files.enter_context(Outputs([*binding.files, *files_of(request.log)]))
         writers = _Writers(binding, request, outputs, files, sinks)
+        for sink in writers.sinks:
+            sink.attach(score)
         for run, pipeline in begun_runs(binding, recorded):
             sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
             written = _CycleOutputs(binding, pipeline, request, writers, score)

@@ -54,6 +54,12 @@ CASES = {
     "replay": Command(
         ("replay", "car.yaml", "drive.log"), ("car.yaml", "drive.log", *DBC), ("replay", "car.yaml", "typo.log")
     ),
+    "report": Command(
+        ("report", "car.yaml", "drive.log"),
+        ("car.yaml", "drive.log", *DBC),
+        ("report", "car.yaml", "typo.log"),
+        ("--output", "new.html"),
+    ),
     "simulate": Command(
         ("simulate", "short.yaml", "car.yaml"),
         ("short.yaml", "car.yaml", *DBC),
@@ -74,6 +80,7 @@ OPTIONS = {
         "--mcap": "m.mcap",
         "--layout": "l.json",
     },
+    "report": {"--output": "r.html", "--summary": "s.json"},
     "simulate": {"--output": "o.log", "--truth": "t.csv", "--origins": "s.csv"},
     "evaluate": {"--json": "e.json"},
     "papers": {"--json": "p.json"},

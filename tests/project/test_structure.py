@@ -45,6 +45,7 @@ ROOMS: tuple[str, ...] = (
     "status",
     "simulation",
     "papers",
+    "report",
     "view",
     "cli",
     "candaemon",

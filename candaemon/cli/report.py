@@ -1,0 +1,74 @@
+"""`candaemon report`: a recorded drive as one page."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from candaemon.binding.bind import bind
+from candaemon.cli import console
+from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, output_path
+from candaemon.cli.replay import channel_of_bus, check_request, require_used
+from candaemon.config.load import load_config
+from candaemon.config.shipped import find_config
+from candaemon.config.yaml_text import LARGEST_FILE
+from candaemon.evaluation.metrics import evaluate
+from candaemon.files.bounded import read_bounded
+from candaemon.files.outputs import Outputs
+from candaemon.playback.recording_files import files_of
+from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
+from candaemon.playback.summary import summarise
+from candaemon.report.drive_page import ReportedDrive, page
+from candaemon.report.drive_record import DriveRecord
+
+DEFAULT: Final = Path("report.html")
+"""Where the report is written unless told otherwise."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument("log", type=input_path, metavar="LOG", help=f"{LOG_FORMATS}; or the folder of a recording")
+    parser.add_argument(
+        "-o", "--output", type=output_path, default=DEFAULT, metavar="HTML", help=f"the report; default: {DEFAULT}"
+    )
+    parser.add_argument("--truth", type=input_path, metavar="CSV", help="table that simulate --truth wrote: errors too")
+    parser.add_argument("--summary", type=output_path, metavar="JSON", help="the figures, for programs")
+    parser.add_argument(
+        "--map",
+        type=channel_of_bus,
+        action="append",
+        default=[],
+        metavar="CHANNEL=BUS",
+        help="the log's CHANNEL is the configuration's BUS; repeatable",
+    )
+
+
+def execute(arguments: argparse.Namespace) -> None:
+    """Replay the drive and write the page."""
+    binding = bind(load_config(find_config(arguments.config)))
+    console.warn(binding.warnings)
+    truth = [] if arguments.truth is None else [arguments.truth]
+    with TemporaryDirectory() as folder, Outputs([*binding.files, *files_of(arguments.log), *truth]) as outputs:
+        tracks = None if arguments.truth is None else Path(folder) / "tracks.csv"
+        request = ReplayRequest(arguments.log, tracks=tracks, channels=dict(arguments.map))
+        check_request(request, binding)
+        whole = outputs.open(arguments.output)
+        summary = None if arguments.summary is None else outputs.open(arguments.summary)
+        record = DriveRecord(tuple(sensor.name for sensor in binding.sensors))
+        with console.log_progress(arguments.log.name) as progress, Outputs([]) as passing:
+            replayed = replay(binding, request, progress, passing, sinks=[record])
+        figures = summarise(replayed)
+        require_used(arguments.log, figures)
+        errors: dict[str, Any] | None = None
+        if tracks is not None:
+            errors = json.loads(evaluate(tracks, arguments.truth).to_json())
+        text = read_bounded(binding.loaded.path, LARGEST_FILE, special=True).decode(errors="replace")
+        drive = ReportedDrive(binding, arguments.log, figures, record, HORIZONS, text, errors)
+        whole.stream.write(page(drive).encode())
+        if summary is not None:
+            summary.stream.write(f"{json.dumps(figures, indent=2, allow_nan=False)}\n".encode())
+    console.say(f"{arguments.output} is the report; open it in a browser")
