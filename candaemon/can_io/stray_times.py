@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from candaemon.arrays import Integers
-from candaemon.can_io.logs.read import LogBlock
+from candaemon.can_io.logs.merge import LogBlock
 from candaemon.frames.frame_block import FrameBlock, joined_blocks
 
 FAR_NS: Final = 1_000_000_000

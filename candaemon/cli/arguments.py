@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
+from candaemon.can_io.logs.stream import STANDARD_INPUT
+from candaemon.can_io.time_range import Moment, TimeRange, moment
 from candaemon.printable import printable
 
 CONFIG: Final = "configuration (YAML), or the name of one that comes with candaemon"
 SCENARIO: Final = "scenario (YAML), or the name of one that comes with candaemon"
-LOG_FORMATS: Final = ".log (candump), .asc, .blf, .csv, .trc, by its suffix; .gz after it too"
+LOG_FORMATS: Final = (
+    ".log (candump), .asc, .blf, .csv, .mf4, .pcap, .pcapng, .trc, by its suffix; .gz, .xz or .zst after it too"
+)
 
 LARGEST_SEED: Final = 2**64 - 1
 """Largest seed of random numbers."""
@@ -37,6 +41,37 @@ def output_path(text: str) -> Path:
 def output_folder(text: str) -> Path:
     """Read the path of a folder that a command writes to."""
     return _path(text)
+
+
+def log_path(text: str) -> Path:
+    """Read the path of a log; `-` is standard input."""
+    return STANDARD_INPUT if text == "-" else _path(text)
+
+
+def logs_name(logs: Sequence[Path]) -> str:
+    """Return what logs that are read together are called."""
+    name = "standard input" if logs[0] == STANDARD_INPUT else logs[0].name
+    return name if len(logs) == 1 else f"{name} and {len(logs) - 1} more"
+
+
+def add_time_range(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of a range of time."""
+    what = "s from the drive's beginning, @ s since 1970, or a date and time such as 2018-08-02T16:14:48Z"
+    parser.add_argument("--from", dest="begin", type=drive_moment, metavar="TIME", help=f"begin there: {what}")
+    parser.add_argument("--to", dest="end", type=drive_moment, metavar="TIME", help="end before that, likewise")
+
+
+def time_range(arguments: argparse.Namespace) -> TimeRange:
+    """Return the range of time that the arguments ask for."""
+    return TimeRange(arguments.begin, arguments.end)
+
+
+def drive_moment(text: str) -> Moment:
+    """Read a moment of a drive."""
+    try:
+        return moment(text)
+    except ValueError:
+        raise refused(text, "s such as 12.5, @1533226488.5, or 2018-08-02T16:14:48Z") from None
 
 
 def _path(text: str) -> Path:

@@ -199,7 +199,7 @@ def log_progress(name: str) -> Iterator[Callable[[LogCounts], None] | None]:
         task = bar.add_task(printable(name), total=None, frames=0)
 
         def show(counts: LogCounts) -> None:
-            bar.update(task, total=counts.bytes_total, completed=counts.bytes_read, frames=counts.frames)
+            bar.update(task, total=counts.bytes_total or None, completed=counts.bytes_read, frames=counts.frames)
 
         yield show
 

@@ -35,6 +35,7 @@ COMMANDS = {
     "report": "Replay a recorded drive and write a page about it.",
     "view": "Show live buses or a recorded drive in the browser.",
     "watch": "Show the obstacles of live buses in the terminal.",
+    "convert": "Write logs of a drive as one log of another format.",
     "check": "Load a configuration, open nothing, and tell what it does.",
     "simulate": "Write the frames of a scenario through the sensors of a configuration.",
     "evaluate": "Compare tracks with the truth.",

@@ -11,7 +11,20 @@ from typing import Any, Final
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.cli import console
-from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, number, output_folder, output_path, refused, speed
+from candaemon.cli.arguments import (
+    CONFIG,
+    LOG_FORMATS,
+    add_time_range,
+    input_path,
+    log_path,
+    logs_name,
+    number,
+    output_folder,
+    output_path,
+    refused,
+    speed,
+    time_range,
+)
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError, InputError
@@ -40,7 +53,13 @@ MOST_HORIZONS: Final = 20
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
-    parser.add_argument("log", type=input_path, metavar="LOG", help=f"{LOG_FORMATS}; or the folder of a recording")
+    parser.add_argument(
+        "log",
+        type=log_path,
+        nargs="+",
+        metavar="LOG",
+        help=f"{LOG_FORMATS}; several are one drive; - for standard input; or the folder of a recording",
+    )
     parser.add_argument("-o", "--output", type=output_path, metavar="OUT", help="log of the obstacles' frames")
     parser.add_argument(
         "--tracks", type=output_path, metavar="CSV", help="table of the obstacles, a row a cycle; or a .parquet"
@@ -64,6 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="smooth the tracks in the tables with so many s of what comes, such as 1; what is sent stays as it is",
     )
+    add_time_range(parser)
     parser.add_argument(
         "--fresh", action="store_true", help="begin with nothing, even where a recording says what the service knew"
     )
@@ -86,7 +106,7 @@ def execute(arguments: argparse.Namespace) -> None:
     if twice:
         raise ConfigError(f"--map gives {', '.join(twice)} to several buses; a channel has one")
     request = ReplayRequest(
-        arguments.log,
+        arguments.log[0],
         arguments.output,
         arguments.tracks,
         arguments.predictions,
@@ -97,11 +117,14 @@ def execute(arguments: argparse.Namespace) -> None:
         arguments.fresh,
         arguments.parquet,
         arguments.mcap,
+        tuple(arguments.log[1:]),
+        time_range(arguments),
     )
+    name = logs_name(request.logs)
     check_request(request, binding)
-    with Outputs([*binding.files, *files_of(arguments.log)]) as outputs:
+    with Outputs([*binding.files, *files_of(*request.logs)]) as outputs:
         summary = None if arguments.summary is None else outputs.open(arguments.summary)
-        with console.log_progress(arguments.log.name) as progress:
+        with console.log_progress(name) as progress:
             replayed = replay(binding, request, progress, outputs)
         figures = summarise(replayed)
         if arguments.layout is not None:
@@ -113,9 +136,9 @@ def execute(arguments: argparse.Namespace) -> None:
             summary.stream.write(f"{json.dumps(figures, indent=2, allow_nan=False)}\n".encode())
         silent = silent_sensors(figures)
         if len(silent) == len(figures["sensors"]):
-            console.print_figures(arguments.log.name, figures)
-        require_used(arguments.log, figures)
-    console.print_figures(arguments.log.name, figures)
+            console.print_figures(name, figures)
+        require_used(request.log, figures)
+    console.print_figures(name, figures)
     console.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
     if silent:
         console.warn([f"sensor '{name}': not one usable frame in this log" for name in silent])

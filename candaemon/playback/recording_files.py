@@ -57,11 +57,13 @@ class Run:
         logs: in order.
         state: file with the pipeline's state before the first log; None: the pipeline starts empty.
         ends: whether open cycles at the end are reported.
+        by_time: whether the logs may overlap, or be in another order than in time.
     """
 
     logs: tuple[Path, ...]
     state: Path | None
     ends: bool
+    by_time: bool = False
 
     def without_first(self) -> Run | None:
         """Return what is left of a run without its first log, begun with the next state; None where there is none."""
@@ -113,9 +115,9 @@ def logs_in(folder: Path) -> list[Path]:
     return sorted(folder.glob(f"*{LOG}"), key=lambda path: (number_of(path) or 0, path.name))
 
 
-def files_of(log: Path) -> list[Path]:
-    """Return all files that a log, or a folder of logs, consists of: the logs, and the states beside them."""
-    logs = logs_in(log) if log.is_dir() else [log]
+def files_of(*logs: Path) -> list[Path]:
+    """Return all files that logs, or folders of logs, consist of: the logs, and the states beside them."""
+    logs = tuple(each for log in logs for each in (logs_in(log) if log.is_dir() else [log]))
     return [path for each in logs for path in (each, each.with_suffix(STATE))]
 
 
@@ -139,6 +141,22 @@ def header_beside(log: Path) -> StateHeader | None:
         raise InputError(error.message, file=path) from error
     except OSError as error:
         raise InputError(f"the state cannot be read: {error.strerror}; use --fresh to do without", file=path) from error
+
+
+def runs_of(logs: Sequence[Path], fingerprint: Fingerprint, *, fresh: bool = False) -> list[Run]:
+    """Return the runs to replay of one log, of a folder, or of several logs of one drive; see `runs`.
+
+    Raises:
+        InputError: as for `runs`; or a folder is among several.
+    """
+    if len(logs) == 1:
+        return runs(logs[0], fingerprint, fresh=fresh)
+    for log in logs:
+        if log.is_dir():
+            raise InputError("a folder is read alone; expected logs", file=log)
+    if not fresh and any(header_beside(log) is not None for log in logs):
+        return _grouped(_usable(logs, fingerprint))
+    return [Run(tuple(logs), None, ends=True, by_time=True)]
 
 
 def runs(log: Path, fingerprint: Fingerprint, *, fresh: bool = False) -> list[Run]:

@@ -12,11 +12,14 @@ from pathlib import Path
 from typing import Final
 
 from candaemon.binding.bound import Binding
-from candaemon.can_io.logs.read import LogBlock, check_log, frames_of, read_log_blocks
+from candaemon.can_io.drive_reader import DriveReader
+from candaemon.can_io.logs.formats import check_log
+from candaemon.can_io.logs.merge import LogBlock
+from candaemon.can_io.logs.read import frames_of
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.can_io.reorder import ItemBlock, ReorderBuffer, ReorderCounts
-from candaemon.can_io.stray_times import StrayTimes
+from candaemon.can_io.time_range import WHOLE_DRIVE, TimeRange
 from candaemon.config.ego import InsSettings
 from candaemon.errors import InputError
 from candaemon.evaluation.drive_score import DriveScore
@@ -33,7 +36,7 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import begun, fingerprint
 from candaemon.playback.cycle_smoothing import CycleSmoother
 from candaemon.playback.predictions import PredictionQueue
-from candaemon.playback.recording_files import Run, files_of, runs
+from candaemon.playback.recording_files import Run, files_of, runs_of
 from candaemon.printable import printable
 
 logger = logging.getLogger(__name__)
@@ -51,6 +54,7 @@ class ReplayRequest:
 
     Attributes:
         log: the recorded drive, or a folder: a recording of the service, or consecutive logs.
+        further: more logs of the same drive, in any order.
         output: log of the frames that the service would have sent; None: not written.
         tracks: table of obstacles, in Parquet if its name ends so, else in CSV; None: not written.
         predictions: table of expected positions; None: not written.
@@ -61,6 +65,7 @@ class ReplayRequest:
         fresh: start with an empty pipeline, even where the recording holds the service's state.
         parquet: folder of the tables of tracks, detections and cycles in Parquet; None: not written.
         mcap: the drive for Foxglove; None: not written.
+        time_range: what of the drive is replayed; with a beginning, the pipeline starts empty.
     """
 
     log: Path
@@ -74,6 +79,13 @@ class ReplayRequest:
     fresh: bool = False
     parquet: Path | None = None
     mcap: Path | None = None
+    further: tuple[Path, ...] = ()
+    time_range: TimeRange = WHOLE_DRIVE
+
+    @property
+    def logs(self) -> tuple[Path, ...]:
+        """All logs."""
+        return (self.log, *self.further)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,23 +134,23 @@ def replay(
     """
     started = time.perf_counter()
     channels, counts, steps = channel_indices(binding, request.channels), LogCounts(), ReorderCounts()
-    clock, stray_times = _LogClock(), 0
+    clock, reader = _LogClock(), DriveReader(channels, counts, request.time_range)
     score = DriveScore([sensor.settings.cycle_time for sensor in binding.sensors], request.horizons)
-    recorded = runs(request.log, fingerprint(binding), fresh=request.fresh)
+    is_fresh = request.fresh or request.time_range.begin is not None
+    recorded = runs_of(request.logs, fingerprint(binding), fresh=is_fresh)
     for log in chain.from_iterable(run.logs for run in recorded):
         check_log(log)
     with ExitStack() as files:
-        outputs = outputs or files.enter_context(Outputs([*binding.files, *files_of(request.log)]))
+        outputs = outputs or files.enter_context(Outputs([*binding.files, *files_of(*request.logs)]))
         writers = _Writers(binding, request, outputs, files, sinks)
         for sink in writers.sinks:
             sink.attach(score)
         for run, pipeline in begun_runs(binding, recorded):
             sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
             written = _CycleOutputs(binding, pipeline, request, writers, score)
-            strays = StrayTimes()
-            blocks = chain.from_iterable(read_log_blocks(log, channels, counts) for log in run.logs)
+            blocks = reader.by_time(run.logs) if run.by_time else reader.consecutive(run.logs)
             clock.sinks = tuple(sink for sink in writers.sinks if sink.takes_frames)
-            for cycle in _cycles(pipeline, sequence, strays.removed(blocks), clock, request.speed):
+            for cycle in _cycles(pipeline, sequence, blocks, clock, request.speed):
                 written.write(cycle)
                 if progress is not None:
                     progress(counts)
@@ -146,12 +158,11 @@ def replay(
                 written.write(cycle)
             written.finish()
             steps.add(sequence)
-            stray_times += strays.corrected
         for sink in writers.sinks:
             sink.finish()
         counts.require_frames(request.log)
     seconds = time.perf_counter() - started
-    return Replayed(pipeline, counts, steps, stray_times, score, clock.first_ns, clock.last_ns, seconds)
+    return Replayed(pipeline, counts, steps, reader.stray_times, score, clock.first_ns, clock.last_ns, seconds)
 
 
 def begun_runs(binding: Binding, recorded: Iterable[Run]) -> Iterator[tuple[Run, Pipeline]]:

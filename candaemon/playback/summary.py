@@ -18,7 +18,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
 
     ==================  ==============================================================================
     `log`               lines by what they are: frames, malformed, remote and error frames, ticks, of other channels,
-                        without a frame by their kind
+                        without a frame by their kind; `outside` of the range of time only where there are
     `buses`             per bus: frames, used, spare (not evaluated), unknown (no DBC entry), short
     `sensors`           per sensor: frames by outcome, objects rejected by cause, scans, incomplete and discarded scans,
                         frames missing
@@ -55,6 +55,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             "remote": log.remote,
             "error_frames": log.error_frames,
             "ticks": log.ticks,
+            **({"outside": log.outside} if log.outside else {}),
             "other_lines": log.other_lines,
             "other_channels": dict(sorted(log.other_channels.items())),
             "truncated": log.truncated,

@@ -15,7 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.can_io.logs.candump import candump_text
-from candaemon.can_io.logs.read import LOG_SUFFIXES, read_log
+from candaemon.can_io.logs.formats import LOG_SUFFIXES, TEXT_SUFFIXES
+from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import FURTHER_CHANNELS, LONGEST_LINE, MOST_OTHER_CHANNELS, LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.errors import InputError
@@ -29,7 +30,7 @@ from tests.support.paths import ROOT
 START = 1_533_226_488_434_433_000
 NAMES = ["can0", "can1", "can2"]
 CHANNELS = {"can0": 0, "can1": 1}
-TEXT = [suffix for suffix in LOG_SUFFIXES if suffix != ".blf"]
+TEXT = list(TEXT_SUFFIXES)
 HEADS = {
     ".log": b"",
     ".asc": b"date Sat Aug 2 10:00:00.000 2018\nbase hex  timestamps absolute\ninternal events logged\n",
@@ -88,7 +89,7 @@ def test_every_line_is_counted_as_one_thing(
         content = gzip.compress(content, 1)
     path.write_bytes(content)
     _, counts = balanced(path)
-    if suffix != ".blf" and not packed:
+    if suffix in TEXT and not packed:
         # a carriage return ends a line for python-can's readers
         text = content if suffix == ".log" else content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         assert counts.lines == text.count(b"\n") + (not text.endswith(b"\n") and bool(text))

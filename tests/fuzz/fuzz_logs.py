@@ -10,7 +10,8 @@ from pathlib import Path
 import can
 
 from candaemon.can_io.logs.candump import candump_text, read_candump_blocks
-from candaemon.can_io.logs.read import LOG_SUFFIXES, read_log
+from candaemon.can_io.logs.formats import LOG_SUFFIXES
+from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import TICK_BUS, ChannelMap, LogCounts
 from candaemon.errors import InputError
 from candaemon.frames.frame import EXTENDED, Frame

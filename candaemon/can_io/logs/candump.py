@@ -2,7 +2,8 @@
 
 Time stamps are whole nanoseconds taken from the digits; no float is involved. They are written with 6 decimals where
 the time is a whole microsecond, and with 9 otherwise. Flags of CAN FD (bit rate switch, error state) are ignored on
-reading; the bit rate switch is always written, since live CAN FD frames are sent with it.
+reading; the bit rate switch is always written, since live CAN FD frames are sent with it. What `candump` shows without
+`-L` is read too: see `candump_screen`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from candaemon.arrays import Booleans, Bytes, Integers
+from candaemon.can_io.logs.candump_screen import ADVICE_UNTIMED, ENDED_DIFFERENCES, ScreenLines
 from candaemon.can_io.logs.stream import (
     EXAMPLES,
     LONGEST_LINE,
@@ -334,13 +336,13 @@ def read_candump_blocks(
     Raises:
         InputError: the file does not exist or cannot be opened. Malformed contents are counted and never raise.
     """
-    return _blocks(LogBytes(path, counts), channels, counts, chunk)
+    return read_candump(LogBytes(path, counts), channels, counts, chunk)
 
 
-def _blocks(stream: LogBytes, channels: ChannelMap, counts: LogCounts, chunk: int) -> Iterator[FrameBlock]:
-    """Split the stream at line ends and decode the chunks."""
+def read_candump(stream: LogBytes, channels: ChannelMap, counts: LogCounts, chunk: int = CHUNK) -> Iterator[FrameBlock]:
+    """Split the stream of a candump log at line ends and decode the chunks; see `read_candump_blocks`."""
     with stream:
-        rest, lost, vain = b"", False, 0
+        rest, lost, vain, screen = b"", False, 0, ScreenLines()
         for piece in stream.chunks(chunk):
             if lost:  # the rest of a line that was too long
                 begin = piece.find(b"\n") + 1
@@ -349,7 +351,13 @@ def _blocks(stream: LogBytes, channels: ChannelMap, counts: LogCounts, chunk: in
             end = piece.rfind(b"\n") + 1
             if end:
                 lines, malformed, blank = counts.lines, counts.malformed, counts.other_lines
-                yield ChunkDecoder(b"".join((rest, memoryview(piece)[:end])), channels, counts).decode()
+                text = screen.logged(b"".join((rest, memoryview(piece)[:end])))
+                if screen.are_differences:
+                    counts.note_end(ENDED_DIFFERENCES)
+                    return
+                if screen.untimed:
+                    counts.note_advice(ADVICE_UNTIMED)
+                yield ChunkDecoder(text, channels, counts).decode()
                 read = counts.lines - lines
                 vain = vain + read if read == counts.malformed - malformed + counts.other_lines - blank else 0
                 if vain > MOST_IN_VAIN:
@@ -362,7 +370,7 @@ def _blocks(stream: LogBytes, channels: ChannelMap, counts: LogCounts, chunk: in
                 rest, lost = b"", True
         if rest:
             malformed = counts.malformed
-            yield ChunkDecoder(rest, channels, counts).decode()
+            yield ChunkDecoder(screen.logged(rest), channels, counts).decode()
             if counts.malformed > malformed and not counts.truncated:
                 counts.note_end("its last line is cut short")
 

@@ -22,8 +22,7 @@ events, and lines that do not look like a frame) are counted in `LogCounts.other
 from __future__ import annotations
 
 import logging
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, cast
@@ -31,18 +30,19 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 import can
 
 from candaemon.can_io.logs.blf import read_blf
-from candaemon.can_io.logs.candump import read_candump_blocks
+from candaemon.can_io.logs.candump import read_candump
+from candaemon.can_io.logs.formats import open_log
+from candaemon.can_io.logs.merge import LogBlock
+from candaemon.can_io.logs.mf4 import read_mf4
+from candaemon.can_io.logs.pcap import read_pcap
 from candaemon.can_io.logs.stream import LONGEST_LINE, MOST_IN_VAIN, NO_CHANNEL, ChannelMap, LogBytes, LogCounts
 from candaemon.can_io.python_can import to_frame
-from candaemon.errors import InputError
 from candaemon.frames.frame import Frame
 from candaemon.frames.frame_block import FrameBlock
 
 if TYPE_CHECKING:
     from typing import TextIO
 
-LogBlock: TypeAlias = FrameBlock | Sequence[Frame]
-"""Consecutive frames of a log."""
 _Reader: TypeAlias = Callable[[LogBytes, LogCounts], Iterator[can.Message]]
 
 _BATCH = 1024  # frames
@@ -57,7 +57,7 @@ _BAD_LINE = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError
 """Exceptions of python-can's text readers on a malformed line."""
 
 
-def read_log_blocks(path: Path, channels: Mapping[str, int], counts: LogCounts) -> Iterator[LogBlock]:
+def read_log_blocks(path: Path, channels: Mapping[str, int] | ChannelMap, counts: LogCounts) -> Iterator[LogBlock]:
     """Read the data frames of a log, in the order of the file, in blocks: arrays for candump, lists for other formats.
 
     Frames may be out of order in time, as recorded. Malformed contents never raise: call `LogCounts.require_frames` at
@@ -72,17 +72,22 @@ def read_log_blocks(path: Path, channels: Mapping[str, int], counts: LogCounts) 
     Raises:
         InputError: the file does not exist, cannot be opened, or has an unknown suffix.
     """
-    suffix = log_suffix(path)
-    resolved = ChannelMap(channels)
-    if suffix == ".log":
-        return read_candump_blocks(path, resolved, counts)
-    if suffix == ".blf":
-        return read_blf(LogBytes(path, counts), resolved, counts)
-    frames = _frames(_READERS[suffix](LogBytes(path, counts), counts), suffix, resolved, counts)
+    resolved = channels if isinstance(channels, ChannelMap) else ChannelMap(channels)
+    suffix, stream = open_log(path, counts)
+    match suffix:
+        case ".log":
+            return read_candump(stream, resolved, counts)
+        case ".blf":
+            return read_blf(stream, resolved, counts)
+        case ".pcap" | ".pcapng":
+            return read_pcap(stream, resolved, counts)
+        case ".mf4":
+            return read_mf4(path, stream, resolved, counts)
+    frames = _frames(_READERS[suffix](stream, counts), suffix, resolved, counts)
     return iter(lambda: list(islice(frames, _BATCH)), [])
 
 
-def read_log(path: Path, channels: Mapping[str, int], counts: LogCounts) -> Iterator[Frame]:
+def read_log(path: Path, channels: Mapping[str, int] | ChannelMap, counts: LogCounts) -> Iterator[Frame]:
     """Read a log frame by frame; see `read_log_blocks`."""
     return frames_of(read_log_blocks(path, channels, counts))
 
@@ -90,37 +95,6 @@ def read_log(path: Path, channels: Mapping[str, int], counts: LogCounts) -> Iter
 def frames_of(blocks: Iterable[LogBlock]) -> Iterator[Frame]:
     """Return the frames of blocks one by one."""
     return chain.from_iterable(block.frames() if isinstance(block, FrameBlock) else block for block in blocks)
-
-
-def log_suffix(path: Path) -> str:
-    """Return the suffix that determines a log's format, without `.gz`, in lower case.
-
-    Raises:
-        InputError: unknown suffix; the message lists the known ones.
-    """
-    suffixes = [suffix.lower() for suffix in path.suffixes[-2:]]
-    if suffixes and suffixes[-1] == ".gz":
-        suffixes.pop()
-    suffix = suffixes[-1] if suffixes else ""
-    if suffix not in LOG_SUFFIXES:
-        known = ", ".join(LOG_SUFFIXES)
-        raise InputError(
-            f"found the suffix '{suffix}', expected one of {known}, each also with .gz after it", file=path
-        )
-    return suffix
-
-
-def check_log(path: Path) -> None:
-    """Refuse a log that cannot be read, before anything is done; a pipe is not opened.
-
-    Raises:
-        InputError: it does not exist, may not be read, or has an unknown suffix.
-    """
-    log_suffix(path)
-    if not path.exists():
-        raise InputError("there is no such log; check the path", file=path)
-    if not os.access(path, os.R_OK):
-        raise InputError("the log cannot be opened: there is no right to read it", file=path)
 
 
 def _frames(messages: Iterable[can.Message], suffix: str, channels: ChannelMap, counts: LogCounts) -> Iterator[Frame]:
@@ -251,5 +225,3 @@ _READERS: dict[str, _Reader] = {
     ".csv": _text_reader(can.CSVReader, "timestamp,arbitration_id,extended,remote,error,dlc,data\n"),
     ".trc": _text_reader(can.TRCReader, ";\n"),
 }
-LOG_SUFFIXES = (".log", *sorted((".blf", *_READERS)))
-"""Suffixes of the readable formats, each also followed by `.gz`."""

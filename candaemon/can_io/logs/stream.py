@@ -1,17 +1,18 @@
-"""Common parts of all log readers: counters, the byte stream of a plain or gzip file, and the channel map."""
+"""Common parts of all log readers: counters, the byte stream of a plain or compressed file, and the channel map."""
 
 from __future__ import annotations
 
-import gzip
 import io
 import logging
+import os
 import re
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
+from candaemon.can_io.logs.compression import compression_by_content, compression_by_name, unpacked
 from candaemon.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,6 +41,8 @@ MOST_IN_VAIN: Final = 1_000_000
 """Lines, or objects of a `.blf`, in a row without a frame of any kind, after which a file is taken for no log."""
 MOST_OTHER_CHANNELS: Final = 64
 """Channels without a bus that are counted one by one."""
+MOST_CHANNELS: Final = 256
+"""Channels of a log that get a bus each where all are wanted."""
 FURTHER_CHANNELS = "further channels"
 """Name in `LogCounts.other_channels` for all beyond these; no format has names with blanks."""
 
@@ -54,21 +57,25 @@ class LogCounts:
     Logs that are read one after another may share one object: its values, line numbers included, are their sums.
 
     Attributes:
-        lines: lines of a text log, objects of a `.blf`. Each is one of what follows: `lines` is the sum of `frames`,
-            `malformed`, `remote`, `error_frames`, `ticks`, `other_lines` and the values of `other_channels`.
+        lines: lines of a text log, objects of a `.blf`, records of an `.mf4`, packets and blocks of a capture. Each is
+            one of what follows: `lines` is the sum of `frames`, `malformed`, `remote`, `error_frames`, `ticks`,
+            `outside`, `other_lines` and the values of `other_channels`.
         frames: data frames passed on.
         malformed: lines that are not a valid frame.
         examples: the first few malformed lines, as "line N: text".
         remote: remote frames, skipped.
         error_frames: error frames, skipped.
         ticks: lines with a time only, passed on.
+        outside: frames and ticks outside of the range of time that is asked for.
         other_lines: lines that hold no frame by their kind: blank, headers, comments, events. Among them are those
             that python-can does not recognise in `.asc` and `.trc`.
         other_channels: frames of each channel that belongs to no bus, skipped; those of too many channels together.
         truncated: whether the file ends early.
-        stream_error: reason of an early end (truncated gzip stream, read error), else empty.
+        stream_error: reason of an early end (truncated compressed stream, read error), else empty.
+        advice: what to do about what a reader does not take, else empty.
         bytes_read: position in the file on disk, compressed or not; for a progress bar.
-        bytes_total: size of that file.
+        bytes_total: size of that file; 0 of a pipe.
+        tells: whether oddities are logged.
     """
 
     lines: int = 0
@@ -78,12 +85,15 @@ class LogCounts:
     remote: int = 0
     error_frames: int = 0
     ticks: int = 0
+    outside: int = 0
     other_lines: int = 0
     other_channels: dict[str, int] = field(default_factory=dict)
     truncated: bool = False
     stream_error: str = ""
+    advice: str = ""
     bytes_read: int = 0
     bytes_total: int = 0
+    tells: bool = True
 
     def note_malformed(self, line: int, text: str) -> None:
         """Count a malformed line; store and log the first few.
@@ -98,7 +108,7 @@ class LogCounts:
         example = f"line {line}: {text[:500].strip()[:80]!r}"
         self.examples.append(example)
         last = "; further ones are only counted" if len(self.examples) == EXAMPLES else ""
-        logger.warning("not a CAN frame, skipped: %s%s", example, last)
+        self._tell("not a CAN frame, skipped: %s%s", example, last)
 
     def note_bad_line(self, text: str) -> None:
         """Count a line, or an object of a `.blf`, that is malformed; `text` is the line, or the reason."""
@@ -116,7 +126,18 @@ class LogCounts:
         """Record that the file ended early."""
         self.truncated = True
         self.stream_error = reason
-        logger.warning("the log ends early: %s; what came before it is used", reason)
+        self._tell("the log ends early: %s; what came before it is used", reason)
+
+    def note_advice(self, advice: str) -> None:
+        """Record, and tell once, what to do about what is not read."""
+        if not self.advice:
+            self.advice = advice
+            self._tell("%s", advice)
+
+    def _tell(self, text: str, *words: str) -> None:
+        """Log what a user should know."""
+        if self.tells:
+            logger.warning(text, *words)
 
     def require_frames(self, path: Path) -> None:
         """Raise if a log, read to its end, held neither a frame nor a tick.
@@ -132,6 +153,7 @@ class LogCounts:
         found = [f"{self.malformed} malformed"] if self.malformed else []
         found += [f"{self.remote} remote"] if self.remote else []
         found += [f"{self.error_frames} error frames"] if self.error_frames else []
+        found += [f"{self.outside} outside of the range of time"] if self.outside else []
         listed = sorted(self.other_channels.items(), key=lambda item: -item[1])
         found += [f"{count} of channel '{name}'" for name, count in listed[:EXAMPLES]]
         found += [f"{len(listed) - EXAMPLES} more channels"] if len(listed) > EXAMPLES else []
@@ -139,7 +161,11 @@ class LogCounts:
         text = f"not one usable frame in {self.lines} lines"
         text += f": {', '.join(found)}" if found else ""
         text += f"; first, {self.examples[0]}" if self.examples else ""
-        if self.other_channels:
+        if self.advice:
+            text += f"; {self.advice}"
+        elif self.outside:
+            text += "; check the range of time"
+        elif self.other_channels:
             text += "; give a bus that channel as its log_channel, or replay with --map CHANNEL=BUS"
         else:
             text += "; expected a recorded CAN log, such as `candump -L` writes"
@@ -183,76 +209,134 @@ class ChannelMap:
         return self._by_number.get(channel, self._any) if bus is None else bus
 
 
+class EveryChannel(ChannelMap):
+    """Gives each channel of a log a bus of its own, in the order in which they come; numbered channels as `can0`.
+
+    Attributes:
+        names: of the buses, by index.
+    """
+
+    def __init__(self) -> None:
+        super().__init__({})
+        self.names: list[str] = []
+        self._buses = {TICK_CHANNEL: TICK_BUS}
+
+    def named(self, channel: str) -> int:
+        """Return the bus of a channel; `UNCLAIMED` where there are too many."""
+        bus = self._buses.get(channel)
+        if bus is None:
+            if len(self.names) >= MOST_CHANNELS:
+                return UNCLAIMED
+            bus = self._buses[channel] = len(self.names)
+            self.names.append(channel)
+        return bus
+
+    def numbered(self, channel: int | None) -> int:
+        """Return the bus of a numbered channel, or of a frame without one."""
+        return self.named(f"can{channel or 0}")
+
+
 def channel_number(name: str) -> int | None:
     """Return the number that a channel's name ends in: 0 of `can0`."""
     match = _TRAILING_NUMBER.search(name)
     return None if match is None else int(match[1])
 
 
-class _Source(Protocol):
-    """A stream that returns up to `size` bytes per read."""
+STANDARD_INPUT: Final = Path("/dev/stdin")
+"""The log that comes through standard input."""
+_PIPE = 1 << 16
+"""Bytes that a pipe holds: a read that returns fewer has emptied it."""
 
-    def read1(self, size: int, /) -> bytes: ...
 
-    def close(self) -> None: ...
+class _CountedFile(io.FileIO):
+    """A file that counts the bytes read of it, be it a pipe or not."""
+
+    def __init__(self, file: Path | int, counts: LogCounts) -> None:
+        super().__init__(file, closefd=not isinstance(file, int))
+        self._counts = counts
+
+    def readinto(self, buffer: WriteableBuffer, /) -> int | None:
+        """Read into a buffer; return how many bytes."""
+        size = super().readinto(buffer)
+        self._counts.bytes_read += size or 0
+        return size
 
 
 class LogBytes(io.RawIOBase):
-    """The bytes of a log, decompressed if the name ends in `.gz`; reports its position in the counts.
+    """The bytes of a log, decompressed as its name says; reports its position in the counts.
 
-    A truncated or damaged gzip stream ends early: everything decompressed until then is returned, and the reason is
-    recorded in the counts.
+    A truncated or damaged compressed stream ends early: everything decompressed until then is returned, and the reason
+    is recorded in the counts.
 
     Args:
-        path: the file.
+        path: the file; `STANDARD_INPUT` need not be there by that name.
         counts: receives the size, the position and the reason of an early end.
+        by_content: whether the file's first bytes tell how it is compressed, not its name.
 
     Attributes:
         delivered: decompressed bytes returned so far.
+        is_plain: whether the file's bytes are the log's.
 
     Raises:
-        InputError: the file does not exist or cannot be opened.
+        InputError: the file does not exist, cannot be opened, or needs a library that is not installed.
     """
 
-    def __init__(self, path: Path, counts: LogCounts) -> None:
+    def __init__(self, path: Path, counts: LogCounts, *, by_content: bool = False) -> None:
         self._counts = counts
         self._ended = False
-        self._position = 0
+        self._held = b""
         self.delivered = 0
         try:
-            self._file = path.open("rb")
-            counts.bytes_total += path.stat().st_size
+            self._file = io.BufferedReader(_CountedFile(0 if path == STANDARD_INPUT else path, counts))
+            size = os.fstat(self._file.fileno()).st_size
+            head = self._file.peek(1) if by_content else b""
         except FileNotFoundError:
             raise InputError("there is no such log; check the path", file=path) from None
         except OSError as error:
             raise InputError(f"the log cannot be opened: {error.strerror}", file=path) from error
-        compressed = path.suffix.lower() == ".gz"
-        self._source: _Source = gzip.GzipFile(fileobj=self._file, mode="rb") if compressed else self._file
+        self._flows = not self._file.seekable()
+        counts.bytes_total += 0 if self._flows else size
+        compression = compression_by_content(head) if by_content else compression_by_name(path)
+        self.is_plain = not compression
+        try:
+            self._source = unpacked(self._file, compression, path)
+        except InputError:
+            self._file.close()
+            raise
+
+    def peek(self) -> bytes:
+        """Return the next bytes without going on, at least one unless the log ends here."""
+        if not self._held:
+            self._held = self._read1(_PIPE)
+        return self._held
 
     def read1(self, size: int) -> bytes:
         """Return up to `size` bytes, b"" at the end."""
+        if self._held:
+            piece, self._held = self._held[:size], self._held[size:]
+        else:
+            piece = self._read1(size)
+        self.delivered += len(piece)
+        return piece
+
+    def _read1(self, size: int) -> bytes:
         if self._ended:
             return b""
         try:
-            piece = self._source.read1(size)
+            return self._source.read1(size)
         except (EOFError, OSError, zlib.error) as error:
             self._counts.note_end(str(error))
             self._ended = True
-            piece = b""
-        self.delivered += len(piece)
-        position = self._file.tell()
-        self._counts.bytes_read += position - self._position
-        self._position = position
-        return piece
+            return b""
 
     def chunks(self, size: int) -> Iterator[bytes]:
-        """Yield the content in chunks of at least `size` bytes, the last one shorter."""
+        """Yield the content in chunks of at least `size` bytes, the last one shorter; of a pipe, what there is."""
         pieces: list[bytes] = []
         collected = 0
         while piece := self.read1(size):
             pieces.append(piece)
             collected += len(piece)
-            if collected >= size:
+            if collected >= size or (self._flows and len(piece) < _PIPE):
                 yield b"".join(pieces)
                 pieces.clear()
                 collected = 0

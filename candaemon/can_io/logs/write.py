@@ -7,18 +7,22 @@ they would hold the wall clock, the time zone or the file's own path. What each 
 
 from __future__ import annotations
 
-import gzip
 import io
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Final, Self, cast
+from typing import BinaryIO, Final, Self
 
 import can
 
 from candaemon.can_io.logs.candump import candump_text
-from candaemon.can_io.logs.read import log_suffix
+from candaemon.can_io.logs.compression import compression_by_name, packed
+from candaemon.can_io.logs.formats import NOT_COMPRESSED, log_suffix
+from candaemon.can_io.logs.mf4 import LARGEST_MF4_CHANNEL, Mf4Frames
+from candaemon.can_io.logs.pcap import PcapngPackets, PcapPackets
 from candaemon.can_io.logs.stream import channel_number
 from candaemon.can_io.python_can import to_message
 from candaemon.errors import InputError
@@ -28,21 +32,20 @@ from candaemon.frames.frame import Frame
 LARGEST_CHANNEL: Final = 65_534
 """Greatest number of a channel, from 0, in a log without names: a `.blf` has 16 bits for it, from 1."""
 
+_MF4_ROWS = 8192  # frames that are written at once
+
 
 class LogWriter(ABC):
     """Writes frames to a log until it is closed.
 
     Args:
-        file: the log; compressed if its name ends in `.gz`.
+        file: the log; compressed as its name says.
     """
 
     def __init__(self, file: OutputFile) -> None:
         self._path = file.path
-        self._target = file.stream
+        self._target = packed(file.stream, file.path)
         self._closed = False
-        if self._path.suffix.lower() == ".gz":
-            # no name and no time in the gzip header, so that equal frames give equal bytes
-            self._target = cast("BinaryIO", gzip.GzipFile(filename="", mode="wb", fileobj=file.stream, mtime=0))
 
     def write(self, frames: Sequence[Frame]) -> None:
         """Write frames.
@@ -93,7 +96,7 @@ class CandumpWriter(LogWriter):
 
     def __init__(self, file: OutputFile, channels: Sequence[str]) -> None:
         super().__init__(file)
-        self._channels = tuple(channels)
+        self._channels = channels
 
     def _write(self, frames: Sequence[Frame]) -> None:
         self._target.write(candump_text(frames, self._channels))
@@ -102,13 +105,110 @@ class CandumpWriter(LogWriter):
         """Write nothing: a candump log has no end mark."""
 
 
+class PcapWriter(LogWriter):
+    """Writes a capture, `.pcap` or `.pcapng`.
+
+    Args:
+        file: the log.
+        channels: names of the buses, by index; a `.pcap` holds none.
+    """
+
+    def __init__(self, file: OutputFile, channels: Sequence[str]) -> None:
+        super().__init__(file)
+        with_names = log_suffix(file.path) == ".pcapng"
+        self._packets = PcapngPackets(self._target, channels) if with_names else PcapPackets(self._target)
+
+    def _write(self, frames: Sequence[Frame]) -> None:
+        try:
+            self._packets.write(frames)
+        except ValueError as error:
+            raise InputError(f"{error}; choose .pcapng", file=self._path) from None
+
+    def _finish(self) -> None:
+        """Write nothing: a capture has no end mark."""
+
+
+class _ChannelNumbers:
+    """Numbers of the buses in a format without names of channels.
+
+    They are the numbers that the names end in where those of the buses known at first are distinct, otherwise the
+    indices. A bus that comes later gets the number in its name where nobody has it, otherwise the least that is free.
+
+    Args:
+        file: the log, for messages.
+        channels: names of the buses, by index; may grow.
+        largest: number that the format can hold.
+
+    Raises:
+        InputError: a number is greater.
+    """
+
+    def __init__(self, file: Path, channels: Sequence[str], largest: int) -> None:
+        self._path, self._channels, self._largest = file, channels, largest
+        named = [channel_number(name) for name in channels]
+        distinct = len({number for number in named if number is not None}) == len(named)
+        self._numbers: list[int] = []
+        for index, number in enumerate(named):
+            self._append(number if distinct and number is not None else index)
+
+    def __getitem__(self, bus: int) -> int:
+        while len(self._numbers) <= bus:
+            number, taken = channel_number(self._channels[len(self._numbers)]), set(self._numbers)
+            self._append(next(k for k in count() if k not in taken) if number is None or number in taken else number)
+        return self._numbers[bus]
+
+    def _append(self, number: int) -> None:
+        if number > self._largest:
+            raise InputError(
+                f"this format numbers its channels up to {self._largest:,}, found {number}; choose .log, "
+                "or give the bus a log_channel that ends in a smaller number",
+                file=self._path,
+            )
+        self._numbers.append(number)
+
+
+class Mf4Writer(LogWriter):
+    """Writes an `.mf4`.
+
+    Args:
+        file: the log.
+        channels: names of the buses, by index; the file holds their numbers.
+
+    Raises:
+        InputError: a channel's number is greater than `LARGEST_MF4_CHANNEL`, or asammdf is not installed.
+    """
+
+    def __init__(self, file: OutputFile, channels: Sequence[str]) -> None:
+        super().__init__(file)
+        self._numbers = _ChannelNumbers(file.path, channels, LARGEST_MF4_CHANNEL)
+        self._frames: Mf4Frames | None = None
+        self._waiting: list[Frame] = []
+
+    def _write(self, frames: Sequence[Frame]) -> None:
+        self._waiting += frames
+        if len(self._waiting) >= _MF4_ROWS:
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Write what waits."""
+        first_ns = self._waiting[0].time_ns if self._waiting else 0
+        self._frames = self._frames or Mf4Frames(first_ns, self._path)
+        if self._waiting:
+            self._frames.write(self._waiting, [self._numbers[frame.bus] for frame in self._waiting])
+        self._waiting = []
+
+    def _finish(self) -> None:
+        self._pass_on()
+        if self._frames is not None:
+            self._frames.finish(self._target)
+
+
 class PythonCanWriter(LogWriter):
     """Writes a log through one of python-can's writers.
 
     Args:
         file: the log.
-        channels: names of the buses, by index; the file holds the numbers that they end in where these are distinct,
-            otherwise the indices.
+        channels: names of the buses, by index; the file holds their numbers.
         start: creates python-can's writer from the target and the first frame's time in s.
 
     Raises:
@@ -122,15 +222,7 @@ class PythonCanWriter(LogWriter):
         start: Callable[[BinaryIO, float], can.io.generic.MessageWriter],
     ) -> None:
         super().__init__(file)
-        named = [channel_number(name) for name in channels]
-        distinct = len({number for number in named if number is not None}) == len(named)
-        self._numbers = [number for number in named if number is not None] if distinct else [*range(len(named))]
-        if max(self._numbers, default=0) > LARGEST_CHANNEL:
-            raise InputError(
-                f"this format numbers its channels up to {LARGEST_CHANNEL:,}, found {max(self._numbers)}; choose .log, "
-                "or give the bus a log_channel that ends in a smaller number",
-                file=self._path,
-            )
+        self._numbers = _ChannelNumbers(file.path, channels, LARGEST_CHANNEL)
         self._start = start
         self._writer: can.io.generic.MessageWriter | None = None
 
@@ -151,18 +243,22 @@ def open_log_writer(file: OutputFile, channels: Sequence[str]) -> LogWriter:
     """Begin a log; the suffix of the file's name determines the format.
 
     Args:
-        file: the log, with one of the readable suffixes; a further `.gz` compresses it (not `.blf`, which is always
-            compressed).
+        file: the log, with one of the readable suffixes; a further `.gz`, `.xz` or `.zst` compresses it.
         channels: names of the buses, by index.
 
     Raises:
         InputError: unknown suffix.
     """
     suffix = log_suffix(file.path)
-    if suffix == ".log":
-        return CandumpWriter(file, channels)
-    if suffix == ".blf" and file.path.suffix.lower() == ".gz":
-        raise InputError("a .blf is compressed already; expected a name that ends in .blf", file=file.path)
+    if suffix in NOT_COMPRESSED and compression_by_name(file.path):
+        raise InputError(f"{NOT_COMPRESSED[suffix]}; expected a name that ends in {suffix}", file=file.path)
+    match suffix:
+        case ".log":
+            return CandumpWriter(file, channels)
+        case ".pcap" | ".pcapng":
+            return PcapWriter(file, channels)
+        case ".mf4":
+            return Mf4Writer(file, channels)
     return PythonCanWriter(file, channels, _STARTERS[suffix])
 
 

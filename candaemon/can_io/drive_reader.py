@@ -1,0 +1,162 @@
+"""Logs read as one drive: without stray times, in order of time, within a range of time.
+
+Logs that overlap, such as one for each bus, are merged; logs that follow one another are read one by one, whatever the
+order in which they are named. Logs whose times count from their own beginning have no order but the one they are named
+in: each goes on from the one before.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from candaemon.arrays import Integers
+from candaemon.can_io.logs.merge import LogBlock, TimedLog, merged
+from candaemon.can_io.logs.read import read_log_blocks
+from candaemon.can_io.logs.stream import ChannelMap, LogCounts
+from candaemon.can_io.stray_times import StrayTimes
+from candaemon.can_io.time_range import TimeRange
+from candaemon.errors import InputError
+from candaemon.frames.frame_block import FrameBlock
+from candaemon.printable import printable
+
+logger = logging.getLogger(__name__)
+
+EARLIEST_EPOCH_NS: Final = 315_532_800_000_000_000
+"""ns: a time before 1980 counts from the log's own beginning, not from 1970."""
+_NAMED = 8  # logs in a message
+
+
+class DriveReader:
+    """Reads the logs of a drive.
+
+    Args:
+        channels: as for `read_log_blocks`.
+        counts: filled while reading; frames outside the range are counted as `outside`.
+        time_range: what is read.
+        corrects: whether stray time stamps are corrected.
+
+    Attributes:
+        stray_times: frames whose time stamp was far from those before and after, and was corrected.
+    """
+
+    def __init__(
+        self,
+        channels: Mapping[str, int] | ChannelMap,
+        counts: LogCounts,
+        time_range: TimeRange,
+        *,
+        corrects: bool = True,
+    ) -> None:
+        self._corrects = corrects
+        self._channels, self._counts = channels, counts
+        self._range = time_range
+        self._first_ns: int | None = None
+        self._passed = self._passed_ticks = 0
+        self._strays: list[StrayTimes] = []
+
+    @property
+    def stray_times(self) -> int:
+        """Frames whose time was corrected."""
+        return sum(strays.corrected for strays in self._strays)
+
+    def consecutive(self, logs: Sequence[Path]) -> Iterator[LogBlock]:
+        """Yield the frames of logs one after another, as they are named."""
+        return self._within(self._corrected(self._each(logs)))
+
+    def by_time(self, logs: Sequence[Path]) -> Iterator[LogBlock]:
+        """Yield the frames of logs in order of time."""
+        if len(logs) == 1:
+            return self.consecutive(logs)
+        firsts = [self._first_of(log) for log in logs]
+        if any(first_ns is not None and first_ns < EARLIEST_EPOCH_NS for first_ns in firsts):
+            return self.consecutive(logs)
+        timed = [(first_ns, log) for first_ns, log in zip(firsts, logs, strict=True) if first_ns is not None]
+        timed.sort(key=lambda each: each[0])
+        in_order = [log for _, log in timed]
+        if in_order != [log for log, first_ns in zip(logs, firsts, strict=True) if first_ns is not None]:
+            names = ", ".join(printable(log.name) for log in in_order[:_NAMED])
+            more = f" and {len(in_order) - _NAMED} more" if len(in_order) > _NAMED else ""
+            logger.warning("the logs are read in order of time: %s%s", names, more)
+        # those without a frame are read for what they count
+        empty = self._each([log for log, first_ns in zip(logs, firsts, strict=True) if first_ns is None])
+        begun = [TimedLog(first_ns, partial(self._one, log)) for first_ns, log in timed]
+        return self._within(chain(empty, merged(begun)))
+
+    def _one(self, log: Path) -> Iterator[LogBlock]:
+        return self._corrected(read_log_blocks(log, self._channels, self._counts))
+
+    def _each(self, logs: Sequence[Path]) -> Iterator[LogBlock]:
+        return chain.from_iterable(read_log_blocks(log, self._channels, self._counts) for log in logs)
+
+    def _corrected(self, blocks: Iterable[LogBlock]) -> Iterator[LogBlock]:
+        if not self._corrects:
+            return iter(blocks)
+        strays = StrayTimes()
+        self._strays.append(strays)
+        return strays.removed(blocks)
+
+    def _first_of(self, log: Path) -> int | None:
+        """Return the time of a log's first frame; None where it has none.
+
+        Raises:
+            InputError: it is no file: what it gives can be read only once.
+        """
+        if not log.is_file():
+            raise InputError("it is no file, and is read alone; with other logs, save it first", file=log)
+        for block in read_log_blocks(log, self._channels, LogCounts(tells=False)):
+            if len(block):
+                return int(times_of(block)[0])
+        return None
+
+    def _within(self, blocks: Iterable[LogBlock]) -> Iterator[LogBlock]:
+        """Yield what is within the range; stop behind it."""
+        if self._range.is_all:
+            return iter(blocks)
+        return self._cut(blocks)
+
+    def _cut(self, blocks: Iterable[LogBlock]) -> Iterator[LogBlock]:
+        for block in blocks:
+            if not len(block):
+                continue
+            times = times_of(block)
+            if self._first_ns is None:
+                self._first_ns = int(times[0])
+            begin, end = self._range.begin, self._range.end
+            inside = np.ones(len(block), np.bool_)
+            if begin is not None:
+                inside &= times >= begin.from_begin(self._first_ns)
+            if end is not None:
+                is_before = times < end.from_begin(self._first_ns)
+                if not is_before.any():
+                    break
+                inside &= is_before
+            rows = np.flatnonzero(inside)
+            if len(rows):
+                kept = _chosen(block, rows)
+                buses = kept.bus if isinstance(kept, FrameBlock) else [frame[1] for frame in kept]
+                ticks = int(np.count_nonzero(np.asarray(buses) < 0))
+                self._passed += len(kept) - ticks
+                self._passed_ticks += ticks
+                yield kept
+        counts = self._counts
+        counts.outside += counts.frames - self._passed + counts.ticks - self._passed_ticks
+        counts.frames, counts.ticks = self._passed, self._passed_ticks
+
+
+def times_of(block: LogBlock) -> Integers:
+    """Return the time stamps of a block."""
+    return block.time_ns if isinstance(block, FrameBlock) else np.array([frame[0] for frame in block], np.int64)
+
+
+def _chosen(block: LogBlock, rows: Integers) -> LogBlock:
+    """Return some frames of a block."""
+    if len(rows) == len(block):
+        return block
+    return block.rows(rows) if isinstance(block, FrameBlock) else [block[row] for row in rows.tolist()]
