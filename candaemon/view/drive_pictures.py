@@ -7,7 +7,8 @@ from itertools import chain
 from pathlib import Path
 
 from candaemon.binding.bound import Binding
-from candaemon.can_io.logs.read import check_log, read_log_blocks
+from candaemon.can_io.logs.formats import check_log
+from candaemon.can_io.logs.read import read_log_blocks
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.can_io.reorder import ReorderBuffer
 from candaemon.can_io.stray_times import StrayTimes

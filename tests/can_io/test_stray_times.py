@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from candaemon.can_io.logs.read import LogBlock, frames_of
+from candaemon.can_io.logs.merge import LogBlock
+from candaemon.can_io.logs.read import frames_of
 from candaemon.can_io.stray_times import FAR_NS, StrayTimes
 from candaemon.frames.frame import Frame
 from candaemon.frames.frame_block import block_of

@@ -27,6 +27,9 @@ from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("logging_as_it_was")
 
+POSITIONAL = "OUT"
+"""An output that is named without an option."""
+
 
 @dataclass(frozen=True)
 class Command:
@@ -46,7 +49,8 @@ class Command:
 
     def arguments(self, *options: str) -> list[str]:
         """Return its arguments with these options."""
-        return [*self.words, *(() if self.required[:1] == options[:1] else self.required), *options]
+        given = [*self.words, *(() if self.required[:1] == options[:1] else self.required), *options]
+        return [word for word in given if word != POSITIONAL]
 
 
 DBC = ("oxts.dbc", "esr.dbc", "obstacles.dbc")
@@ -69,6 +73,7 @@ CASES = {
     "evaluate": Command(
         ("evaluate", "tracks.csv", "truth.csv"), ("tracks.csv", "truth.csv"), ("evaluate", "typo.csv", "truth.csv")
     ),
+    "convert": Command(("convert", "drive.log"), ("drive.log",), ("convert", "typo.log"), (POSITIONAL, "new.log")),
     "papers": Command(("papers", "000-table-1", "--runs", "2"), (), ("papers", "typo")),
 }
 OPTIONS = {
@@ -83,6 +88,7 @@ OPTIONS = {
     "report": {"--output": "r.html", "--summary": "s.json"},
     "simulate": {"--output": "o.log", "--truth": "t.csv", "--origins": "s.csv"},
     "evaluate": {"--json": "e.json"},
+    "convert": {POSITIONAL: "c.log"},
     "papers": {"--json": "p.json"},
 }
 """Each option that writes a file, with a name for it."""
@@ -132,7 +138,7 @@ def actions(command: str) -> list[argparse.Action]:
 
 def written_by(command: str, kind: object) -> set[str]:
     """Return the long names of a command's options with a type."""
-    return {action.option_strings[-1] for action in actions(command) if action.type is kind}
+    return {(action.option_strings or [action.metavar])[-1] for action in actions(command) if action.type is kind}
 
 
 @pytest.mark.parametrize("command", COMMANDS)

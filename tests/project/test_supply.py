@@ -45,6 +45,8 @@ SPDX = {
     "Python Software Foundation License": {"PSF-2.0"},
     "Mozilla Public License 2.0 (MPL 2.0)": {"MPL-2.0"},
     "ISC License (ISCL)": {"ISC"},
+    "BSD-3-Clause": {"BSD-3-Clause"},
+    "GNU Lesser General Public License v3 or later (LGPLv3+)": {"LGPL-3.0-or-later"},
 }
 """What metadata without an SPDX expression may mean."""
 

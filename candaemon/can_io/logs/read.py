@@ -1,18 +1,21 @@
-"""Reads recorded logs: the file's suffix determines the format; a further `.gz` marks it as compressed.
+"""Reads recorded logs: the file's suffix determines the format, or its first bytes; a further one its compression.
 
-What each format preserves of a frame (python-can 4.6 writes all but `.log`, and reads the text formats; tests check
-this):
+What each format preserves of a frame (python-can 4.6 writes `.asc`, `.blf`, `.csv` and `.trc`, and reads these but
+`.blf`; tests check this):
 
-======  =====================================================  =============================  ======================
-suffix  time                                                   channel                        frames
-======  =====================================================  =============================  ======================
-.log    exact, to the digit: whole nanoseconds                 its name                       all
-.blf    exact to 1 µs, as python-can writes it                   its number                     all
-.asc    relative to the first frame, to 1 µs: no epoch         its number                     all
-.trc    to about 1 µs; the epoch is a float of days            its number                     no CAN FD (not written)
-.csv    exact to 1 µs                                          none: all on one bus           CAN FD under 9 bytes
-                                                                                              comes back as classic
-======  =====================================================  =============================  ======================
+=======  =====================================================  =============================  ======================
+suffix   time                                                   channel                        frames
+=======  =====================================================  =============================  ======================
+.log     exact, to the digit: whole nanoseconds                 its name                       all
+.pcapng  exact                                                  its name                       all
+.pcap    exact                                                  none: all on one bus           all
+.mf4     to 1 ns, as it is written here                         its number                     all
+.blf     exact to 1 µs, as python-can writes it                 its number                     all
+.asc     relative to the first frame, to 1 µs: no epoch         its number                     all
+.trc     to about 1 µs; the epoch is a float of days            its number                     no CAN FD (not written)
+.csv     exact to 1 µs                                          none: all on one bus           CAN FD under 9 bytes
+                                                                                               comes back as classic
+=======  =====================================================  =============================  ======================
 
 Channel numbers start at 1 in these files and at 0 here: see `ChannelMap`. Remote frames and error frames are
 counted and skipped in all of them. Lines that python-can's own readers skip silently (in `.asc` and `.trc`: comments,

@@ -1,8 +1,8 @@
 """Writes logs: the same frames give the same bytes, in every format, on every machine.
 
-`.log` is written by candaemon itself; `.asc`, `.blf`, `.csv` and `.trc` by python-can, whose headers are replaced where
-they would hold the wall clock, the time zone or the file's own path. What each format preserves is listed in
-`candaemon.can_io.logs.read`. Frames must be written in order of time.
+`.log`, `.pcap` and `.pcapng` are written by candaemon itself, `.mf4` by asammdf; `.asc`, `.blf`, `.csv` and `.trc` by
+python-can, whose headers are replaced where they would hold the wall clock, the time zone or the file's own path. What
+each format preserves is listed in `candaemon.can_io.logs.read`. Frames must be written in order of time.
 """
 
 from __future__ import annotations
