@@ -138,7 +138,7 @@ def actions(command: str) -> list[argparse.Action]:
 
 def written_by(command: str, kind: object) -> set[str]:
     """Return the long names of a command's options with a type."""
-    return {(action.option_strings or [action.metavar])[-1] for action in actions(command) if action.type is kind}
+    return {(action.option_strings or [str(action.metavar)])[-1] for action in actions(command) if action.type is kind}
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -220,7 +220,7 @@ def test_what_cannot_be_written_is_found_before_the_work(
         (folder / word).write_bytes(b"former")
     before = {each: each.read_bytes() for each in folder.iterdir() if each.is_file()}
     for wrong in (f"no/{name}", f"car.yaml/{name}", "folder"):
-        options = [word for pair in [*others, (option, wrong)] for word in pair]
+        options = [word for pair in [*others, (option, wrong)] for word in pair if word != POSITIONAL]
         assert main([*CASES[command].words, *options]) == 1
         told = capsys.readouterr()
         assert told.out == ""
