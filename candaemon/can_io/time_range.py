@@ -17,7 +17,7 @@ _SINCE_1970 = re.compile(r"@(\d{1,10})(?:\.(\d{1,9}))?", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class DriveMoment:
     """An instant of a drive.
 
     Attributes:
@@ -33,14 +33,14 @@ class Moment:
         return self.time_ns + first_ns if self.since_begin else self.time_ns
 
 
-def moment(text: str) -> Moment:
+def moment(text: str) -> DriveMoment:
     """Read a moment: `12.5` s from the drive's beginning, `@1533226488.5`, or `2018-08-02T16:14:48.5Z`.
 
     Raises:
         ValueError: it is none.
     """
     if _SINCE_BEGIN.fullmatch(text) and float(text) <= LONGEST_DRIVE_S:
-        return Moment(round(float(text) * 1e9), since_begin=True)
+        return DriveMoment(round(float(text) * 1e9), since_begin=True)
     epoch = _SINCE_1970.fullmatch(text)
     if epoch is not None:
         time_ns = int(epoch[1]) * 1_000_000_000 + int((epoch[2] or "").ljust(9, "0"))
@@ -51,7 +51,7 @@ def moment(text: str) -> Moment:
         time_ns = (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
     if not 0 <= time_ns <= LATEST_NS:
         raise ValueError(f"{text} is out of range")
-    return Moment(time_ns, since_begin=False)
+    return DriveMoment(time_ns, since_begin=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +63,8 @@ class TimeRange:
         end: the first moment that is not; None: to its end.
     """
 
-    begin: Moment | None = None
-    end: Moment | None = None
+    begin: DriveMoment | None = None
+    end: DriveMoment | None = None
 
     @property
     def is_all(self) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from candaemon.can_io.logs.stream import STANDARD_INPUT
-from candaemon.can_io.time_range import Moment, TimeRange, moment
+from candaemon.can_io.time_range import DriveMoment, TimeRange, moment
 from candaemon.printable import printable
 
 CONFIG: Final = "configuration (YAML), or the name of one that comes with candaemon"
@@ -66,7 +66,7 @@ def time_range(arguments: argparse.Namespace) -> TimeRange:
     return TimeRange(arguments.begin, arguments.end)
 
 
-def drive_moment(text: str) -> Moment:
+def drive_moment(text: str) -> DriveMoment:
     """Read a moment of a drive."""
     try:
         return moment(text)

@@ -13,7 +13,7 @@ from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.logs.read import frames_of, read_log
 from candaemon.can_io.logs.stream import MOST_CHANNELS, UNCLAIMED, EveryChannel, LogCounts
 from candaemon.can_io.logs.write import open_log_writer
-from candaemon.can_io.time_range import LONGEST_DRIVE_S, WHOLE_DRIVE, Moment, TimeRange, moment
+from candaemon.can_io.time_range import LONGEST_DRIVE_S, WHOLE_DRIVE, DriveMoment, TimeRange, moment
 from candaemon.errors import InputError
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame
@@ -82,11 +82,11 @@ def test_a_log_without_frames_costs_the_others_nothing(tmp_path: Path) -> None:
 
 def test_a_part_of_a_drive(tmp_path: Path) -> None:
     log = write(tmp_path / "a.log", FRAMES)
-    since = TimeRange(Moment(2_000_000_000, since_begin=True), Moment(3_000_000_000, since_begin=True))
+    since = TimeRange(DriveMoment(2_000_000_000, since_begin=True), DriveMoment(3_000_000_000, since_begin=True))
     found, counts = read(log, within=since)
     assert found == FRAMES[2000:3000]
     assert counts.outside > 0
-    absolute = TimeRange(Moment(START + 19_999_000_000, since_begin=False), None)
+    absolute = TimeRange(DriveMoment(START + 19_999_000_000, since_begin=False), None)
     found, counts = read(log, within=absolute)
     assert (found, counts.outside) == (FRAMES[19_999:], 19_999)
     parts = [read(log, within=TimeRange(moment(f"{k * 4}"), moment(f"{k * 4 + 4}")))[0] for k in range(5)]
@@ -99,10 +99,10 @@ def test_a_part_of_a_drive(tmp_path: Path) -> None:
 
 
 def test_a_moment_is_read_up_to_its_limits() -> None:
-    assert moment("12.5") == Moment(12_500_000_000, since_begin=True)
-    assert moment("@1533226488.5") == Moment(START + 500_000_000, since_begin=False)
+    assert moment("12.5") == DriveMoment(12_500_000_000, since_begin=True)
+    assert moment("@1533226488.5") == DriveMoment(START + 500_000_000, since_begin=False)
     assert moment("@1533226488") == moment("2018-08-02T16:14:48Z") == moment("2018-08-02 16:14:48")
-    assert moment("2018-08-02T18:14:48.000001+02:00") == Moment(START + 1_000, since_begin=False)
+    assert moment("2018-08-02T18:14:48.000001+02:00") == DriveMoment(START + 1_000, since_begin=False)
     assert moment(f"{LONGEST_DRIVE_S:.0f}").time_ns == 10**18
     for wrong in ("1000000000.1", "-1", "nan", "@-1", "@9999999999", "1960-01-01", "1e3", "", "12:00"):
         with pytest.raises(ValueError):  # noqa: PT011 - Python's own message or this one
