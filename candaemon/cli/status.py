@@ -162,7 +162,7 @@ def _sensors(figures: Tree) -> Sheet:
     rows = tuple(
         (
             name,
-            "lost" if sensor["lost"] else "ok",
+            _condition_of(sensor),
             f"{sensor['rate']:.1f}",
             _number(sensor["age"], 2),
             f"{sensor['frames']['used']}",
@@ -194,6 +194,13 @@ def _calibration(figures: Tree) -> Iterator[Sheet]:
     if rows:
         header = ("", "latency ms", "applied ms", "yaw deg", "applied deg")
         yield Sheet("beyond what is configured", rows, header)
+
+
+def _condition_of(sensor: Tree) -> str:
+    """Return what is wrong with a sensor, or that nothing is, as text."""
+    if sensor["lost"]:
+        return "lost"
+    return "ok" if sensor["fault"] == "none" else str(sensor["fault"])
 
 
 def _rare(figures: Tree) -> Iterator[Sheet]:

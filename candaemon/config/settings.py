@@ -18,6 +18,7 @@ from candaemon.config.sensors import SensorSettings
 from candaemon.config.service import ServiceSettings
 from candaemon.config.supervision import SupervisionSettings
 from candaemon.config.tracker import GroupSettings, TrackerSettings
+from candaemon.config.trust import TrustSettings
 from candaemon.errors import MOST_PROBLEMS
 from candaemon.similar_names import listed_names, meant
 
@@ -69,6 +70,7 @@ class Config(Settings):
     supervision: SupervisionSettings = Field(
         default_factory=SupervisionSettings, description="when something counts as silent, lost, degraded"
     )
+    trust: TrustSettings = Field(default_factory=TrustSettings, description="when a sensor is weighted down or cut off")
     service: ServiceSettings = Field(default_factory=ServiceSettings, description="how `candaemon run` serves")
 
     @property

@@ -168,5 +168,6 @@ def _take_times(former: Pipeline, successor: Pipeline, sensors: Mapping[int, int
     before, after = former.health.state, successor.health.state
     for old, new in sensors.items():
         after.last_scan_ns[new] = before.last_scan_ns[old]
+        successor.trust.state.sensors[new] = former.trust.state.sensors[old]
     after.drops, after.dropped_ns = successor.drops, before.dropped_ns
     successor.schedule.coast_due_ns = former.schedule.coast_due_ns

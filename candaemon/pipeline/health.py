@@ -8,6 +8,7 @@ from enum import IntEnum
 
 from candaemon.binding.bound import Binding
 from candaemon.ego.pose import EgoStatus
+from candaemon.tracking.sensor_trust import Fault
 
 
 class Health(IntEnum):
@@ -69,12 +70,15 @@ class HealthMonitor:
         """Note that a sensor's scan was closed."""
         self._state.last_scan_ns[sensor] = now_ns
 
-    def health(self, ego: EgoStatus, valid_shares: Sequence[float], drops: int, now_ns: int) -> Health:
+    def health(
+        self, ego: EgoStatus, valid_shares: Sequence[float], faults: Sequence[Fault], drops: int, now_ns: int
+    ) -> Health:
         """Return the health in a cycle.
 
         Args:
             ego: how reliable ego motion is.
             valid_shares: of each sensor's frames, those that could be used of late.
+            faults: what is wrong with each sensor.
             drops: frames dropped in all.
             now_ns: time of the cycle.
         """
@@ -82,9 +86,9 @@ class HealthMonitor:
         if drops > state.drops:
             state.drops, state.dropped_ns = drops, now_ns
         lost = [
-            now_ns - last_ns > after_ns or share < least
-            for last_ns, after_ns, share, least in zip(
-                state.last_scan_ns, self._lost_after_ns, valid_shares, self._least_valid, strict=True
+            now_ns - last_ns > after_ns or share < least or fault.cuts_off
+            for last_ns, after_ns, share, least, fault in zip(
+                state.last_scan_ns, self._lost_after_ns, valid_shares, self._least_valid, faults, strict=True
             )
         ]
         if all(lost) or ego is EgoStatus.LOST:

@@ -37,6 +37,7 @@ from candaemon.radar.scan import Scan
 from candaemon.tracking.any_tracker import AnyTracker
 from candaemon.tracking.groups import TrackerGroups
 from candaemon.tracking.obstacles import Obstacles, concatenated, no_obstacles
+from candaemon.tracking.sensor_trust import SensorTrust
 from candaemon.tracking.stationary import StationaryWatch
 
 
@@ -58,6 +59,11 @@ class Pipeline:
         self.ego_frames = self._make_ego_frames()
         # scans → detections → tracks
         self._mountings = [Mounting(sensor.settings, sensor.reader.quantities) for sensor in binding.sensors]
+        self.trust = SensorTrust(
+            binding.settings.trust,
+            [sensor.settings for sensor in binding.sensors],
+            [binding.lost_after(sensor) for sensor in binding.sensors],
+        )
         self.tracker_groups = TrackerGroups(
             binding.settings, {sensor.name: sensor.settings for sensor in binding.sensors}
         )
@@ -190,6 +196,7 @@ class Pipeline:
             self.ego.state,
             None if self.georeferencer is None else self.georeferencer.state,
             {can_id: frames.state for can_id, frames in self.ego_frames.items()},
+            self.trust.state,
             self.tracker_groups.state,
             None if self.stationary is None else self.stationary.state,
             self.output_cycle.state,
@@ -212,6 +219,7 @@ class Pipeline:
             frames.state = state.ego_frames[can_id]
         _restore(None if self.ego.state is None else self.ego, state.ego)
         _restore(self.georeferencer, state.georeferencer)
+        self.trust.state = state.trust
         self.tracker_groups.state = state.trackers
         _restore(self.stationary, state.stationary)
         self.output_cycle.state = state.output_cycle
@@ -248,6 +256,7 @@ class Pipeline:
     def _cycle(self, scan: Scan, now_ns: int) -> Iterator[Cycle]:
         """Scan → detections → tracks → obstacles → frames."""
         self.health.note_scan(scan.sensor, now_ns)
+        self.trust.watch(now_ns)
         self.schedule.coast_due_ns = now_ns + self._coast_after_ns
         calibrator, stamped, yaw = self.calibrator, scan, 0.0
         if calibrator is not None and self._corrects:
@@ -260,14 +269,19 @@ class Pipeline:
             return
         # sensor axes → local frame
         detections = self._mountings[scan.sensor].detections(scan, pose, yaw)
-        # association, update, initiation and deletion in the sensor's group; the other groups are predicted
+        # raw innovations → how far the sensor can be trusted
         tracker = self._tracker_of[scan.sensor]
-        obstacles = self._track(tracker, detections, pose)
+        trusted = self.trust.judged(scan, detections, tracker, pose, now_ns)
+        if trusted is None:
+            yield self._report(self._track(None, None, pose), pose, now_ns, None, None)
+            return
+        # association, update, initiation and deletion in the sensor's group; the other groups are predicted
+        obstacles = self._track(tracker, trusted, pose)
         # obstacles → slots → signals → frames
-        yield self._report(obstacles, pose, now_ns, detections, tracker)
+        yield self._report(obstacles, pose, now_ns, trusted, tracker)
         # what stands still shows what the sensors of ego motion read wrongly
         if self.stationary is not None:
-            returns = self.stationary.returns(detections, tracker, obstacles, pose)
+            returns = self.stationary.returns(trusted, tracker, obstacles, pose)
             if returns is not None:  # a turned sensor makes things drift, too: who corrects it tells the two apart
                 self.ego.learn(replace(returns, drifts=()) if self._corrects else returns)
         if calibrator is not None:
@@ -277,6 +291,7 @@ class Pipeline:
         """Report where the obstacles should be, every sensor being silent."""
         self.schedule.coast_due_ns = now_ns + self._coast_ns
         self._counts.coasting_cycles += 1
+        self.trust.watch(now_ns)
         time_ns = now_ns - self._latency_ns
         if self.calibrator is not None and self._corrects:
             time_ns -= min(map(self.calibrator.latency_ns, range(len(self.assemblers))))
@@ -317,7 +332,8 @@ class Pipeline:
         """Return what the status message says beside the slots."""
         drops = self.drops
         valid_shares = [assembler.valid_share for assembler in self.assemblers]
-        health = self.health.health(pose.status, valid_shares, drops, now_ns)
+        faults = [self.trust.fault(sensor.index) for sensor in self.binding.sensors]
+        health = self.health.health(pose.status, valid_shares, faults, drops, now_ns)
         return OutputStatus(ego=int(pose.status), health=int(health), drops=drops)
 
     def _set_deadline(self, time_ns: int) -> None:

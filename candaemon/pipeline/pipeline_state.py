@@ -16,6 +16,7 @@ from candaemon.pipeline.health import HealthState
 from candaemon.pipeline.output_cycle import OutputCycleState
 from candaemon.radar.assembly import AssemblerState
 from candaemon.tracking.groups import TrackersState
+from candaemon.tracking.sensor_trust import TrustState
 from candaemon.tracking.stationary import StationaryWatchState
 
 
@@ -42,6 +43,7 @@ class PipelineState:
         ego: of ego motion; None where the vehicle stands for good.
         georeferencer: of the local frame's place on earth; None where it is not asked for.
         ego_frames: of each message of ego motion, by its CAN id.
+        trust: of how far the sensors can be trusted.
         trackers: of the obstacles.
         stationary: of what stands still; None where ego motion has nothing to learn from it.
         output_cycle: of when obstacles go out.
@@ -56,6 +58,7 @@ class PipelineState:
     ego: InsMotionState | OdometryState | None
     georeferencer: GeoreferencerState | None
     ego_frames: dict[int, EgoFramesState]
+    trust: TrustState
     trackers: TrackersState
     stationary: StationaryWatchState | None
     output_cycle: OutputCycleState

@@ -21,7 +21,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
                         without a frame by their kind; `outside` of the range of time only where there are
     `buses`             per bus: frames, used, spare (not evaluated), unknown (no DBC entry), short
     `sensors`           per sensor: frames by outcome, objects rejected by cause, scans, incomplete and discarded scans,
-                        frames missing
+                        frames missing; under `trust` how often it was found silent, frozen, biased, noisy, and its
+                        scans cut off or weighted down
     `own_motion`        frames of ego motion rejected, by cause
     `clock`             steps back and forward that were rebased; late frames whose time was raised; reordered frames;
                         stray time stamps, far from those before and after, that were corrected
@@ -64,7 +65,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             bus.name: {**asdict(each), "used": each.used} for bus, each in zip(binding.buses, counts.buses, strict=True)
         },
         "sensors": {
-            sensor.name: asdict(assembler.counts)
+            sensor.name: asdict(assembler.counts) | {"trust": asdict(pipeline.trust.counts(sensor.index))}
             for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True)
         },
         "own_motion": {"short": counts.ego_motion_short, **asdict(counts.ego_motion)},

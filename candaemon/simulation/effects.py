@@ -6,9 +6,12 @@ their descriptions say nothing else.
 
 from __future__ import annotations
 
+from typing import Final, Literal
+
 from pydantic import Field, model_validator
 
 from candaemon.config.base import Settings
+from candaemon.config.names import Name
 
 
 class ReflectionEffects(Settings):
@@ -106,6 +109,43 @@ class TransmissionFaults(Settings):
     burst_loss: float = Field(0.7, ge=0, le=1, description="probability that a frame is lost meanwhile")
     lost_scans: float = Field(0.005, ge=0, le=1, description="probability that a whole scan does not come")
     batch: float = Field(0.004, ge=0, le=0.1, description="s; frames have the time at which an adapter handed them on")
+
+
+SensorFaultKind = Literal["silent", "frozen", "biased", "drifting", "noisy"]
+_AMOUNTS: Final = {"biased": 3.0, "drifting": 1.0, "noisy": 200.0}
+
+
+class SensorFault(Settings):
+    """A time in which a sensor fails, and how."""
+
+    sensor: Name = Field(description="name in the configuration")
+    kind: SensorFaultKind = Field(
+        description="silent: it sends nothing; frozen: the same objects again and again; biased, drifting: they are "
+        "farther than they are; noisy: its noise is greater"
+    )
+    begin: float = Field(ge=0, le=1e5, description="s")
+    end: float = Field(ge=0, le=1e5, description="s")
+    amount: float | None = Field(
+        None,
+        ge=-1000,
+        le=1e5,
+        description="m of a bias, m/s of a drift, times the variance of noise; default: 3 m, 1 m/s, 200",
+    )
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> SensorFault:
+        if self.end <= self.begin:
+            raise ValueError(f"end {self.end:g} is not after begin {self.begin:g}")
+        if self.amount is not None and self.kind not in _AMOUNTS:
+            raise ValueError(f"amount is given but a {self.kind} sensor has none; leave it out")
+        if self.kind == "noisy" and self.size < 1.0:
+            raise ValueError(f"found amount {self.size:g}, expected 1 or more: times the variance")
+        return self
+
+    @property
+    def size(self) -> float:
+        """Amount, as given or by default; 0 where there is none."""
+        return _AMOUNTS.get(self.kind, 0.0) if self.amount is None else self.amount
 
 
 class OwnMotionFaults(Settings):

@@ -22,7 +22,7 @@ from candaemon.config.names import Name
 from candaemon.config.settings import Location
 from candaemon.config.yaml_text import read_yaml
 from candaemon.printable import LONGEST_SHOWN, printable
-from candaemon.simulation.effects import OwnMotionFaults, TrafficEffects, TransmissionFaults
+from candaemon.simulation.effects import OwnMotionFaults, SensorFault, TrafficEffects, TransmissionFaults
 
 LONGEST_DRIVE: Final = 86_400.0
 """s, a day."""
@@ -32,6 +32,8 @@ MOST_POSTS: Final = 10_000
 """Stationary points in a scenario, those of rails, parked cars and bridges among them."""
 MOST_SILENCES: Final = 1000
 """Times in which a source of ego motion is silent, in a scenario."""
+MOST_SENSOR_FAULTS: Final = 1000
+"""Times in which a sensor fails, in a scenario."""
 
 _NARROW, _SHORT, _LONG = 1.2, 1.2, 6.5
 """m: a two-wheeler is narrower, a pedestrian also shorter, a car is shorter than a truck."""
@@ -365,6 +367,9 @@ class Scenario(Settings):
     stationary: Stationary = Field(default_factory=Stationary)
     measurement: MeasurementEffects = Field(default_factory=MeasurementEffects)
     frames: Transmission = Field(default_factory=Transmission)
+    sensor_faults: tuple[SensorFault, ...] = Field(
+        (), max_length=MOST_SENSOR_FAULTS, description="times in which sensors fail"
+    )
 
     @model_validator(mode="after")
     def _names_differ(self) -> Scenario:

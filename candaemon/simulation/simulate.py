@@ -14,9 +14,12 @@ import numpy as np
 from candaemon.arrays import Indices
 from candaemon.binding.bound import Binding, BoundSensor
 from candaemon.binding.location import SettingLocation
+from candaemon.config.settings import unknown_name
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import Frame
 from candaemon.simulation.ego_sensors import EgoEncoder
+from candaemon.simulation.failing_sensor import FailingSensor
+from candaemon.simulation.random_streams import stream
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scene import Scene, SceneState
 from candaemon.simulation.schedule import scan_times, start_ns
@@ -58,7 +61,7 @@ class Simulation:
 
     Raises:
         ConfigError: the ego of the scenario moves but that of the configuration is static, a sensor's frames cannot be
-            written with its DBC, or there would be more than `MOST_SCANS`.
+            written with its DBC, a fault is of a sensor that is not there, or there would be more than `MOST_SCANS`.
 
     """
 
@@ -83,6 +86,14 @@ class Simulation:
                 file=binding.loaded.path,
                 line=binding.loaded.line_of(("sensors",)),
             )
+        names = [sensor.name for sensor in binding.sensors]
+        for fault in scenario.sensor_faults:
+            if fault.sensor not in names:
+                raise ConfigError(
+                    f"sensor_faults: {unknown_name('sensor', fault.sensor, names)}, those of the configuration",
+                    file=binding.loaded.path,
+                    line=binding.loaded.line_of(("sensors",)),
+                )
         for sensor in binding.sensors:
             self._encoder(sensor)
 
@@ -100,12 +111,19 @@ class Simulation:
         return heapq.merge(*streams, key=lambda scan: scan.time_ns)
 
     def reports(self, sensor: int) -> Iterator[tuple[int, SlotReport]]:
-        """Yield the reports of one sensor: measurement time (ns, log clock) and occupied slots."""
+        """Yield the reports of one sensor, while it is not silent: measurement time (ns, log clock), occupied slots."""
         settings = self._settings[sensor]
         reporter = SlotReporter(self._scene, settings, self.scenario, seed=self.seed, source=sensor)
         times = self._times(sensor)
+        name = self._binding.sensors[sensor].name
+        faults = [fault for fault in self.scenario.sensor_faults if fault.sensor == name]
+        failing = FailingSensor(faults, settings, stream(self.seed, sensor, "failing")) if faults else None
         for instant, time_ns in zip(self._states(times), times.tolist(), strict=True):
-            yield time_ns, reporter.report(instant)
+            report: SlotReport | None = reporter.report(instant)
+            if failing is not None and report is not None:
+                report = failing.reported(report, (time_ns - start_ns(self.scenario)) * 1e-9)
+            if report is not None:
+                yield time_ns, report
 
     def truth(self) -> Iterator[TruthCycle]:
         """Yield the truth at each measurement time of any sensor, in order."""

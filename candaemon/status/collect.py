@@ -203,5 +203,8 @@ def _sensors(pipeline: Pipeline, measured: Measurements, rates: Mapping[Hashable
             },
             nis=watch.nis.status(),
             calibration=sensor_figures(pipeline.calibrator, sensor.index),
+            fault=pipeline.trust.fault(sensor.index).name.lower(),
+            weight=pipeline.trust.weight(sensor.index),
+            noticed=asdict(pipeline.trust.counts(sensor.index)),
         )
     return statuses

@@ -24,6 +24,7 @@ from candaemon.printable import printable
 from candaemon.status.collect import EGO_STATUS_NAMES
 from candaemon.status.histogram import HistogramSnapshot
 from candaemon.status.snapshot import BusStatus, Counts, SensorStatus, StatusSnapshot
+from candaemon.tracking.sensor_trust import Fault
 
 Labelled: TypeAlias = tuple[Sequence[str], float]
 """Values of the labels, and the metric's."""
@@ -55,6 +56,9 @@ class SnapshotCollector(Collector):
             "From that frame's time stamp to the first obstacle frame sent",
             snapshot.latency,
         )
+
+
+_FAULTS = tuple(fault.name.lower() for fault in Fault)
 
 
 def _of_process(snapshot: StatusSnapshot) -> Iterator[Metric]:
@@ -107,6 +111,10 @@ def _of_sensors(sensors: Mapping[str, SensorStatus]) -> Iterator[Metric]:
     yield _gauge("candaemon_sensor_lost", "Whether it is silent", of, each(lambda sensor: float(sensor.lost)))
     yield _gauge("candaemon_sensor_age_seconds", "Since its latest scan", of, each(lambda sensor: sensor.age))
     yield _gauge("candaemon_sensor_trust", "Share of late frames that are usable", of, each(lambda s: s.trust))
+    faulty = [((name, fault), float(sensor.fault == fault)) for name, sensor in sensors.items() for fault in _FAULTS]
+    yield _gauge("candaemon_sensor_fault", "1 at what is wrong with it", (*of, "fault"), faulty)
+    yield _gauge("candaemon_sensor_weight", "Share of its stated information used", of, each(lambda s: s.weight))
+    yield _counter("candaemon_sensor_noticed", "What was noticed", (*of, "event"), counted(lambda s: s.noticed))
     yield _gauge("candaemon_nis", "NIS of late over its freedom: 1 is expected", of, each(lambda s: s.nis.ratio))
     yield _counter("candaemon_nis_sum", "Sum of NIS", of, each(lambda s: s.nis.sum))
     yield _gauge(

@@ -133,6 +133,10 @@ class SensorStatus:
         counts: what else is counted of it: scans, frames missing, objects rejected …
         nis: how its detections fit the tracks.
         calibration: what is estimated of it, as `candaemon.calibration.report.sensor_figures`; None where nothing is.
+        fault: what is wrong with it: none, silent, frozen, biased, noisy.
+        weight: from 0 to 1, share of its stated information with which its detections are used.
+        noticed: how often it was found silent, frozen, biased, noisy and all right again; its scans `cut_off` and
+            `weighted_down`.
     """
 
     bus: str
@@ -143,6 +147,9 @@ class SensorStatus:
     frames: Counts
     counts: Counts
     nis: NisStatus
+    fault: str
+    weight: float
+    noticed: Counts
     calibration: Figures | None = None
 
 

@@ -22,7 +22,7 @@ from candaemon.tracking.reflections import align_with_course, hand_over_referenc
 from candaemon.tracking.reporting import report
 from candaemon.tracking.smoother_history import SmootherHistory
 from candaemon.tracking.track_store import TrackStore, TrackStoreState
-from candaemon.tracking.update import TrackerCounts, Update, Used
+from candaemon.tracking.update import PredictedReflections, TrackerCounts, Update, Used
 
 MISSED_SCAN = 2.4  # cycles: two, and the jitter of a scan
 EARLIEST_NS = -LATEST_NS // 2  # a measurement may lie before the first instant, by a latency
@@ -163,6 +163,26 @@ class Tracker:
         """Return the obstacles' identities (k,) and the weights of the models of their leading reflections (k, M)."""
         obstacles = self._tracks.obstacles
         return obstacles.id, self._tracks.estimator.probability[obstacles.leader]
+
+    def predicted_reflections(self, time_ns: int, sensor: int) -> PredictedReflections:
+        """Return where the reflections of confirmed obstacles are expected at a time; the tracks do not change.
+
+        Args:
+            time_ns: the instant; at most `LATEST_RETRODICTION` from the latest step.
+            sensor: number of the sensor that asks.
+        """
+        obstacles, reflections = self._tracks.obstacles, self._tracks.reflections
+        mean, covariance = self._tracks.states()
+        ahead = (time_ns - self._state.time_ns) * 1e-9
+        ahead = min(max(ahead, -LATEST_RETRODICTION), LATEST_RETRODICTION)
+        owner = reflections.obstacle
+        return PredictedReflections(
+            mean[:, :2] + ahead * mean[:, 2:4],
+            covariance[:, 0, 0] + covariance[:, 1, 1],
+            obstacles.confirmed[owner],
+            (obstacles.sensors & ~(1 << sensor) != 0)[owner],
+            reflections.sensor != sensor,
+        )
 
     def _used(self, detections: Detections | None) -> Used:
         """Return what this cycle's detections updated."""

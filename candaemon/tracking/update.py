@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from candaemon.arrays import Floats, Indices, Integers
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 
 
 @dataclass(slots=True)
@@ -62,3 +62,22 @@ class Used:
     reflection: Indices
     sensor: int
     objects: Integers
+
+
+@dataclass(frozen=True, slots=True)
+class PredictedReflections:
+    """Where n reflections are expected, for a sensor that has a scan.
+
+    Attributes:
+        position: (n, 2), local frame, m.
+        variance: of the position, both axes together (n,), m².
+        confirmed: whether the obstacle is (n,).
+        shared: whether another sensor has ever detected the obstacle (n,).
+        by_others: whether it was another sensor that reported the reflection last (n,).
+    """
+
+    position: Floats
+    variance: Floats
+    confirmed: Booleans
+    shared: Booleans
+    by_others: Booleans

@@ -36,7 +36,7 @@ from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.sensor_visibility import VisibilityState
 from candaemon.tracking.smoother_history import SmootherHistory
 from candaemon.tracking.tracker import EARLIEST_NS, LATEST_RETRODICTION, MISSED_SCAN
-from candaemon.tracking.update import TrackerCounts, Update, Used
+from candaemon.tracking.update import PredictedReflections, TrackerCounts, Update, Used
 
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
@@ -222,6 +222,26 @@ class VehicleTracker:
     def mode_probabilities(self) -> tuple[Integers, Floats]:
         """Return the obstacles' identities (k,) and the probabilities of their modes (k, M)."""
         return self._bodies.obstacles.id, self._bodies.filter.probability
+
+    def predicted_reflections(self, time_ns: int, sensor: int) -> PredictedReflections:
+        """Return where the reflections of confirmed obstacles are expected at a time; the tracks do not change.
+
+        Args:
+            time_ns: the instant; at most `LATEST_RETRODICTION` from the latest step.
+            sensor: number of the sensor that asks.
+        """
+        obstacles, reflections = self._bodies.obstacles, self._bodies.reflections
+        mean, covariance = self._bodies.reflection_states()
+        ahead = (time_ns - self._state.time_ns) * 1e-9
+        ahead = min(max(ahead, -LATEST_RETRODICTION), LATEST_RETRODICTION)
+        owner = reflections.body
+        return PredictedReflections(
+            mean[:, :2] + ahead * mean[:, 2:4],
+            covariance[:, 0, 0] + covariance[:, 1, 1],
+            obstacles.confirmed[owner],
+            (obstacles.sensors & ~(1 << sensor) != 0)[owner],
+            reflections.sensor != sensor,
+        )
 
     def _used(self, detections: Detections | None) -> Used:
         """Return what this cycle's detections updated."""

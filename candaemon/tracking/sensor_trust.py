@@ -1,0 +1,376 @@
+"""How far each sensor can be trusted: silent, frozen, biased and noisy ones are noticed, taken back when well again.
+
+What is looked at are raw innovations: detections against where the tracks of confirmed obstacles are predicted, not
+corrected by anything that the sensor itself is found to be. They are compared with those that the sensor had before, so
+that neither a badly stated noise nor reflections that slide on a body make a fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from math import exp, expm1, log, radians
+from typing import Final
+from zlib import crc32
+
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.config.sensors import SensorSettings
+from candaemon.config.trust import TrustSettings
+from candaemon.ego.pose import EgoPose
+from candaemon.estimation.measurement import Measurement
+from candaemon.radar.detections import Detections
+from candaemon.radar.scan import Scan
+from candaemon.tracking.any_tracker import AnyTracker
+from candaemon.tracking.update import PredictedReflections
+
+REACH: Final = 8.0
+"""m between a detection and the reflection it may be of."""
+MOST: Final = 400.0
+"""Factor on the variance from which on a scan is not used at all."""
+_NONE = np.empty(0, dtype=np.intp)
+_LEAST_RATIO = 0.1  # of the innovations' variance to the stated one; less says nothing of a sensor
+_BODY = 2.5  # m from the middle of a car to its end
+_DEVIATIONS = 4.0  # of the noise, by which a single object may be off
+_FORGET = 2.0  # s, with which noise is forgotten that cannot be compared
+_FORGIVEN = 5.0  # s without a comparison, after which a sensor that was biased is used again
+_MEDIAN = log(2.0)  # of a squared innovation in the plane, halved and normalised
+_SHORT, _LONG = 0.4, 30.0  # s, of the means of late and of all along
+_LEARNING = 3.0  # s of detections of obstacles that others see too, until a sensor's noise is judged
+_BURST = 0.15  # s, with which the effect of a noisy scan fades
+_BIAS = 0.3  # s, of the mean by which it is off
+_HOLD = 0.4  # s, for which the noise must be greater
+_FADED = 2.0  # times the variance: less is no more than usual
+_LEAST_SPEED = 0.5  # m/s; slower, nothing changes from scan to scan, and the same objects may be true
+_AGREES = 0.6  # of the limits of a bias, within which a sensor is right again
+
+
+class Fault(IntEnum):
+    """What is wrong with a sensor."""
+
+    NONE = 0
+    SILENT = 1
+    FROZEN = 2
+    BIASED = 3
+    NOISY = 4
+
+    @property
+    def cuts_off(self) -> bool:
+        """Whether its scans are not used at all."""
+        return self in {Fault.FROZEN, Fault.BIASED}
+
+
+@dataclass(slots=True)
+class TrustCounts:
+    """What was noticed of a sensor.
+
+    Attributes:
+        silent, frozen, biased, noisy: times that it was found to be so.
+        recovered: times that it was all right again.
+        cut_off: scans not used.
+        weighted_down: scans used as noisier than the configuration says.
+    """
+
+    silent: int = 0
+    frozen: int = 0
+    biased: int = 0
+    noisy: int = 0
+    recovered: int = 0
+    cut_off: int = 0
+    weighted_down: int = 0
+
+
+@dataclass(slots=True)
+class SensorTrustState:
+    """What is remembered of a sensor.
+
+    Attributes:
+        fault: as `Fault`.
+        last_ns: its latest scan.
+        right_ns: since when it has been right, while it is cut off.
+        compared_ns: when it was last compared with others, while it is cut off.
+        noisy_ns: since when its noise has been greater; 0: it is not.
+        restless_ns: its latest scan with greater noise.
+        digest: of its latest objects.
+        repeated: scans in succession with these.
+        judged: time for which it detected what others see too, s.
+        short, long: means of the logarithm of its normalised squared innovations, of late and all along.
+        burst: factor on the variance left of its latest noisy scans.
+        along, across: mean by which its objects are off of late, times the limit.
+        counts: what was noticed.
+    """
+
+    fault: int = 0
+    last_ns: int = 0
+    right_ns: int = 0
+    compared_ns: int = 0
+    noisy_ns: int = 0
+    restless_ns: int = 0
+    digest: int = 0
+    repeated: int = 0
+    judged: float = 0.0
+    short: float = 0.0
+    long: float = 0.0
+    burst: float = 1.0
+    along: float = 0.0
+    across: float = 0.0
+    counts: TrustCounts = field(default_factory=TrustCounts)
+
+    def validate(self) -> None:
+        """Raise a ValueError where it contradicts itself."""
+        if self.fault not in set(Fault):
+            raise ValueError(f"there is no fault {self.fault}")
+
+
+@dataclass(slots=True)
+class TrustState:
+    """What a `SensorTrust` remembers.
+
+    Attributes:
+        sensors: of each sensor.
+    """
+
+    sensors: list[SensorTrustState]
+
+
+class SensorTrust:
+    """Judges the sensors by their scans.
+
+    Args:
+        settings: the limits.
+        sensors: settings of the sensors, in their order.
+        lost_after: s without a scan after which each is silent.
+    """
+
+    def __init__(self, settings: TrustSettings, sensors: Sequence[SensorSettings], lost_after: Sequence[float]) -> None:
+        self._settings = settings
+        self._angle = radians(settings.bias_angle_deg)
+        self._silent_ns = [round(each * 1e9) for each in lost_after]
+        self._alone = len(sensors) == 1
+        self._state = TrustState([SensorTrustState() for _ in sensors])
+
+    @property
+    def state(self) -> TrustState:
+        """What it remembers.
+
+        Raises:
+            ValueError: a state that is set is of another number of sensors.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: TrustState) -> None:
+        if len(state.sensors) != len(self._silent_ns):
+            raise ValueError(f"trust of {len(state.sensors)} sensors, expected {len(self._silent_ns)}")
+        self._state = state
+
+    def fault(self, sensor: int) -> Fault:
+        """Return what is wrong with a sensor."""
+        return Fault(self._state.sensors[sensor].fault)
+
+    def counts(self, sensor: int) -> TrustCounts:
+        """Return what was noticed of a sensor."""
+        return self._state.sensors[sensor].counts
+
+    def weight(self, sensor: int) -> float:
+        """Return the share of its stated information with which a sensor is used, 0 to 1."""
+        state = self._state.sensors[sensor]
+        return 0.0 if state.fault in {Fault.SILENT, Fault.FROZEN, Fault.BIASED} else 1.0 / self._factor(state)
+
+    def watch(self, now_ns: int) -> None:
+        """Notice what sensors have been silent for too long."""
+        for each, silent_ns in zip(self._state.sensors, self._silent_ns, strict=True):
+            if each.last_ns == 0:
+                each.last_ns = now_ns
+            elif now_ns - each.last_ns > silent_ns and each.fault != Fault.SILENT:
+                self._found(each, Fault.SILENT)
+
+    def judged(
+        self, scan: Scan, detections: Detections, tracker: AnyTracker, pose: EgoPose, now_ns: int
+    ) -> Detections | None:
+        """Return a scan's detections as noisy as they can be trusted; None where they are not to be used.
+
+        Args:
+            scan: the scan.
+            detections: what it sees from the ground.
+            tracker: of the sensor's group, before it takes them.
+            pose: ego pose at the scan's time.
+            now_ns: when the scan was closed.
+        """
+        state = self._state.sensors[scan.sensor]
+        dt = min(max(now_ns - state.last_ns, 0) * 1e-9, 1.0)
+        state.last_ns = now_ns
+        if state.fault == Fault.SILENT:
+            self._recovered(state)
+        if not self._settings.enabled:
+            return detections
+        self._note_objects(state, scan, pose, now_ns)
+        if not self._alone:
+            state.burst = max(1.0, state.burst * exp(-dt / _BURST))
+            self._compare(state, detections, tracker, dt, now_ns)
+        if Fault(state.fault).cuts_off:
+            state.counts.cut_off += 1
+            return None
+        factor = self._factor(state)
+        if factor == 1.0:
+            return detections
+        if factor >= MOST:
+            state.counts.cut_off += 1
+            return None
+        state.counts.weighted_down += 1
+        return replace(detections, measurement=weighted(detections.measurement, factor))
+
+    def _factor(self, state: SensorTrustState) -> float:
+        """Return the factor on the stated variance that a sensor's detections deserve."""
+        lasting = exp(state.short - state.long) if state.fault == Fault.NOISY else 1.0
+        factor = max(lasting, state.burst)
+        return 1.0 if factor < _FADED else min(factor, MOST)
+
+    def _note_objects(self, state: SensorTrustState, scan: Scan, pose: EgoPose, now_ns: int) -> None:
+        """Notice scans that repeat the one before, while something moves."""
+        digest = crc32(scan.object_id.tobytes(), crc32(scan.values.tobytes()))
+        moves = pose.ve * pose.ve + pose.vn * pose.vn > _LEAST_SPEED**2
+        repeats = digest == state.digest and len(scan.object_id) > 0 and moves
+        state.repeated, state.digest = (state.repeated + 1 if repeats else 0), digest
+        if state.repeated + 1 >= self._settings.frozen_after:
+            if state.fault != Fault.FROZEN:
+                self._found(state, Fault.FROZEN)
+            state.right_ns = now_ns
+        elif state.fault == Fault.FROZEN:
+            if repeats or not len(scan.object_id):
+                state.right_ns = now_ns
+            elif now_ns - state.right_ns >= self._settings.recovery * 1e9:
+                self._recovered(state)
+
+    def _compare(
+        self, state: SensorTrustState, detections: Detections, tracker: AnyTracker, dt: float, now_ns: int
+    ) -> None:
+        """Compare a scan's detections with where the tracks that other sensors share in are predicted."""
+        expected = tracker.predicted_reflections(detections.time_ns, detections.sensor)
+        foreign = _nearest(detections, expected, expected.confirmed & (expected.by_others | ~expected.shared))
+        self._note_bias(state, foreign, detections, dt, now_ns)
+        found = _nearest(detections, expected, expected.confirmed)
+        if not len(found.rows):
+            state.short += -expm1(-dt / _FORGET) * (state.long - state.short)
+            self._note_noise(state, now_ns)
+            return
+        noise = detections.measurement.noise[found.rows]
+        excess = (found.innovation * found.innovation).sum(axis=1) - expected.variance[found.tracks]
+        ratio = float(np.median(np.maximum(excess, 0.0) / noise.trace(axis1=1, axis2=2)))
+        level = log(max(ratio / _MEDIAN, _LEAST_RATIO))
+        level = min(level, max(state.long, 0.0) + log(MOST))
+        if state.judged >= _LEARNING and level - state.long >= log(self._settings.burst):
+            state.burst = max(state.burst, exp(level - state.long))
+        if level - state.long >= log(self._settings.noise):
+            state.restless_ns = now_ns
+        state.short += -expm1(-dt / _SHORT) * (level - state.short)
+        if state.fault == Fault.NONE and not state.noisy_ns and state.burst < _FADED:
+            state.judged = min(state.judged + dt, _LONG)
+            state.long += min(dt / max(state.judged, dt), 1.0) * (level - state.long)
+        self._note_noise(state, now_ns)
+
+    def _note_noise(self, state: SensorTrustState, now_ns: int) -> None:
+        """Notice that a sensor's innovations are greater than they were, and that they are as before."""
+        greater = exp(state.short - state.long) if state.judged >= _LEARNING else 0.0
+        if state.fault == Fault.NOISY:
+            calm = now_ns - state.restless_ns >= self._settings.recovery * 1e9
+            if greater < _FADED or calm:
+                state.noisy_ns, state.short = 0, min(state.short, state.long)
+                self._recovered(state)
+        elif greater < self._settings.noise:
+            state.noisy_ns = 0
+        elif not state.noisy_ns:
+            state.noisy_ns = now_ns
+        elif now_ns - state.noisy_ns >= _HOLD * 1e9 and state.fault == Fault.NONE:
+            self._found(state, Fault.NOISY)
+
+    def _note_bias(
+        self, state: SensorTrustState, found: _Matches, detections: Detections, dt: float, now_ns: int
+    ) -> None:
+        """Notice that a sensor's objects are off to one side, and that they are not any longer.
+
+        Of a single body the sensors may see different ends. So the fewer there are, the farther off they have to be.
+        """
+        settings = self._settings
+        if len(found.rows):
+            measurement = detections.measurement
+            place = measurement.position[found.rows] - measurement.origin
+            distance = np.maximum(np.hypot(place[:, 0], place[:, 1]), 1.0)
+            sight = place / distance[:, None]
+            across = np.stack([-sight[:, 1], sight[:, 0]], axis=1)
+            deviation = np.sqrt(0.5 * measurement.noise[found.rows].trace(axis1=1, axis2=2))
+            limit = settings.bias + _BODY / len(found.rows) + _DEVIATIONS * deviation
+            off = (
+                float(np.median((found.innovation * sight).sum(axis=1) / limit)),
+                float(np.median((found.innovation * across).sum(axis=1) / (limit + self._angle * distance))),
+            )
+            share = -expm1(-dt / _BIAS)
+            state.along += share * (off[0] - state.along)
+            state.across += share * (off[1] - state.across)
+        worst = max(abs(state.along), abs(state.across))
+        if state.fault == Fault.BIASED:
+            if len(found.rows) and worst > _AGREES:
+                state.right_ns, state.compared_ns = now_ns, now_ns
+            elif len(found.rows):
+                state.compared_ns = now_ns
+            confirmed = len(found.rows) > 0 and now_ns - state.right_ns >= settings.recovery * 1e9
+            if confirmed or now_ns - state.compared_ns >= _FORGIVEN * 1e9:
+                state.along = state.across = 0.0
+                self._recovered(state)
+        elif worst > 1.0 and state.fault in {Fault.NONE, Fault.NOISY}:
+            self._found(state, Fault.BIASED)
+            state.right_ns = state.compared_ns = now_ns
+
+    def _found(self, state: SensorTrustState, fault: Fault) -> None:
+        state.fault = int(fault)
+        name = fault.name.lower()
+        setattr(state.counts, name, getattr(state.counts, name) + 1)
+
+    def _recovered(self, state: SensorTrustState) -> None:
+        state.fault = int(Fault.NONE)
+        state.counts.recovered += 1
+
+
+def weighted(measurement: Measurement, factor: float) -> Measurement:
+    """Return a measurement with all its variances multiplied by a factor."""
+    rate = measurement.range_rate_variance
+    return replace(
+        measurement,
+        noise=measurement.noise * factor,
+        range_rate_variance=None if rate is None else rate * factor,
+        projections=tuple(replace(each, variance=each.variance * factor) for each in measurement.projections),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Matches:
+    """Detections and the reflections that they are nearest to, m pairs.
+
+    Attributes:
+        rows: of the detections (m,).
+        tracks: of the reflections (m,).
+        innovation: place measured minus place expected (m, 2), m.
+    """
+
+    rows: Indices
+    tracks: Indices
+    innovation: Floats
+
+
+def _nearest(detections: Detections, expected: PredictedReflections, candidates: Booleans) -> _Matches:
+    """Return which detection and reflection are the nearest to each other, of obstacles that other sensors share in.
+
+    What only the sensor itself has seen takes its detections, so that these are not held for another obstacle's.
+    """
+    tracks, places = np.flatnonzero(candidates), detections.measurement.position
+    if not len(tracks) or not len(places):
+        return _Matches(_NONE, _NONE, np.zeros((0, 2)))
+    apart = places[:, None] - expected.position[tracks]
+    distance = np.hypot(apart[..., 0], apart[..., 1])
+    nearest, every = distance.argmin(axis=1), np.arange(len(places))
+    good = (distance.argmin(axis=0)[nearest] == every) & (distance[every, nearest] < REACH)
+    good &= expected.shared[tracks[nearest]]
+    rows = np.flatnonzero(good)
+    return _Matches(rows, tracks[nearest[rows]], apart[rows, nearest[rows]])
