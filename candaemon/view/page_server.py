@@ -19,6 +19,7 @@ from typing import Final, Self
 from urllib.parse import urlsplit
 
 from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
 
 from candaemon.errors import CandaemonError
 from candaemon.view.connection_guard import ConnectionGuard, guarded
@@ -62,6 +63,16 @@ HEADERS: Final = {
 _HEARTBEAT_S: Final = 20.0
 _BACKLOG: Final = 64
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    """Return whether a record is of something else than a bad request or a lost connection, which are others' doing."""
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, HttpProcessingError | ConnectionError)
+
+
+_requests_log: Final = logging.getLogger(f"{__name__}.requests")
+_requests_log.addFilter(_is_ours)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +148,7 @@ class PageServer:
         server = web.Server(
             self._answer,
             access_log=None,
+            logger=_requests_log,
             max_line_size=LONGEST_LINE,
             max_field_size=LONGEST_LINE,
             keepalive_timeout=1.0,

@@ -55,7 +55,7 @@ def _asked(port: int, request: bytes) -> bytes:
     return bytes(answer)
 
 
-class _Failures(logging.Handler):
+class Failures(logging.Handler):
     """Keeps what was logged with an exception."""
 
     def __init__(self) -> None:
@@ -69,9 +69,9 @@ class _Failures(logging.Handler):
 
 
 @cache
-def _served() -> tuple[MetricsServer, _Failures]:
+def _served() -> tuple[MetricsServer, Failures]:
     """Return a server that serves as fast as it is asked, and what it logs of failures."""
-    failed = _Failures()
+    failed = Failures()
     metrics_http.logger.addHandler(failed)
     daemon = Daemon(binding("demo"))
     meter = ServiceMonitor(daemon.pipeline.binding.settings.service.metrics)

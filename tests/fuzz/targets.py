@@ -20,6 +20,7 @@ WEIGHTS = {
     "dbc": 3,
     "http": 1,
     "logs": 4,
+    "page": 1,
     "pipeline": 3,
     "protection": 1,
     "scenarios": 2,
@@ -30,7 +31,7 @@ WEIGHTS = {
 }
 """The targets, and their shares of the time that there is for all."""
 
-UNGUIDED = frozenset({"datagrams", "http", "signals"})
+UNGUIDED = frozenset({"datagrams", "http", "page", "signals"})
 """Targets in which most of the time is the kernel's, so that steering by the code that is reached does not pay."""
 
 

@@ -25,6 +25,7 @@ EXAMPLES = {
     "dbc": 40,
     "http": 5,
     "logs": 60,
+    "page": 15,
     "pipeline": 5,
     "protection": 100,
     "scenarios": 20,

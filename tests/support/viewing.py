@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from functools import cache
 from threading import Event, Thread
 from typing import Any
 
+import numpy as np
+
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.config.load import load_config
+from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.view.drive_pictures import pictures_of_frames
 from candaemon.view.page_server import PageAddress, PageServer
 from candaemon.view.painter import stage_of
-from candaemon.view.picture import Picture
+from candaemon.view.picture import COLUMNS, Picture, ScanMarks
 from candaemon.view.picture_store import PictureStore
 from candaemon.view.viewer import Show
 from tests.support.paths import ROOT
@@ -34,7 +37,23 @@ def demo_pictures(seconds: float = 2.0) -> tuple[Picture, ...]:
     return tuple(pictures_of_frames(demo_binding(), highway(demo_binding(), seconds)))
 
 
-def show_of(pictures: tuple[Picture, ...], *, live: bool = False, session: str = "one") -> Show:
+def crowd(count: int, seconds: float, rate: float = 20.0) -> Iterator[Picture]:
+    """Yield pictures of so many obstacles around a vehicle, each with three detections."""
+    row = np.arange(count)
+    for k in range(round(seconds * rate)):
+        time_s = k / rate
+        angle = row * 2.4 + 0.2 * time_s
+        x, y = 5 + 80 * ((row / count + 0.02 * time_s) % 1), 20 * np.sin(angle)
+        columns: dict[str, Any] = {name: np.full(count, 0.3) for name in COLUMNS}
+        columns |= {"id": row + 1 + count * (k // 2000), "state": row % 3, "x": x, "y": y, "class": row % 6}
+        columns |= {"vx": np.full(count, 12.0), "vy": np.cos(angle), "heading": 0.1 * np.sin(angle)}
+        pose = EgoPose(round(time_s * 1e9), 15 * time_s, 0.0, 0.0, 15.0, 0.0, 0.0, 0.01, EgoStatus.VALID)
+        marks = ScanMarks(0, np.tile(row, 3), np.tile(x, 3) + 0.5, np.tile(y, 3))
+        modes = np.tile([0.7, 0.2, 0.1], (count, 1))
+        yield Picture(pose.time_ns, pose, columns, modes, (marks,))
+
+
+def show_of(pictures: Iterable[Picture], *, live: bool = False, session: str = "one") -> Show:
     """Return pictures as they are shown."""
     store = PictureStore(forgets=live)
     for picture in pictures:
