@@ -34,13 +34,13 @@ export class Memory {
     for (let k = first; k < this.pictures.length; k++) yield this.pictures[k];
   }
 
-  // What went out of sight within the last seconds: its last row, and how long ago that was.
+  // What was lost within the last seconds, of what had been confirmed: its last row, and how long ago that was.
   lost(seconds) {
     const found = new Map(), latest = this.latest;
     if (!latest) return found;
     for (const picture of this.since(seconds)) {
       for (const [id, row] of picture.rowOf) {
-        if (!latest.rowOf.has(id)) found.set(id, {picture, row, age: latest.t - picture.t});
+        if (!latest.rowOf.has(id) && picture.obstacles.state[row] > 0) found.set(id, {picture, row, age: latest.t - picture.t});
       }
     }
     return found;
