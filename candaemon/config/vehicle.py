@@ -19,18 +19,22 @@ class DrivingSettings(Settings):
 
 
 def _cruising() -> DrivingSettings:
-    return DrivingSettings(acceleration=0.3, lateral_acceleration=0.2, noise=0.002, dwell=8.0)
+    return DrivingSettings(acceleration=0.1, lateral_acceleration=0.06, noise=0.001, dwell=8.0)
 
 
 def _manoeuvring() -> DrivingSettings:
     return DrivingSettings(acceleration=3.0, lateral_acceleration=2.5, noise=0.05, dwell=3.0)
 
 
+def _turning() -> DrivingSettings:
+    return DrivingSettings(acceleration=0.3, lateral_acceleration=4.0, noise=0.01, dwell=1.0)
+
+
 class StandingSettings(Settings):
     """A body that stands."""
 
     speed: float = Field(0.15, gt=0, le=2, description="m/s, standard deviation of what stands, as own motion errs")
-    dwell: float = Field(10.0, gt=0.02, le=1e4, description="s, mean time for which a body stands")
+    dwell: float = Field(15.0, gt=0.02, le=1e4, description="s, mean time for which a body stands")
 
 
 class SlidingSettings(Settings):
@@ -63,7 +67,10 @@ class ReflectionPlaceSettings(Settings):
         1.0, gt=0.02, le=60, description="s, with which the reference point returns to the middle of what is seen"
     )
     speed_noise: float = Field(
-        3.0, ge=0.1, le=100, description="times the stated noise of speeds: those of successive scans err alike"
+        3.0,
+        ge=0.1,
+        le=100,
+        description="times the stated noise of speeds, of a sensor that filters by itself: successive ones err alike",
     )
     spread: float = Field(0.5, gt=0, le=5, description="m, standard deviation of where further reflections lie")
     spread_time: float = Field(2.0, gt=0.05, le=60, description="s, within which they wander so far")
@@ -75,17 +82,19 @@ class VehicleEstimatorSettings(Settings):
     kind: Literal["vehicle"]
     cruising: DrivingSettings = Field(default_factory=_cruising)
     manoeuvring: DrivingSettings = Field(default_factory=_manoeuvring)
+    turning: DrivingSettings = Field(default_factory=_turning)
     standing: StandingSettings = Field(default_factory=StandingSettings)
     sliding: SlidingSettings = Field(default_factory=SlidingSettings)
     free: FreeSettings = Field(default_factory=FreeSettings)
     reflections: ReflectionPlaceSettings = Field(default_factory=ReflectionPlaceSettings)
     acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the acceleration")
     turn_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the turn rate")
-    turn_rate: float = Field(0.3, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
+    turn_rate: float = Field(0.4, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
     first_acceleration: float = Field(1.0, gt=0, le=20, description="m/s², standard deviation of a body's first one")
     evidence: float = Field(
         0.5,
         gt=0,
         le=1,
-        description="power of the likelihoods that weigh the modes; below 1, since successive errors are alike",
+        description="power of the likelihoods that weigh the modes, of a sensor that filters by itself: below 1, since "
+        "its successive errors are alike",
     )

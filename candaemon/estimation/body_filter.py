@@ -51,7 +51,7 @@ class BodyMode:
         velocity_noise: white acceleration in any direction, (m/s²)²/Hz.
         bias_walk: random walk of the bias beyond the sensors' own, m²/s.
         dwell: mean time for which a body stays in the mode, s.
-        settles: whether its velocity across the axis settles where the sensors' walk hides it.
+        settles: whether, where the sensors' walk hides it, its velocity across the axis settles and it hardly turns.
     """
 
     moves: bool
@@ -68,14 +68,15 @@ class BodyDynamics:
     """What vehicles do, in every mode.
 
     Attributes:
-        first_acceleration: standard deviation of a body's first acceleration, m/s².
+        first_acceleration: standard deviation of a body's first acceleration, if its mode has no smaller one, m/s².
         acceleration_time: correlation time of the acceleration, s.
         turn_rate: largest standard deviation of ω, rad/s, which holds at low speed.
         turn_time: correlation time of ω, s.
         standing: standard deviation of the speed of what stands, m/s.
         bias_time: time constant with which the bias returns to zero, s.
         first_bias: standard deviation of a body's first bias, m.
-        evidence: power of the likelihoods that weigh the modes: below 1 where successive errors are alike.
+        evidence: power of the likelihoods that weigh the modes where successive errors are alike.
+        settling: time constant with which a velocity across the axis settles that is wholly hidden, s.
     """
 
     first_acceleration: float
@@ -86,6 +87,7 @@ class BodyDynamics:
     bias_time: float
     first_bias: float
     evidence: float
+    settling: float = 1.0
 
 
 @dataclass(slots=True)
@@ -173,8 +175,10 @@ class BodyFilter:
         covariance[:, :, POSITION, BIAS] = covariance[:, :, BIAS, POSITION] = -bias
         covariance[:, :, BIAS, BIAS] = bias
         covariance[:, :, VELOCITY, VELOCITY] = velocity_covariance
-        covariance[:, :, TURN, TURN] = dynamics.turn_rate**2 / 4
-        covariance[:, :, ACCELERATION, ACCELERATION] = dynamics.first_acceleration**2
+        speed = np.hypot(velocity[..., 0], velocity[..., 1]).T
+        covariance[:, :, TURN, TURN] = np.square(self._turn_rates(speed)).T
+        first = np.minimum(self._acceleration, dynamics.first_acceleration)
+        covariance[:, :, ACCELERATION, ACCELERATION] = np.square(first).T
         state = self._state
         self._set(
             np.concatenate([state.mean.T, mean.T], axis=-1),
@@ -210,14 +214,15 @@ class BodyFilter:
             covariance[rows, :, at, 6 + at] -= variance
             covariance[rows, :, 6 + at, at] -= variance
 
-    def predict(self, dt: float, axis: Floats, walk: Floats, settling: Floats) -> None:
+    def predict(self, dt: float, axis: Floats, walk: Floats, hidden: Floats) -> None:
         """Predict all bodies by dt, s.
 
         Args:
             dt: s.
             axis: unit vector along each body (n, 2), which a slow one speeds up along.
             walk: random walk of each one's bias along and across that axis, as its sensors have it (n, 2), m²/s.
-            settling: rate at which the velocity across the axis settles in the modes that do (n,), 1/s.
+            hidden: how surely that walk hides how each moves across its axis, 0 to 1 (n,): in the modes that settle,
+                its velocity across then does, and it hardly turns.
         """
         self.link = None
         if not len(self):
@@ -225,9 +230,9 @@ class BodyFilter:
         self._interact(dt)
         self._keep_moving()
         before = self.combined() if self.linking else None
-        transition = self._transition(dt, axis, settling)
+        transition = self._transition(dt, axis, hidden)
         transition.propagate(self._state.covariance.T)
-        self._add_noise(dt, axis, walk)
+        self._add_noise(dt, axis, walk, hidden)
         if before is not None:
             weighted = np.einsum("in,cdin->ncd", self.probability.T, transition.dense())
             self.link = self._linked(before, weighted)
@@ -285,7 +290,7 @@ class BodyFilter:
             self._buffer = np.empty(size)
         return self._buffer[:size].reshape(shape)
 
-    def _transition(self, dt: float, axis: Floats, settling: Floats) -> BodyTransition:
+    def _transition(self, dt: float, axis: Floats, hidden: Floats) -> BodyTransition:
         """Predict the means; return their Jacobians F."""
         dynamics, mean = self._dynamics, self._state.mean.T
         moves, steered = self._moves, self._steers * dt
@@ -310,9 +315,9 @@ class BodyFilter:
         gain = np.concatenate([half * after, after])
         for at in (0, 1):
             gain[at, at] += half * moves
-        if settling.any():
+        if hidden.any():
             left = np.stack([-axis[:, 1], axis[:, 0]])[:, None]
-            settled = -np.expm1(-dt * settling * self._settles) * left
+            settled = -np.expm1(-dt / dynamics.settling * hidden * self._settles) * left
             velocity -= settled * (left * velocity).sum(axis=0)
             gain[2:] -= settled[:, None] * (left[:, None] * after).sum(axis=0)
         mean[POSITION] += half * (mean[VELOCITY] * moves + velocity)
@@ -320,7 +325,7 @@ class BodyFilter:
         mean[4:] *= decay[:, None, None]
         return BodyTransition(gain, decay)
 
-    def _add_noise(self, dt: float, axis: Floats, walk: Floats) -> None:
+    def _add_noise(self, dt: float, axis: Floats, walk: Floats, hidden: Floats) -> None:
         """Add the process noise Q of a step of dt, s, to the predicted covariances."""
         dynamics, mean, covariance = self._dynamics, self._state.mean.T, self._state.covariance.T
         white = self._velocity_noise
@@ -337,13 +342,26 @@ class BodyFilter:
         covariance[6, 7] += more * c * sine
         covariance[7, 6] += more * c * sine
         speed = np.hypot(mean[2], mean[3])
-        turn_rate = np.minimum(self._lateral_acceleration / np.maximum(speed, _SLOW), dynamics.turn_rate)
+        turn_rate = self._turn_rates(speed) * np.maximum(1.0 - self._settles * hidden, 0.0)
         covariance[TURN, TURN] += turn_rate**2 * -np.expm1(-2.0 * dt / dynamics.turn_time)
         gained = -np.expm1(-2.0 * dt / dynamics.acceleration_time)
         covariance[ACCELERATION, ACCELERATION] += self._acceleration**2 * gained
 
-    def update(self, rows: Indices, measurement: Measurement) -> Floats:
-        """Update the given rows (m,) with a measurement each; return their NIS (m,), weighted as the modes are."""
+    def _turn_rates(self, speed: Floats) -> Floats:
+        """Return the standard deviations of ω in each mode at speeds (M, n), m/s: (M, n), rad/s."""
+        return np.minimum(self._lateral_acceleration / np.maximum(speed, _SLOW), self._dynamics.turn_rate)
+
+    def update(self, rows: Indices, measurement: Measurement, alike: float = 1.0) -> Floats:
+        """Update the given rows with a measurement each.
+
+        Args:
+            rows: of the bodies (m,).
+            measurement: one each.
+            alike: how surely its errors are like those of the sensor's scan before, 0 to 1.
+
+        Returns:
+            The NIS of each (m,), weighted as the modes are.
+        """
         state = self._state
         mean, covariance, prior = state.mean.T, state.covariance.T, state.probability.T
         every = len(rows) == len(self) and bool((rows == np.arange(len(rows))).all())
@@ -364,8 +382,8 @@ class BodyFilter:
             x, y = part.direction.T
             innovation = part.value - (x * mean[2] + y * mean[3])
             self._update_scalar(mean, covariance, {2: x, 3: y}, innovation, part.variance, nis, log_likelihood)
-        evidence = self._dynamics.evidence * (log_likelihood - log_likelihood.max(axis=0))
-        weight = prior * np.exp(evidence)
+        evidence = 1.0 + alike * (self._dynamics.evidence - 1.0)
+        weight = prior * np.exp(evidence * (log_likelihood - log_likelihood.max(axis=0)))
         weight = np.maximum(weight / weight.sum(axis=0), _LEAST_PROBABILITY)
         posterior = weight / weight.sum(axis=0)
         if every:
@@ -384,7 +402,9 @@ class BodyFilter:
         a = cross_x[0] + cross_x[6] + noise[:, 0, 0]
         b = cross_y[0] + cross_y[6] + noise[:, 0, 1]
         d = cross_y[1] + cross_y[7] + noise[:, 1, 1]
-        determinant = a * d - b * b
+        # no less than that of the noise, which rounding hides where a body flies off
+        least = noise[:, 0, 0] * noise[:, 1, 1] - noise[:, 0, 1] ** 2
+        determinant = np.maximum(a * d - b * b, least)
         weighted_x, weighted_y = (d * x - b * y) / determinant, (a * y - b * x) / determinant
         nis = x * weighted_x + y * weighted_y
         mean += cross_x * weighted_x + cross_y * weighted_y

@@ -15,12 +15,12 @@ from candaemon.estimation.kalman import update_scalar
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.radar.detections import Detections
 from candaemon.tracking.body_association import Association, beside
-from candaemon.tracking.body_modes import CRUISING, FREE, MANOEUVRING, SLIDING, STANDING
+from candaemon.tracking.body_modes import CRUISING, FREE, MANOEUVRING, SLIDING, STANDING, TURNING
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.box import CAR_LENGTH, CAR_WIDTH
 from candaemon.tracking.reflections import to_travel_axes
 
-_FIRST_SHARE = np.array([0.3, 0.25, 0.15, 0.01, 0.29])  # of the modes, in their order
+_FIRST_SHARE = np.array([0.3, 0.15, 0.1, 0.15, 0.01, 0.29])  # of the modes, in their order
 _LEAST_SHARE = 1e-3
 _STANDING_SPREAD = 0.1  # m/s
 
@@ -74,8 +74,9 @@ class BodyInitiation:
         measurement = detections.measurement
         along, across = self._first_speed.along, self._first_speed.across
         speeds = _speeds(row, measurement)
-        modes: list[tuple[Floats, Floats]] = [(np.zeros(2), np.zeros((2, 2)))] * 5
-        modes[CRUISING] = modes[MANOEUVRING] = modes[SLIDING] = self._first_velocity(speeds, heading, along, across)
+        modes: list[tuple[Floats, Floats]] = [(np.zeros(2), np.zeros((2, 2)))] * len(_FIRST_SHARE)
+        driving = self._first_velocity(speeds, heading, along, across)
+        modes[CRUISING] = modes[MANOEUVRING] = modes[TURNING] = modes[SLIDING] = driving
         modes[FREE] = self._first_velocity(speeds, heading, along, max(across, 0.4 * along))
         modes[STANDING] = np.zeros(2), np.eye(2) * _STANDING_SPREAD**2
         at = slice(row, row + 1)

@@ -7,15 +7,16 @@ from dataclasses import replace
 from candaemon.config.vehicle import DrivingSettings, VehicleEstimatorSettings
 from candaemon.estimation.body_filter import BodyDynamics, BodyMode
 
-CRUISING, MANOEUVRING, STANDING, SLIDING, FREE = range(5)
+CRUISING, MANOEUVRING, TURNING, STANDING, SLIDING, FREE = range(6)
 
 
 def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
-    """Return the modes in the order of `CRUISING`, `MANOEUVRING`, `STANDING`, `SLIDING`, `FREE`."""
+    """Return the modes in the order of `CRUISING`, `MANOEUVRING`, `TURNING`, `STANDING`, `SLIDING`, `FREE`."""
     cruising, manoeuvring, sliding, free = settings.cruising, settings.manoeuvring, settings.sliding, settings.free
     return (
         _driving(cruising, settles=True),
         _driving(manoeuvring, settles=True),
+        _driving(settings.turning, settles=True),
         BodyMode(
             moves=False,
             acceleration=0.0,
@@ -60,4 +61,5 @@ def dynamics_of(settings: VehicleEstimatorSettings) -> BodyDynamics:
         bias_time=places.bias_time,
         first_bias=places.first_bias,
         evidence=settings.evidence,
+        settling=places.settling,
     )

@@ -41,8 +41,11 @@ _FARTHEST = 3.0  # m from one scan to the next: it is another reflection
 _TRIMMED = 0.8  # share of the displacements that count
 _TRIMMED_VARIANCE = 0.43769  # variance of a standard normal variable whose largest fifth, by magnitude, is left out
 _LEAST_WHITE = 0.03  # m; below it quantisation counts
-_WALK = (0.03, 0.1)  # m²/s along and across, as long as nothing is known
+_WALK = (0.03, 0.1)  # m²/s along and across, of a sensor that filters, as long as nothing is known
+_NO_WALK = (0.0, 0.0)  # likewise, of one that tells what it measures
 _RATIO_WHITE, _RATIO_WALK = 3.0, 6.0  # ratio of the variances up to which all is white, and from which it is a walk
+_RATIO_WALKS = (2.5, 5.0)  # of the same: from which on settling begins, and from which it is whole
+_UNKNOWN = 0.5  # how surely the reflections of a sensor that filters walk, as long as nothing is known
 _TYPICAL_RANGE = 40.0  # m, at which an angle's noise counts
 _REFRESH = 16  # displacements until the estimate is made again
 
@@ -148,6 +151,7 @@ class ReflectionNoise:
             number: None if settings.noise.walk is None else (settings.noise.walk.along, settings.noise.walk.across)
             for number, settings in sensors.items()
         }
+        self._filters = {number: settings.noise.azimuth_deg is None for number, settings in sensors.items()}
         self._state = ReflectionNoiseState({number: StandingDisplacements() for number in sensors})
         self._learnt: dict[int, tuple[int, LearntNoise | None]] = {}  # follows from the state
 
@@ -178,6 +182,7 @@ class ReflectionNoise:
         """
         self._stated = {sensors[old]: each for old, each in self._stated.items() if old in sensors}
         self._given = {sensors[old]: each for old, each in self._given.items() if old in sensors}
+        self._filters = {sensors[old]: each for old, each in self._filters.items() if old in sensors}
         remembered = self._state.sensors
         self._state.sensors = {sensors[old]: each for old, each in remembered.items() if old in sensors}
         self._learnt.clear()
@@ -222,6 +227,14 @@ class ReflectionNoise:
             kept = [each for each in returns.scans[1 - _MOST_KEPT :] if time_ns - each.time_ns <= _LONGEST_NS]
             returns.scans, returns.is_due = [*kept, scan], True
 
+    def filters(self, sensor: int) -> bool:
+        """Return whether a sensor filters by itself, as far as its settings tell.
+
+        Who tells Cartesian places, whose noise does not grow with the range, tells what a filter of its own says; range
+        and angle are what a radar measures.
+        """
+        return self._filters[sensor]
+
     def known(self, sensor: int) -> bool:
         """Return whether enough was observed of a sensor's reflections to tell their noise."""
         return self._estimate(sensor) is not None
@@ -234,12 +247,20 @@ class ReflectionNoise:
     def walk(self, sensor: int) -> tuple[float, float]:
         """Return the walk along and across, m²/s: that of the settings, else the learnt one, else what is usual."""
         given, learnt = self._given[sensor], self._estimate(sensor)
-        return given or (_WALK if learnt is None else learnt.walk)
+        usual = _WALK if self._filters[sensor] else _NO_WALK
+        return given or (usual if learnt is None else learnt.walk)
 
     def ratio(self, sensor: int) -> tuple[float, float]:
         """Return the variance over a second by that over a scan, along and across: 1 of white noise; NaN if unknown."""
         learnt = self._estimate(sensor)
         return (nan, nan) if learnt is None else learnt.ratio
+
+    def walking(self, sensor: int) -> float:
+        """Return how surely a sensor's reflections walk across, 0 to 1."""
+        learnt = self._estimate(sensor)
+        if learnt is None:
+            return _UNKNOWN if self._filters[sensor] else 0.0
+        return min(max((learnt.ratio[1] - _RATIO_WALKS[0]) / (_RATIO_WALKS[1] - _RATIO_WALKS[0]), 0.0), 1.0)
 
     def _estimate(self, sensor: int) -> LearntNoise | None:
         """Return what the displacements of a sensor's reflections show; None where they are too few."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import cos, exp, isnan, sin
+from math import cos, exp, sin
 
 import numpy as np
 
@@ -41,7 +41,6 @@ from candaemon.tracking.update import PredictedReflections, TrackerCounts, Updat
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 _AXIS_TIME = 0.15  # s, with which the axis follows the course
-_WHITE_RATIO, _WALK_RATIO = 2.5, 5.0  # of spreads after a second and a scan: white noise, and surely a walk
 _CROSSING = 0.7  # m/s across the axis: faster than a walk or a slide looks, it is motion
 _LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
 _LEAST_RATE = 1e-6  # 1/s
@@ -212,9 +211,10 @@ class VehicleTracker:
         mean = bodies.moments().mean[body]
         bias = mean[:, BIAS] * exp(-horizon / self._places.bias_time)
         ahead = predicted_positions(mean, horizon) - mean[:, POSITION]
-        _, settling = self._walks()
+        _, hidden = self._walks()
         drift = to_travel_axes(ahead, bodies.obstacles.axis[body])
-        rate = np.maximum(settling[body] * (1.0 - bodies.filter.probability[body, MANOEUVRING]), _LEAST_RATE)
+        settles = hidden[body] * (1.0 - bodies.filter.probability[body, MANOEUVRING])
+        rate = np.maximum(settles / self._places.settling, _LEAST_RATE)
         drift[:, 1] *= -np.expm1(-rate * horizon) / (rate * horizon)
         ahead = from_travel_axes(drift, bodies.obstacles.axis[body])
         return mean[:, POSITION] + ahead + bias + bodies.offsets()[rows]
@@ -257,8 +257,8 @@ class VehicleTracker:
         self._state.time_ns = time_ns
         bodies = self._bodies
         if dt > 0.0:
-            walk, settling = self._walks()
-            bodies.filter.predict(dt, bodies.obstacles.axis, walk, settling)
+            walk, hidden = self._walks()
+            bodies.filter.predict(dt, bodies.obstacles.axis, walk, hidden)
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
             bodies.changed()
@@ -279,33 +279,36 @@ class VehicleTracker:
         return self._bodies.obstacles.id.copy(), link
 
     def _walks(self) -> tuple[Floats, Floats]:
-        """Return each body's walk of the bias (k, 2), m²/s, and the rate at which its speed across settles (k,), 1/s.
+        """Return each body's walk of the bias (k, 2), m²/s, and how surely it hides motion across (k,), 0 to 1.
 
         Both are those of the sensor that its leading reflection is of.
         """
         bodies = self._bodies
         sensor = bodies.reflections.sensor[bodies.obstacles.leader]
-        walk, settling = np.zeros((len(self), 2)), np.zeros(len(self))
+        walk, hidden = np.zeros((len(self), 2)), np.zeros(len(self))
         for number in self._stated:
             of_it = sensor == number
             walk[of_it] = self._noise.walk(number)
-            settling[of_it] = self._walking(number) / self._places.settling
-        if settling.any():
+            hidden[of_it] = self._walking(number)
+        if hidden.any():
             across = to_travel_axes(bodies.moments().mean[:, VELOCITY], bodies.obstacles.axis)[:, 1]
-            settling *= np.exp(-np.square(across / _CROSSING))
-        return walk, settling
+            hidden *= np.exp(-np.square(across / _CROSSING))
+        return walk, hidden
 
     def _walking(self, sensor: int) -> float:
         """Return how surely a sensor's reflections walk across, 0 to 1."""
+        return self._noise.walking(sensor) if sensor in self._stated else 0.0
+
+    def _alike(self, sensor: int) -> float:
+        """Return how surely successive errors of a sensor are alike, 0 to 1: those of one that filters by itself."""
         if sensor not in self._stated:
             return 0.0
-        share = (self._noise.ratio(sensor)[1] - _WHITE_RATIO) / (_WALK_RATIO - _WHITE_RATIO)
-        return 0.0 if isnan(share) else min(max(share, 0.0), 1.0)
+        return 1.0 if self._noise.filters(sensor) else self._noise.walking(sensor)
 
     def _as_noisy(self, measurement: Measurement) -> Measurement:
         """Return a measurement as noisy as its sensor was found to be, where its reflections walk."""
         sensor = measurement.sensor
-        if not self._walking(sensor):
+        if not self._walking(sensor) or not self._noise.known(sensor):
             return measurement
         white, stated = self._noise.white(sensor), self._stated[sensor]
         share = np.clip(max(white[0] / stated[0], white[1] / stated[1]) ** 2, _LEAST_SHARE, 1.0)
@@ -372,8 +375,10 @@ class VehicleTracker:
         body, measurement = association.body[rows], detections.measurement.take(rows)
         offset = bodies.offsets()[row]
         self._note_rates(row, offset, detections, rows)
-        seen, combined = of_bodies(measurement, body, offset, reflections.variance[row], self._places.speed_noise**2)
-        bodies.filter.update(seen, combined)
+        alike = self._alike(detections.sensor)
+        speed_share = 1.0 + alike * (self._places.speed_noise**2 - 1.0)
+        seen, combined = of_bodies(measurement, body, offset, reflections.variance[row], speed_share)
+        bodies.filter.update(seen, combined, alike)
         bodies.changed()
         place = measurement.position - bodies.moments().shown[body, :2] - offset
         noise = 0.5 * (measurement.noise[:, 0, 0] + measurement.noise[:, 1, 1])
@@ -433,8 +438,8 @@ class VehicleTracker:
         squared = (velocity * velocity).sum(axis=1)
         spread = moments.covariance[:, 2, 2] + moments.covariance[:, 3, 3]
         known = squared / (squared + 4.0 * spread + 0.25)
-        _, settling = self._walks()
-        time = _AXIS_TIME + settling * self._places.settling * (self.settings.travel.time_constant - _AXIS_TIME)
+        _, hidden = self._walks()
+        time = _AXIS_TIME + hidden * (self.settings.travel.time_constant - _AXIS_TIME)
         share = known * known * -np.expm1(-self._dt / time)
         speed = np.sqrt(np.maximum(squared, 1e-6))
         forward = np.where((velocity * obstacles.axis).sum(axis=1) < -2.0, -1.0, 1.0)

@@ -10,7 +10,7 @@ from candaemon.estimation.body_transition import BodyTransition
 from candaemon.estimation.imm import mix
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 
-BODIES, MODES = 7, 5
+BODIES, MODES = 7, len(modes_of(VehicleEstimatorSettings(kind="vehicle")))
 STEP = 0.05  # s
 
 
