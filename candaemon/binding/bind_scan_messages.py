@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -15,9 +16,10 @@ from candaemon.config.protection import ProtectionSettings
 from candaemon.config.sensors import HeaderScan
 from candaemon.dbc.bits import sendable_values, value_count
 from candaemon.dbc.single_codec import compile_encoder, compile_field_reader
-from candaemon.dbc.types import Database, SignalSpec
+from candaemon.dbc.types import Database, MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
-from candaemon.objects.scan_messages import ScanHeader, StatusField, StatusWriter
+from candaemon.objects.scan_messages import HeaderCount, ScanHeader, StatusField, StatusWriter
+from candaemon.protection.checksums import FrameProtector
 
 COUNTING: Final = frozenset({"cycle", "drops", "counter"})
 """Status quantities that are written modulo the signal's number of values; the others saturate."""
@@ -77,39 +79,79 @@ def _wrap(quantity: str, signal: SignalSpec, protection: ProtectionSettings) -> 
     return counter_period(protection, signal) if quantity == "counter" else value_count(signal)
 
 
-def bind_header(scan: HeaderScan, database: Database, location: SettingLocation, look: str | None = None) -> ScanHeader:
-    """Bind a scan's header message.
+def bind_headers(
+    scan: HeaderScan, database: Database, location: SettingLocation, look: str | None = None
+) -> tuple[ScanHeader, ...]:
+    """Bind a scan's header messages.
 
     Args:
-        scan: how the header gives the number of objects.
+        scan: how the headers give the number of objects.
         database: the DBC.
         location: place of the scan's settings in the configuration.
-        look: signal that says which look a scan is, of this message or another; None: none does.
+        look: signal that says which look a scan is, of one of these messages or another; None: none does.
 
     Raises:
-        ConfigError: the DBC lacks the message or a signal.
+        ConfigError: the DBC lacks a message or a signal, or none of the messages has it.
 
     """
-    message = find_message(database, scan.message, location.at("message"))
-    count = find_signal(message, scan.count, location.at("count"))
-    names = [count.name]
-    greatest = sendable_values(count)[1]
-    read_counter, period = None, 0
-    if scan.counter is not None:
-        counter = find_signal(message, scan.counter, location.at("counter"))
-        read_counter, period = compile_field_reader(message, counter), value_count(counter)
-        names.append(counter.name)
-    says_look = None if look is None else signal_of(message, look)
-    if says_look is not None:
-        names.append(says_look.name)
+    messages = [find_message(database, name, location.at("message")) for name in scan.message]
+    if len({message.can_id for message in messages}) < len(messages):
+        raise location.at("message").error("the same header is listed twice")
+    counted = [(index, _owner(messages, name, location.at("count"))) for index, name in enumerate(scan.count)]
+    counting = None if scan.counter is None else _owner(messages, scan.counter, location.at("counter"))
+    looking = next((message for message in messages if look is not None and signal_of(message, look)), None)
+    return tuple(
+        _header(
+            message,
+            scan,
+            [(index, signal) for index, (owner, signal) in counted if owner is message],
+            counting[1] if counting is not None and counting[0] is message else None,
+            signal_of(message, look) if look is not None and looking is message else None,
+            bind_protector([message], scan.protection, location.at("protection")),
+        )
+        for message in messages
+    )
+
+
+def _owner(messages: Sequence[MessageSpec], name: str, location: SettingLocation) -> tuple[MessageSpec, SignalSpec]:
+    """Find a signal in the first of some messages that has it.
+
+    Raises:
+        ConfigError: none has.
+
+    """
+    for message in messages:
+        signal = signal_of(message, name)
+        if signal is not None:
+            return message, signal
+    return messages[-1], find_signal(messages[-1], name, location)
+
+
+def _header(
+    message: MessageSpec,
+    scan: HeaderScan,
+    counts: Sequence[tuple[int, SignalSpec]],
+    counter: SignalSpec | None,
+    look: SignalSpec | None,
+    protector: FrameProtector | None,
+) -> ScanHeader:
+    """Make what reads and writes one header."""
+    extra = [signal.name for signal in (counter, look) if signal is not None]
     return ScanHeader(
         message=message,
         used_only=scan.used_only,
-        count=compile_field_reader(message, count),
-        greatest_count=int(greatest) if math.isfinite(greatest) else int(np.iinfo(np.int64).max),
-        counter=read_counter,
-        period=period,
-        says_look=says_look is not None,
-        encode=compile_encoder(message, names),
-        protector=bind_protector([message], scan.protection, location.at("protection")),
+        counts=tuple(
+            HeaderCount(compile_field_reader(message, signal), _greatest(signal), index, len(scan.count))
+            for index, signal in counts
+        ),
+        counter=None if counter is None else compile_field_reader(message, counter),
+        period=0 if counter is None else value_count(counter),
+        says_look=look is not None,
+        encode=compile_encoder(message, [*(signal.name for _, signal in counts), *extra]),
+        protector=protector,
     )
+
+
+def _greatest(signal: SignalSpec) -> int:
+    greatest = sendable_values(signal)[1]
+    return int(greatest) if math.isfinite(greatest) else int(np.iinfo(np.int64).max)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from candaemon.binding.bind_protection import bind_frame_monitor, bind_frame_monitors
 from candaemon.binding.bind_reader import bind_reader
-from candaemon.binding.bind_scan_messages import bind_header
+from candaemon.binding.bind_scan_messages import bind_headers
 from candaemon.binding.bind_writer import bind_writer
 from candaemon.binding.bound import BoundSensor
 from candaemon.binding.location import SettingLocation
@@ -52,7 +52,7 @@ def bind_sensor(
     can_ids = set(reader.routes)
     counters: list[Callable[[bytes], int]] = []
     trigger: MessageSpec | None = None
-    header: ScanHeader | None = None
+    headers: tuple[ScanHeader, ...] = ()
     mark_monitor: FrameMonitorSettings | None = None
     if isinstance(scan, CounterScan):
         counters = [
@@ -72,11 +72,16 @@ def bind_sensor(
                 [trigger], scan.protection, place.at("protection"), cycle_time=settings.cycle_time
             )
     elif isinstance(scan, HeaderScan):
-        header = bind_header(scan, database, place, None if settings.looks is None else settings.looks.signal)
-        can_ids.add(header.can_id)
+        headers = bind_headers(scan, database, place, None if settings.looks is None else settings.looks.signal)
+        can_ids.update(header.can_id for header in headers)
         mark_monitor = bind_frame_monitor(
-            [header.message], scan.protection, place.at("protection"), cycle_time=settings.cycle_time
+            [header.message for header in headers],
+            scan.protection,
+            place.at("protection"),
+            cycle_time=settings.cycle_time,
         )
+        if mark_monitor is not None and len(headers) > 1:
+            raise place.at("protection").error("only a single header can be protected; leave it out for several")
     return BoundSensor(
         index,
         name,
@@ -87,11 +92,18 @@ def bind_sensor(
         frozenset(can_ids),
         tuple(counters),
         trigger,
-        header,
+        headers,
         bind_frame_monitors(reader, settings, location),
         mark_monitor,
-        _bind_look(settings.looks, reader, header.message if header is not None else trigger, location.at("looks")),
+        _bind_look(settings.looks, reader, _marks(headers, trigger, settings.looks), location.at("looks")),
     )
+
+
+def _marks(
+    headers: Sequence[ScanHeader], trigger: MessageSpec | None, looks: LookSettings | None
+) -> MessageSpec | None:
+    """Return the message beside the objects' that may say the look: the header that does, or the trigger."""
+    return next((each.message for each in headers if looks is not None and each.says_look), trigger)
 
 
 def _bind_look(

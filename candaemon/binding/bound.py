@@ -62,7 +62,7 @@ class BoundSensor:
         can_ids: every identifier it reads: the objects', the header's, the trigger's.
         counters: per layout, payload → scan counter; empty unless a counter marks the frames of one scan.
         trigger: the message that closes a scan, None unless one does.
-        header: the message that opens a scan, None unless one does.
+        headers: the messages that open a scan; empty unless some do.
         monitors: per layout, what its frames must be to be used, None where anything will do.
         mark_monitor: the same of the header or the trigger, where it is no message of the objects'.
         look: what says which look a scan is, None where all are alike.
@@ -78,7 +78,7 @@ class BoundSensor:
     can_ids: frozenset[int]
     counters: tuple[Callable[[bytes], int], ...]
     trigger: MessageSpec | None
-    header: ScanHeader | None
+    headers: tuple[ScanHeader, ...]
     monitors: tuple[FrameMonitorSettings | None, ...]
     mark_monitor: FrameMonitorSettings | None
     look: LookReader | None = None
@@ -87,6 +87,11 @@ class BoundSensor:
     def protectors(self) -> tuple[FrameProtector | None, ...]:
         """Per layout, the checksum of its frames, None where they carry none."""
         return tuple(None if monitor is None else monitor.protector for monitor in self.monitors)
+
+    @property
+    def header(self) -> ScanHeader | None:
+        """The first message that opens a scan, None unless one does."""
+        return self.headers[0] if self.headers else None
 
     @property
     def trigger_id(self) -> int | None:

@@ -320,7 +320,7 @@ def _closing(scan: ScanSettings) -> str:
         case TriggerScan():
             return f"by message {scan.message}"
         case HeaderScan():
-            return f"by the count {scan.count} in header {scan.message}"
+            return f"by the count {' + '.join(scan.count)} in header {', '.join(scan.message)}"
         case TimeoutScan():
             return "by time-out"
 

@@ -180,12 +180,28 @@ class TriggerScan(Settings):
     )
 
 
+def _listed(value: Any) -> Any:
+    """Convert a single name to a list of one."""
+    return (value,) if isinstance(value, str) else value
+
+
+MOST_HEADERS: Final = 8
+"""Header messages of a scan, and signals that add up to the number of its objects."""
+Names = Annotated[
+    tuple[DbcName, ...],
+    Field(min_length=1, max_length=MOST_HEADERS),
+    BeforeValidator(_listed, json_schema_input_type=tuple[DbcName, ...] | DbcName),
+]
+
+
 class HeaderScan(Settings):
     """A scan opens with a header message that says how many objects follow."""
 
     close: Literal["header"]
-    message: DbcName = Field(description="header message")
-    count: DbcName = Field(description="its signal with the number of objects that follow")
+    message: Names = Field(description="header message, or the list of those that a scan has")
+    count: Names = Field(
+        description="their signal with the number of objects that follow, or signals that add up to it"
+    )
     counter: DbcName | None = Field(None, description="its measurement counter, by which a missed scan is noticed")
     used_only: bool = Field(
         True, description="only the objects counted are sent; false: all slots are, count gives how many are occupied"
@@ -346,8 +362,13 @@ class SensorSettings(Settings):
     signals: ObjectSignals
     units: Units = Field(default_factory=Units, description="of signals without a unit of their own")
     noise: ObjectNoise
-    rates: Literal["of_position", "over_ground"] = Field(
-        "of_position", description="vx and vy are rates of x and y in the turning sensor axes, or velocity differences"
+    rates: Literal["of_position", "over_ground", "absolute"] = Field(
+        "of_position",
+        description="vx and vy are rates of x and y in the turning sensor axes, or velocity differences, or velocities "
+        "over ground",
+    )
+    range_rates: Literal["relative", "absolute"] = Field(
+        "relative", description="range_rate is that of the distance, or compensated for the own motion already"
     )
     field_of_view: FieldOfView = Field(default_factory=FieldOfView)
     looks: LookSettings | None = Field(
@@ -393,6 +414,10 @@ class SensorSettings(Settings):
     def _front_end_is_a_radars(self) -> SensorSettings:
         if self.front_end is not None and self.kind != "radar":
             raise ValueError(f"front_end is a radar's but kind is {self.kind}; leave one of them out")
+        if self.front_end is not None and "absolute" in {self.rates, self.range_rates}:
+            raise ValueError(
+                "front_end measures relative rates, but they are said to be absolute; leave one of them out"
+            )
         return self
 
     @model_validator(mode="after")

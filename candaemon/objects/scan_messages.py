@@ -82,26 +82,46 @@ class LookReader:
 
 
 @dataclass(frozen=True, slots=True)
+class HeaderCount:
+    """A signal with the number of a scan's objects, or of some of them.
+
+    Attributes:
+        read: payload → number.
+        greatest: greatest number that the signal holds.
+        index: which it is of the signals that add up to the number of objects.
+        of: how many these are.
+
+    """
+
+    read: Callable[[bytes], int]
+    greatest: int
+    index: int
+    of: int
+
+    def share(self, count: int) -> int:
+        """Return how many of so many objects it shows."""
+        return min(count // self.of + (self.index < count % self.of), self.greatest)
+
+
+@dataclass(frozen=True, slots=True)
 class ScanHeader:
-    """Reads and writes a scan's header message; `binding.bind_header` makes it.
+    """Reads and writes a scan's header message; `binding.bind_headers` makes it.
 
     Attributes:
         message: its layout.
         used_only: whether only the objects counted are sent.
-        count: payload → number of objects that follow.
-        greatest_count: greatest number of objects that the signal holds.
+        counts: its signals with numbers of objects that follow.
         counter: payload → measurement counter, None where there is none.
         period: number of values of the measurement counter, 0 where there is none.
         says_look: whether it says which look the scan is.
-        encode: of the number of objects and, where there are such, the measurement counter and the look.
+        encode: of the numbers of objects and, where there are such, the measurement counter and the look.
         protector: counter and checksum, None where there are none.
 
     """
 
     message: MessageSpec
     used_only: bool
-    count: Callable[[bytes], int]
-    greatest_count: int
+    counts: tuple[HeaderCount, ...]
     counter: Callable[[bytes], int] | None
     period: int
     says_look: bool
@@ -115,11 +135,15 @@ class ScanHeader:
 
     def read(self, data: bytes) -> tuple[int, int]:
         """Read the number of objects that follow and the measurement counter (−1 where there is none)."""
-        return self.count(data), -1 if self.counter is None else self.counter(data)
+        return sum(max(count.read(data), 0) for count in self.counts), -1 if self.counter is None else self.counter(
+            data
+        )
 
     def write(self, count: int, counter: int, look: int = 0) -> tuple[int, bytes]:
         """Write a header: CAN id and payload; a count over the greatest is clipped to it."""
-        values = [min(count, self.greatest_count), *([] if self.counter is None else [counter % self.period])]
+        values = [each.share(count) for each in self.counts]
+        if self.counter is not None:
+            values.append(counter % self.period)
         if self.says_look:
             values.append(look)
         payload, _ = self.encode(values)

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import Final
 
@@ -64,6 +64,7 @@ class AssemblerState:
         counter: of the open scan, where a counter distinguishes scans.
         closed_counter: of the last closed scan.
         count: objects that the header of the open scan announces; None before the header.
+        headers: objects that each of its headers announces; −1 before it, empty where there are none.
         measurement: the latest header's measurement counter; −1 where there is none.
         look: of the open scan, where its header or trigger says it; −1 before.
     """
@@ -84,6 +85,7 @@ class AssemblerState:
     counter: int | None = None
     closed_counter: int | None = None
     count: int | None = None
+    headers: list[int] = field(default_factory=list)
     measurement: int = -1
     look: int = -1
 
@@ -428,6 +430,8 @@ class ScanAssembler(ABC):
         if not len(state.monitors) == len(state.expected) == len(state.frames) == parts:
             raise ValueError(f"a scan of other than {parts} messages")
         monitors = zip((*self._monitors, self._mark_monitor), (*state.monitors, state.mark_monitor), strict=True)
+        if len(state.headers) != len(self._state.headers):
+            raise ValueError(f"{len(state.headers)} headers, expected {len(self._state.headers)}")
         if any((monitor is None) != (of_monitor is None) for monitor, of_monitor in monitors):
             raise ValueError("other frame guards than the configuration's")
         if state.is_open != (state.deadline_ns != NEVER_NS):

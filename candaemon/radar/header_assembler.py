@@ -13,58 +13,68 @@ from candaemon.radar.timeout_assembler import TimeoutAssembler
 class HeaderAssembler(TimeoutAssembler):
     """A scan opens with a header that says how many objects there are; it closes when all came or the next header does.
 
+    Where a scan has several headers, their numbers add up, and any of them opens it.
+
     Frames may come before their header. A scan whose header was lost closes when its time is up.
     """
 
     def __init__(self, sensor: BoundSensor, counts: ScanCounts | None = None) -> None:
-        header = sensor.header
-        assert header is not None, "binding gives a header with close: header"  # noqa: S101  # a promise of binding's
-        self._header = header
+        assert sensor.headers, "binding gives headers with close: header"  # noqa: S101  # a promise of binding's
+        self._headers, self._used_only = sensor.headers, sensor.headers[0].used_only
         super().__init__(sensor, counts)
+        self._state.headers = [-1] * len(self._headers)
 
     def _all_routes(self) -> dict[int, Route]:
-        return super()._all_routes() | {self._header.can_id: (self._begin, 0, 0)}
+        return super()._all_routes() | {
+            header.can_id: (self._begin, index, 0) for index, header in enumerate(self._headers)
+        }
 
     def _begin(self, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:  # noqa: ARG002  # as every receiver
-        """Take a header."""
-        state = self._state
-        if len(data) < self._header.message.length:
+        """Take a header; part is which."""
+        state, header = self._state, self._headers[part]
+        if len(data) < header.message.length:
             state.counts.short += 1
             return None
-        if self._mark_monitor is not None and not self._mark_monitor.admits(self._header.can_id, data, time_ns):
+        if self._mark_monitor is not None and not self._mark_monitor.admits(header.can_id, data, time_ns):
             return None
-        count, measurement = self._header.read(data)
-        if state.is_open and state.count is not None and measurement >= 0 and measurement == state.measurement:
+        count, measurement = header.read(data)
+        came = state.headers[part] >= 0
+        if state.is_open and came and measurement >= 0 and measurement == state.measurement:
             state.counts.duplicate += 1
             return None
-        self._count_skipped(measurement)
+        if header.counter is not None:
+            self._count_skipped(measurement, header.period)
         closed = None
-        if state.is_open and (state.count is not None or time_ns >= state.first_ns + self._half_cycle_ns):
+        if state.is_open and (came or time_ns >= state.first_ns + self._half_cycle_ns):
             closed = self._close()
         if not state.is_open:
             self._start(time_ns)
         state.counts.used += 1
-        self._take_look(data)
-        state.count = max(count, 0)
+        if header.says_look:
+            self._take_look(data)
+        state.headers[part] = count
         state.last_ns = time_ns
+        if min(state.headers) < 0:  # another is to come
+            return closed
+        state.count = sum(state.headers)
         state.awaited = self._awaits() - sum(map(len, state.frames))
         # One call gives one scan: after the one before, a scan without objects waits for its time-out.
         if state.awaited > 0 or closed is not None:
             return closed
         return self._close()
 
-    def _count_skipped(self, measurement: int) -> None:
+    def _count_skipped(self, measurement: int, period: int) -> None:
         """Count the scans that never came; a jump by half the counter's range or more is a restart."""
         state = self._state
         if measurement >= 0 and state.measurement >= 0:
-            skipped = (measurement - state.measurement - 1) % self._header.period
-            if skipped < self._header.period // 2:
+            skipped = (measurement - state.measurement - 1) % period
+            if skipped < period // 2:
                 state.counts.skipped += skipped
         state.measurement = measurement
 
     def _objects(self) -> int | None:
         count = self._state.count
-        return self._slots if not self._header.used_only else None if count is None else -(-count // self._points)
+        return self._slots if not self._used_only else None if count is None else -(-count // self._points)
 
     def _count(self) -> int:
         return NEVER_NS if self._state.count is None else self._state.count
@@ -74,12 +84,13 @@ class HeaderAssembler(TimeoutAssembler):
 
     def _limit(self) -> int:
         count = self._state.count
-        return NEVER_NS if count is None or self._header.used_only else -(-count // self._points)
+        return NEVER_NS if count is None or self._used_only else -(-count // self._points)
 
     def _unmarked(self) -> int:
-        return int(self._state.count is None)
+        return sum(count < 0 for count in self._state.headers)
 
     def _close(self, *, marked: bool = False) -> Scan | None:
         scan = super()._close(marked=marked)
         self._state.count = None
+        self._state.headers = [-1] * len(self._headers)
         return scan

@@ -9,6 +9,7 @@ from cmath import exp
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import cos, radians, sin
+from typing import Final
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from candaemon.ego.pose import EgoPose
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.radar.detections import Detections
 from candaemon.radar.scan import Scan
+
+NEAREST: Final = 1e-9
+"""m; what is nearer is in no direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +100,8 @@ class Mounting:
             for name, axis, deviation in (("vx", 0, noise.vx), ("vy", 1, noise.vy))
             if deviation is not None
         ]
-        self._turning = settings.rates == "of_position"
+        self._turning, self._relative = settings.rates == "of_position", settings.rates != "absolute"
+        self._compensated = settings.range_rates == "absolute"
         self._identified = settings.identified
 
     def detections(self, scan: Scan, pose: EgoPose, turned: float = 0.0) -> Detections:
@@ -122,12 +127,16 @@ class Mounting:
         origin, velocity = pose.place(mount.x, mount.y)
         position = offset + complex(origin[0], origin[1])
         known = self._range_rate is not None
+        rate = values[self._range_rate] if known else None
+        if rate is not None and self._compensated:  # what the sensor added for its own motion is taken off again
+            own = complex(velocity[0], velocity[1])
+            rate = rate - np.real(np.conj(offset) * own) / np.maximum(np.abs(offset), NEAREST)
         measurement = Measurement(
             _components(position),
             noise,
             origin,
             velocity,
-            values[self._range_rate] if known else None,
+            rate,
             _same(len(a), self._range_rate_variance + pose.speed_variance) if known else None,
             self._projections(scan, pose, _components(offset), velocity, yaw),
             scan.sensor,
@@ -155,7 +164,7 @@ class Mounting:
         if not self._velocity:
             return ()
         # A rate of position in turning axes lacks what the turning adds: ω × offset.
-        mount_velocity = np.broadcast_to(velocity, offset.shape)
+        mount_velocity = np.broadcast_to(velocity if self._relative else np.zeros(2), offset.shape)
         if self._turning:
             mount_velocity = mount_velocity + pose.yaw_rate * np.stack([-offset[:, 1], offset[:, 0]], axis=1)
         out = []

@@ -51,7 +51,7 @@ class SensorEncoder:
         objects = {message.can_id: (part.index, message) for part in self._writer.layouts for message in part.messages}
         self._fd = frozenset(can_id for can_id, (_, message) in objects.items() if message.is_fd)
         self._rank = {can_id: part for can_id, (part, _) in objects.items()} if form.multiplexed else {}
-        self._header = sensor.header
+        self._headers = sensor.headers
         self._last_id = sensor.trigger_id
         self._triggers: dict[int, MessageWriter] = {}
         if sensor.trigger is not None and sensor.trigger.can_id not in objects:
@@ -80,8 +80,7 @@ class SensorEncoder:
         look = self._looks[index % len(self._looks)]
         self._writer = self._writers[look]
         sent = self._in_order(self._objects(report, index))
-        if self._header is not None:
-            sent.insert(0, self._header.write(len(report.slot), index, look))
+        sent[:0] = [header.write(len(report.slot), index, look) for header in self._headers]
         if self._triggers:
             trigger = self._triggers[look]
             sent.append((trigger.message.can_id, trigger.payloads(np.empty((0, 1)))[0]))

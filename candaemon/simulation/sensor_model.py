@@ -157,6 +157,7 @@ class SensorModel:
         self._scene, self._settings, self._measurement = scene, settings, measurement
         self._looks = cycle(settings.views.values())
         self._view = settings.field_of_view
+        self._own_velocity = 0j
         traffic, step = measurement.traffic, settings.cycle_time
         self._living: LivingReflections | None = None
         if traffic is not None:
@@ -201,6 +202,7 @@ class SensorModel:
     def observe(self, instant: SceneState) -> SimulatedDetections:
         """Return one scan's detections; call it for each scan in order."""
         sensor = instant.ego.at_mount(self._settings.mount)
+        self._own_velocity = complex(sensor.velocity * np.exp(-1j * sensor.yaw))
         self._view = next(self._looks)
         if self._living is not None:
             self._living.advance()
@@ -322,8 +324,21 @@ class SensorModel:
                 case "heading":
                     row[:] = np.remainder(heading + np.pi, 2 * np.pi) - np.pi
                 case _:
-                    row[:] = motion.quantity(name)
+                    row[:] = motion.quantity(name) + self.own_part(name, np.angle(motion.position))
         return rows
+
+    def own_part(self, name: str, azimuth: Floats) -> Floats | float:
+        """Return what the sensor's own velocity in the latest scan adds to a rate that it reports over ground."""
+        match name:
+            case "range_rate" if self._settings.range_rates == "absolute":
+                along: Floats = np.real(np.exp(-1j * azimuth) * self._own_velocity)
+                return along
+            case "vx" if self._settings.rates == "absolute":
+                return self._own_velocity.real
+            case "vy" if self._settings.rates == "absolute":
+                return self._own_velocity.imag
+            case _:
+                return 0.0
 
     def _received(
         self, receiver: LfmFskReceiver, seen: Indices, motion: RelativeMotion, values: Floats

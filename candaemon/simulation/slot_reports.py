@@ -105,13 +105,22 @@ class SlotReporter:
     def _extrapolate(self, slot: Indices) -> None:
         """Extrapolate objects that were missed by their last reported rates."""
         row = {name: k for k, name in enumerate(self.quantities)}
-        for position, rate in (("x", "vx"), ("y", "vy"), ("range", "range_rate")):
-            if position in row and rate in row:
-                self._values[row[position], slot] += self._cycle * self._values[row[rate], slot]
+        if "range" in row:
+            azimuth = self._values[row["azimuth"], slot]
+        else:
+            azimuth = np.arctan2(self._values[row["y"], slot], self._values[row["x"], slot])
+
+        def rate(name: str) -> Floats:
+            found: Floats = self._values[row[name], slot] - self._sensor.own_part(name, azimuth)
+            return found
+
+        for position, name in (("x", "vx"), ("y", "vy"), ("range", "range_rate")):
+            if position in row and name in row:
+                self._values[row[position], slot] += self._cycle * rate(name)
         if "x" in row and "range_rate" in row:
             # the range rate acts along the line of sight, which follows from x and y
             along = self._values[row["x"], slot] + 1j * self._values[row["y"], slot]
-            step = self._cycle * self._values[row["range_rate"], slot] * along / np.maximum(np.abs(along), 1e-9)
+            step = self._cycle * rate("range_rate") * along / np.maximum(np.abs(along), 1e-9)
             self._values[row["x"], slot] += step.real
             self._values[row["y"], slot] += step.imag
 

@@ -39,6 +39,8 @@ LIBRARY = (
     "mazda_radar",
     "near_far_radar",
     "unnumbered_list",
+    "ars408_clusters",
+    "compensated_radar",
     "surround",
 )
 FILES = (*OUTPUTS, *VENDOR_FILES, "ars408", *LIBRARY)

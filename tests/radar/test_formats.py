@@ -12,7 +12,7 @@ from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.config.base import MOST_UNKNOWN, ObjectSignalRef
 from candaemon.config.load import load_config
-from candaemon.config.sensors import MOST_POINTS, MOST_SLOTS, ObjectFormat
+from candaemon.config.sensors import MOST_HEADERS, MOST_POINTS, MOST_SLOTS, HeaderScan, ObjectFormat
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
@@ -187,6 +187,15 @@ LAYOUTS = {
             'messages: [{message: "TRACK_{slot}", when: {PART: 0}}, {message: "TRACK_{slot}", when: {PART: 5}}], '
             "slots: 20",
             "{close: timeout}",
+        ),
+    ),
+    "headers over two messages": (
+        message(99, "HEAD", number("NEAR", 0, 8), number("CYCLE", 8, 8))
+        + message(100, "TAIL", number("FAR", 8, 8), number("FARTHEST", 16, 8))
+        + message(200, "OBJECT", *point(), number("INDEX", 40, 6)),
+        sensor(
+            "messages: [{message: OBJECT, id_signal: INDEX}], slots: 20, identity: false",
+            "{close: header, message: [HEAD, TAIL], count: [NEAR, TAIL.FAR, FARTHEST], counter: CYCLE}",
         ),
     ),
     "an index from 1": (
@@ -365,3 +374,25 @@ def test_scans_interleaved_under_the_same_identifiers_are_those_of_two_sensors(t
     (tmp_path / "vehicle.yaml").write_text(both.replace("FAR: 1", "FAR: 0"), encoding="utf-8")
     with pytest.raises(ConfigError, match="belongs to sensor 'front' already"):
         bind(load_config(tmp_path / "vehicle.yaml"))
+
+
+def test_a_scan_has_so_many_headers() -> None:
+    def scan(count: int) -> HeaderScan:
+        names = [f"A{k}" for k in range(count)]
+        return HeaderScan.model_validate({"close": "header", "message": names, "count": names})
+
+    assert len(scan(MOST_HEADERS).message) == MOST_HEADERS
+    with pytest.raises(ValidationError, match=f"at most {MOST_HEADERS}"):
+        scan(MOST_HEADERS + 1)
+
+
+@pytest.mark.parametrize("lost", [99, 100])
+def test_a_scan_that_lost_one_of_its_headers_is_incomplete(tmp_path: Path, lost: int) -> None:
+    binding = bound(tmp_path, *LAYOUTS["headers over two messages"])
+    frames = list(simulate(Scenario.model_validate(SCENARIO), binding, seed=1).frames())
+    first = next(frame for frame in frames[len(frames) // 2 :] if frame.can_id == lost)
+    whole, _ = read(binding, frames)
+    scans, counts = read(binding, [frame for frame in frames if frame is not first])
+    assert [len(scan.slot) for scan in scans] == [len(scan.slot) for scan in whole]
+    assert counts.incomplete == counts.missing == 1
+    assert counts.dropped == 0

@@ -33,6 +33,8 @@ CONFIGS = (
     "mazda_radar",
     "near_far_radar",
     "unnumbered_list",
+    "ars408_clusters",
+    "compensated_radar",
 )
 
 
