@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Final
 
 from candaemon.can_io.logs.stream import STANDARD_INPUT
 from candaemon.can_io.time_range import DriveMoment, TimeRange, moment
+from candaemon.cli.standard_streams import input_ended_by_interrupt
 from candaemon.printable import printable
 
 CONFIG: Final = "configuration (YAML), or the name of one that comes with candaemon"
@@ -52,6 +54,11 @@ def logs_name(logs: Sequence[Path]) -> str:
     """Return what logs that are read together are called."""
     name = "standard input" if logs[0] == STANDARD_INPUT else logs[0].name
     return name if len(logs) == 1 else f"{name} and {len(logs) - 1} more"
+
+
+def ended_input(logs: Sequence[Path]) -> AbstractContextManager[None]:
+    """Let Ctrl-C end what comes through standard input, where that is read; its results stay."""
+    return input_ended_by_interrupt() if STANDARD_INPUT in logs else nullcontext()
 
 
 def add_time_range(parser: argparse.ArgumentParser) -> None:

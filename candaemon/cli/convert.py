@@ -5,7 +5,15 @@ from __future__ import annotations
 import argparse
 
 from candaemon.cli import console
-from candaemon.cli.arguments import LOG_FORMATS, add_time_range, log_path, logs_name, output_path, time_range
+from candaemon.cli.arguments import (
+    LOG_FORMATS,
+    add_time_range,
+    ended_input,
+    log_path,
+    logs_name,
+    output_path,
+    time_range,
+)
 from candaemon.playback.convert import convert
 
 
@@ -25,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> None:
     """Convert, and print what was written."""
     name = logs_name(arguments.log)
-    with console.log_progress(name) as progress:
+    with console.log_progress(name) as progress, ended_input(arguments.log):
         converted = convert(arguments.log, arguments.output, time_range(arguments), progress)
     console.print_figures(
         arguments.output.name,

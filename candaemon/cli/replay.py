@@ -15,6 +15,7 @@ from candaemon.cli.arguments import (
     CONFIG,
     LOG_FORMATS,
     add_time_range,
+    ended_input,
     input_path,
     log_path,
     logs_name,
@@ -70,6 +71,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--parquet", type=output_folder, metavar="DIR", help="folder for tracks, detections, cycles and summaries"
     )
     parser.add_argument(
+        "--detections", type=output_path, metavar="CSV", help="table of what the sensors said and what became of it"
+    )
+    parser.add_argument(
         "--predictions", type=output_path, metavar="CSV", help="table of where each detection is expected"
     )
     parser.add_argument(
@@ -119,12 +123,13 @@ def execute(arguments: argparse.Namespace) -> None:
         arguments.mcap,
         tuple(arguments.log[1:]),
         time_range(arguments),
+        arguments.detections,
     )
     name = logs_name(request.logs)
     check_request(request, binding)
     with Outputs([*binding.files, *files_of(*request.logs)]) as outputs:
         summary = None if arguments.summary is None else outputs.open(arguments.summary)
-        with console.log_progress(name) as progress:
+        with console.log_progress(name) as progress, ended_input(request.logs):
             replayed = replay(binding, request, progress, outputs)
         figures = summarise(replayed)
         if arguments.layout is not None:

@@ -29,10 +29,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="s between status lines; 0: none; default: the configuration's",
     )
     parser.add_argument("--log", choices=("text", "json"), help="form of the log's lines; default: the configuration's")
+    parser.add_argument(
+        "--shadow", action="store_true", help="track and record, and send nothing: beside what drives, for comparison"
+    )
 
 
 def execute(arguments: argparse.Namespace) -> None:
     """Serve the configured buses."""
     service = import_module("candaemon.cli.serve")  # takes a second, in which a signal may come
-    request = service.ServeRequest(find_config(arguments.config), arguments.record, arguments.status, arguments.log)
+    request = service.ServeRequest(
+        find_config(arguments.config), arguments.record, arguments.status, arguments.log, arguments.shadow
+    )
     service.serve(request, arguments.signals)

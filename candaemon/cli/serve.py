@@ -43,12 +43,14 @@ class ServeRequest:
         record: folder of the recording; None: as configured.
         status: s between status lines, 0: none; None: as configured.
         log: form of the log's lines; None: as configured.
+        shadow: whether nothing is sent.
     """
 
     config_path: Path
     record: Path | None = None
     status: float | None = None
     log: Literal["text", "json"] | None = None
+    shadow: bool = False
 
 
 def serve(request: ServeRequest, signals: ServiceSignals) -> None:
@@ -72,7 +74,10 @@ def serve(request: ServeRequest, signals: ServiceSignals) -> None:
         logger.warning("%s; `candaemon check` shows all %d warnings", binding.warnings[0], len(binding.warnings))
     tried = TriedConfig(request.config_path)
     reloader = Reloader(tried.load, tried.cancel)
-    daemon = Daemon(binding, observers=list(_observers(binding, request, notifier, repetitions)), reloader=reloader)
+    if request.shadow:
+        logger.warning("shadow: obstacles are tracked and recorded, and none is sent")
+    observers = list(_observers(binding, request, notifier, repetitions))
+    daemon = Daemon(binding, observers=observers, reloader=reloader, shadow=request.shadow)
     faulthandler.enable()  # systemd's watchdog ends a hanging loop with SIGABRT; the log then shows where it hung
     look = signals.served(stop=daemon.stop, reload=daemon.reload, mark=daemon.mark)
     with daemon:

@@ -5,7 +5,12 @@ from __future__ import annotations
 import io
 import logging
 import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
 from typing import TYPE_CHECKING, Final, TextIO
 
 if TYPE_CHECKING:
@@ -41,6 +46,27 @@ def use_utf8() -> None:
     """Let standard output be UTF-8 whatever the terminal's encoding is: for what programs read, such as JSON."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(encoding="utf-8")
+
+
+@contextmanager
+def input_ended_by_interrupt() -> Iterator[None]:
+    """Let Ctrl-C end standard input, and so what is read of it, with its results; a second one ends the process."""
+    former = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or former is not signal.default_int_handler:
+        yield
+        return
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, former)
+        null = os.open(os.devnull, os.O_RDONLY)
+        os.dup2(null, 0)  # a read that waits is tried again, and finds the end
+        os.close(null)
+
+    signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, former)
 
 
 def finish(code: int) -> int:

@@ -45,6 +45,7 @@ class Daemon:
         steady: gives the time in ns in a clock that nobody can set and that goes on while the machine sleeps.
         observers: called by the core loop, in its thread and in this order.
         reloader: loads the configuration when `reload` asks for it; None: nothing does.
+        shadow: whether nothing is sent; all else is as it would be.
 
     Attributes:
         pipeline: with its counts.
@@ -62,7 +63,9 @@ class Daemon:
         steady: Callable[[], int] = since_boot_ns,
         observers: Sequence[Observer] = (),
         reloader: Reloader | None = None,
+        shadow: bool = False,
     ) -> None:
+        self._sends = not shadow
         self.pipeline = Pipeline(binding)
         self.buses = LiveBuses(binding.settings.buses, clock=clock, **_expected(binding))
         self.sequence = ReorderBuffer(_window_ns(binding), max_gap_ns=_clock_step_ns(binding))
@@ -179,7 +182,8 @@ class Daemon:
         if cycle.frames:
             if by_frame:
                 latency = (self._clock() + self.sequence.offset_ns - cycle.time_ns) * 1e-9
-            self.buses.send(cycle.frames[0].bus, cycle.frames)
+            if self._sends:
+                self.buses.send(cycle.frames[0].bus, cycle.frames)
         completed = CompletedCycle(cycle, time.perf_counter() - began_s, latency)
         for observer in self._observers:
             observer.on_cycle(completed)

@@ -58,6 +58,7 @@ from numpy.typing import NDArray
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.ego.georeference import Georeference
 from candaemon.errors import InputError
+from candaemon.evaluation.detection_columns import DETECTION_COLUMNS, FATES, NO_OBSTACLE, DetectionColumn
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.bodies import BODY, CLASSES
 from candaemon.frames.times import LATEST_NS
@@ -526,6 +527,45 @@ class PredictionWriter(_TableWriter):
             for identity, used, place in zip(_listed(ids), _listed(objects), places.tolist(), strict=True)
         ]
         self._text.write(_without_nan("".join(lines), places))
+
+
+class DetectionWriter(_TableWriter):
+    """Writes the table of detections: `time` of the measurement, and the columns of `DETECTION_COLUMNS`.
+
+    Args:
+        file: the table.
+    """
+
+    def __init__(self, file: OutputFile) -> None:
+        super().__init__(file, ("time", *(column.name for column in DETECTION_COLUMNS)))
+
+    def write_cycle(self, time_ns: int, columns: Mapping[str, NDArray[Any] | list[str]]) -> None:
+        """Write the detections of one cycle.
+
+        Args:
+            time_ns: of the measurement.
+            columns: as `detection_columns` returns them; what is not known becomes an empty cell.
+        """
+        if not len(columns["object"]):
+            return
+        cells = [_detection_cells(columns[column.name], column) for column in DETECTION_COLUMNS]
+        time = format_time(time_ns)
+        self._text.write("".join([f"{time},{','.join(row)}\n" for row in zip(*cells, strict=True)]))
+
+
+def _detection_cells(values: NDArray[Any] | list[str], column: DetectionColumn) -> list[str]:
+    """Return a column of the table of detections as text."""
+    if isinstance(values, list):
+        return values
+    match column.kind:
+        case "flag":
+            return ["1" if value else "0" for value in values.tolist()]
+        case "number":
+            rounded = _rounded(values.astype(np.float64))
+            return [f"{value:.{_DECIMALS}f}" if not math.isnan(value) else "" for value in rounded.tolist()]
+        case "text":  # codes
+            return [FATES[code] for code in values.tolist()]
+    return ["" if value == NO_OBSTACLE else str(value) for value in values.tolist()]
 
 
 class OriginWriter(_TableWriter):

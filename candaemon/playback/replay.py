@@ -22,8 +22,16 @@ from candaemon.can_io.reorder import ItemBlock, ReorderBuffer, ReorderCounts
 from candaemon.can_io.time_range import WHOLE_DRIVE, TimeRange
 from candaemon.config.ego import InsSettings
 from candaemon.errors import InputError
+from candaemon.evaluation.detection_columns import detection_columns
 from candaemon.evaluation.drive_score import DriveScore
-from candaemon.evaluation.tables import EARTH_COLUMNS, TRACK_COLUMNS, PredictionWriter, TrackWriter, track_columns
+from candaemon.evaluation.tables import (
+    EARTH_COLUMNS,
+    TRACK_COLUMNS,
+    DetectionWriter,
+    PredictionWriter,
+    TrackWriter,
+    track_columns,
+)
 from candaemon.exports.drive_sink import DriveSink
 from candaemon.exports.drive_tables import CYCLES, DETECTIONS, TRACKS
 from candaemon.exports.mcap_drive import McapDrive
@@ -65,6 +73,7 @@ class ReplayRequest:
         fresh: start with an empty pipeline, even where the recording holds the service's state.
         parquet: folder of the tables of tracks, detections and cycles in Parquet; None: not written.
         mcap: the drive for Foxglove; None: not written.
+        detections: table of what the sensors said and what became of it; None: not written.
         time_range: what of the drive is replayed; with a beginning, the pipeline starts empty.
     """
 
@@ -81,6 +90,7 @@ class ReplayRequest:
     mcap: Path | None = None
     further: tuple[Path, ...] = ()
     time_range: TimeRange = WHOLE_DRIVE
+    detections: Path | None = None
 
     @property
     def logs(self) -> tuple[Path, ...]:
@@ -275,7 +285,7 @@ class _Writers:
         channels = [bus.settings.log_channel or bus.settings.channel for bus in binding.buses]
         ego = binding.settings.ego
         georeferenced = isinstance(ego, InsSettings) and ego.gnss is not None
-        self.log = self.tracks = self.predictions = None
+        self.log = self.tracks = self.predictions = self.detections = None
         if request.output is not None:
             self.log = files.enter_context(open_log_writer(outputs.open(request.output), channels))
         self.sinks = (*sinks, *_exports(binding, request, outputs))
@@ -285,6 +295,8 @@ class _Writers:
             )
         if request.predictions is not None:
             self.predictions = files.enter_context(PredictionWriter(outputs.open(request.predictions)))
+        if request.detections is not None:
+            self.detections = files.enter_context(DetectionWriter(outputs.open(request.detections)))
 
 
 def _exports(binding: Binding, request: ReplayRequest, outputs: Outputs) -> Iterator[DriveSink]:
@@ -321,6 +333,9 @@ class _CycleOutputs:
             self._writers.log.write(cycle.frames)
         for sink in self._writers.sinks:
             sink.add_cycle(cycle, self._pipeline)
+        if self._writers.detections is not None and cycle.detections is not None:
+            columns = detection_columns(cycle, self._names)
+            self._writers.detections.write_cycle(cycle.detections.time_ns, columns)
         self._write_tracks([cycle] if self._smoother is None else self._smoother.add(cycle))
         self._score.add(cycle)
         self._predictions.add(cycle)

@@ -81,6 +81,7 @@ OPTIONS = {
         "--output": "o.log",
         "--tracks": "t.csv",
         "--predictions": "p.csv.gz",
+        "--detections": "d.csv",
         "--summary": "s.json",
         "--mcap": "m.mcap",
         "--layout": "l.json",

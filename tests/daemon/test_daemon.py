@@ -80,13 +80,13 @@ class Cycles(Observer):
 class Fed:
     """A daemon that is stepped by hand, with the drive's own clock."""
 
-    def __init__(self, binding: Binding, sides: list[can.BusABC]) -> None:
+    def __init__(self, binding: Binding, sides: list[can.BusABC], *, shadow: bool = False) -> None:
         self.now_ns = 0
         self.cycles: list[Cycle] = []
         self.sides = sides
         self.sent = 0
         self.kept = Cycles(self.cycles)
-        self.daemon = Daemon(binding, clock=lambda: self.now_ns, observers=[self.kept])
+        self.daemon = Daemon(binding, clock=lambda: self.now_ns, observers=[self.kept], shadow=shadow)
 
     def feed(self, frames: list[Frame]) -> None:
         for frame in frames:
@@ -122,6 +122,22 @@ def test_a_drive_needs_virtual_buses() -> None:
     other = bind(load_config(ROOT / "config" / "esr_ins.yaml"))
     with pytest.raises(ConfigError, match="virtual"):
         DemoDrive(other, drive(other, 1.0))
+
+
+def test_a_shadow_tracks_the_same_and_sends_nothing(binding: Binding, sides: list[can.BusABC]) -> None:
+    frames = list(drive(binding, 1.0).frames())
+    cycles = []
+    for shadow in (False, True):
+        fed = Fed(binding, sides, shadow=shadow)
+        with fed.daemon:
+            fed.feed(frames)
+            assert sum(bus.counts.sent for bus in fed.daemon.buses) == 0 if shadow else True
+        cycles.append(fed.cycles)
+        for side in sides:
+            while side.recv(0) is not None:
+                assert not shadow
+    assert [list(cycle.frames) for cycle in cycles[0]] == [list(cycle.frames) for cycle in cycles[1]]
+    assert sum(len(cycle.frames) for cycle in cycles[1]) > 10
 
 
 def test_the_last_frame_of_a_scan_brings_the_obstacles_at_once(binding: Binding, sides: list[can.BusABC]) -> None:

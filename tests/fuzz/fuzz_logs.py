@@ -10,7 +10,6 @@ from pathlib import Path
 import can
 
 from candaemon.can_io.logs.candump import candump_text, read_candump_blocks
-from candaemon.can_io.logs.formats import LOG_SUFFIXES
 from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import TICK_BUS, ChannelMap, LogCounts
 from candaemon.errors import InputError
@@ -23,6 +22,7 @@ from .scratch import scratch
 
 _CHANNELS = {"can0": 0, "can1": 1, "0": 0}
 _NAMES = ["can0", "can1"]
+_SUFFIXES = (".log", ".asc", ".blf", ".csv", ".trc")
 _ENDLESS = 63
 _MEGABYTES = (8, 64, 512)
 _WORDS = (b"\n", b"\r\n", b" ", b"#", b"##1", b"#R", b"(1533226488.434433) can0 260#08FF\n", b"20000000", b"can1",
@@ -47,7 +47,7 @@ _SAMPLES = {
 def fuzz_logs(data: bytes) -> Counter[str]:
     """Read a log: as it was drawn, or a sound one with changes; plain, compressed, or as a broken gzip stream."""
     drawn = Drawn(data)
-    suffix = drawn.choice(LOG_SUFFIXES)
+    suffix = drawn.choice(_SUFFIXES)
     form = drawn.integer(0, 63)
     edited = drawn.integer(0, 7) > 0
     content = drawn.edited(_sample(suffix), _WORDS) if edited else drawn.rest()
@@ -55,7 +55,7 @@ def fuzz_logs(data: bytes) -> Counter[str]:
     path.write_bytes(endless_line(suffix, drawn.choice(_MEGABYTES)) if form == _ENDLESS else _compressed(content, form))
     counts = LogCounts()
     frames = list(read_log(path, _CHANNELS, counts))
-    _hold(frames, counts)
+    hold_frames(frames, counts)
     try:
         counts.require_frames(path)
     except InputError:
@@ -89,7 +89,7 @@ def _compressed(content: bytes, form: int) -> bytes:
             return content
 
 
-def _hold(frames: list[Frame], counts: LogCounts) -> None:
+def hold_frames(frames: list[Frame], counts: LogCounts) -> None:
     ticks = [frame for frame in frames if frame.bus == TICK_BUS]
     assert (counts.frames, counts.ticks) == (len(frames) - len(ticks), len(ticks))
     for time_ns, bus, can_id, payload, fd in frames:

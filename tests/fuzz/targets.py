@@ -14,6 +14,7 @@ from typing import TypeAlias, cast
 Target: TypeAlias = Callable[[bytes], Counter[str]]
 
 WEIGHTS = {
+    "captures": 3,
     "codec": 1,
     "configuration": 3,
     "datagrams": 1,

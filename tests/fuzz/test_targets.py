@@ -19,6 +19,7 @@ from .targets import WEIGHTS, load
 CORPUS = Path(__file__).resolve().parent / "corpus"
 KEPT = sorted(path for path in CORPUS.glob("*/*") if path.is_file())
 EXAMPLES = {
+    "captures": 40,
     "codec": 60,
     "configuration": 15,
     "datagrams": 40,
@@ -76,7 +77,7 @@ def test_any_bytes(name: str) -> None:
     fuzzed()
 
 
-@pytest.mark.parametrize("name", ["codec", "datagrams", "dbc", "logs", "protection", "tables"])
+@pytest.mark.parametrize("name", ["captures", "codec", "datagrams", "dbc", "logs", "protection", "tables"])
 def test_long_inputs(name: str) -> None:
     chance = random.Random(6)  # noqa: S311 - test data
     for _ in range(20):

@@ -1,0 +1,122 @@
+"""Drives as people have them: several logs, parts, standard input, other formats, and what became of detections."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from candaemon.cli.main import main
+from tests.support.paths import ROOT
+
+COMMAND = [sys.executable, "-m", "candaemon"]
+
+pytestmark = pytest.mark.usefixtures("logging_as_it_was")
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a simulated drive of 4 s, `drive.log`, and its tracks."""
+    folder = tmp_path_factory.mktemp("drive")
+    scenario = (ROOT / "config" / "scenarios" / "highway.yaml").read_text(encoding="utf-8")
+    (folder / "short.yaml").write_text(scenario.replace("duration: 40", "duration: 4"), encoding="utf-8")
+    assert (
+        main(["simulate", str(folder / "short.yaml"), "esr_ins", "-o", str(folder / "drive.log"), "--seed", "3"]) == 0
+    )
+    assert main(replaying(folder / "drive.log", "--tracks", folder / "tracks.csv")) == 0
+    return folder
+
+
+def replaying(*words: Path | str) -> list[str]:
+    return ["replay", "esr_ins", *map(str, words)]
+
+
+@pytest.mark.parametrize("suffix", [".pcapng", ".log.xz", ".mf4", ".blf"])
+def test_a_drive_converted_there_and_back_is_the_same(short: Path, tmp_path: Path, suffix: str) -> None:
+    pytest.importorskip("asammdf")
+    log = short / "drive.log"
+    assert main(["convert", str(log), str(tmp_path / f"there{suffix}")]) == 0
+    assert main(["convert", str(tmp_path / f"there{suffix}"), str(tmp_path / "back.log")]) == 0
+    if suffix in (".pcapng", ".log.xz"):
+        assert (tmp_path / "back.log").read_bytes() == log.read_bytes()
+    assert main(replaying(tmp_path / f"there{suffix}", "--tracks", tmp_path / "tracks.csv")) == 0
+    same = (tmp_path / "tracks.csv").read_bytes() == (short / "tracks.csv").read_bytes()
+    assert same or suffix == ".blf"  # which holds microseconds
+
+
+def test_several_logs_and_parts_are_one_drive(short: Path, tmp_path: Path) -> None:
+    lines = (short / "drive.log").read_bytes().splitlines(keepends=True)
+    for number in range(3):
+        part = lines[number * len(lines) // 3 : (number + 1) * len(lines) // 3]
+        (tmp_path / f"part{number}.log").write_bytes(b"".join(part))
+    parts = [tmp_path / f"part{number}.log" for number in (2, 0, 1)]
+    assert main(replaying(*parts, "--tracks", tmp_path / "tracks.csv")) == 0
+    assert (tmp_path / "tracks.csv").read_bytes() == (short / "tracks.csv").read_bytes()
+    assert main(["convert", *map(str, parts), str(tmp_path / "whole.log")]) == 0
+    assert (tmp_path / "whole.log").read_bytes() == b"".join(lines)
+    assert main(["convert", str(short / "drive.log"), str(tmp_path / "middle.log"), "--from", "1", "--to", "2"]) == 0
+    middle = (tmp_path / "middle.log").read_bytes()
+    assert middle in (tmp_path / "whole.log").read_bytes()
+    assert main(replaying(short / "drive.log", "--from", "1", "--to", "2", "--summary", tmp_path / "s.json")) == 0
+    log = json.loads((tmp_path / "s.json").read_text())["log"]
+    assert log["frames"] == middle.count(b"\n")
+    assert log["frames"] + log["outside"] == log["lines"]
+
+
+def test_convert_says_what_it_does_not_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.log").write_bytes(
+        b"(1.000000) can0 123#01\n(1.000001) can1 123#02\n(1.000002) can1 123#R\n(1.0) tick 000#\ngarbage\n"
+    )
+    assert main(["convert", str(tmp_path / "a.log"), str(tmp_path / "a.csv")]) == 0
+    told = capsys.readouterr()
+    assert "frames: 2" in told.out
+    assert "not written: 1 malformed; 1 remote frames; 1 ticks; which of 2 channels a frame is of" in told.err
+    assert main(["convert", str(tmp_path / "a.log"), str(tmp_path / "a.txt")]) == 1
+    assert main(["convert", str(tmp_path / "a.log"), str(tmp_path / "b.log"), "--from", "9"]) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.log"]
+
+
+def test_what_became_of_each_detection(short: Path, tmp_path: Path) -> None:
+    table, summary = tmp_path / "detections.csv", tmp_path / "summary.json"
+    assert main(replaying(short / "drive.log", "--detections", table, "--summary", summary)) == 0
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    fates = Counter(row["fate"] for row in rows)
+    counts = json.loads(summary.read_text())["tracks"]
+    assert len(rows) == counts["detections"]
+    assert fates["updated"] + fates["initiated"] == counts["used"]
+    with (short / "tracks.csv").open(newline="") as file:
+        obstacles = {(row["time"], row["id"]): row for row in csv.DictReader(file)}
+    for row in rows:
+        assert (row["id"] == "") == (row["fate"] == "unused")
+        assert (row["nis"] == "") == (row["fate"] != "updated")
+        if row["id"]:
+            obstacle = obstacles[row["time"], row["id"]]
+            away = abs(float(row["x"]) - float(obstacle["x"])) + abs(float(row["y"]) - float(obstacle["y"]))
+            assert away < 15  # in vehicle axes both; a vehicle has several reflections
+
+
+def test_standard_input_ends_with_ctrl_c_and_keeps_its_results(short: Path, tmp_path: Path) -> None:
+    content = (short / "drive.log").read_bytes()
+    assert len(content) > 1 << 18  # more than a pipe holds: what is written has been read, but for that
+    tracks = tmp_path / "tracks.csv"
+    command = [*COMMAND, *replaying("-", "--tracks", tracks)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        process.stdin.write(content)
+        process.stdin.flush()
+        process.send_signal(signal.SIGINT)
+        # the input stays open: nothing but the signal ends it
+        assert process.stdout is not None
+        told = process.stdout.read()
+        assert process.wait(120) == 0
+    read = tracks.read_bytes()
+    assert read.count(b"\n") > 10
+    assert (short / "tracks.csv").read_bytes().startswith(read[: len(read) // 2])
+    assert b"log.frames: " in told
