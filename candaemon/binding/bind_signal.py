@@ -42,6 +42,7 @@ DIMENSIONS: Final[dict[str, Dimension]] = {
     "yaw_rate": "rate",
     "curvature": "curvature",
     "age": "time",
+    "time_to_collision": "time",
 }
 """Dimension of each quantity; those left out are plain numbers."""
 

@@ -37,7 +37,20 @@ from candaemon.objects.writer import LayoutWriter, ObjectWriter, QuantityColumn
 WRAPPING: Final = frozenset({"id", "counter", "sensors"})
 """Quantities that are written modulo the signal's number of values; the others saturate."""
 MAY_BE_UNKNOWN: Final = frozenset(
-    {"sx", "sy", "svx", "svy", "latitude", "longitude", "heading", "yaw_rate", "length", "width", "class_likelihood"}
+    {
+        "sx",
+        "sy",
+        "svx",
+        "svy",
+        "latitude",
+        "longitude",
+        "heading",
+        "yaw_rate",
+        "length",
+        "width",
+        "class_likelihood",
+        "time_to_collision",
+    }
 )
 """Quantities that may be NaN: written as the signal's value for "unknown", or as its greatest where it has none."""
 OPEN_ENDED: Final = MAY_BE_UNKNOWN | {"age"}

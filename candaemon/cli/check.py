@@ -79,7 +79,7 @@ def check_report(binding: Binding) -> Iterator[Sheet]:
         yield from _sensor(binding, sensor)
     yield _tracker("tracker", config.tracker)
     for name, group in config.groups.items():
-        yield _tracker(f"tracker of group {name} ({', '.join(group.sensors)})", group.tracker)
+        yield _tracker(f"tracker of group {name} ({', '.join(group.sensors)}), {group.fusion}", group.tracker)
     if binding.output is not None:
         yield from _output(binding, binding.output)
     yield _warnings(binding.warnings)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal, TypeAlias
 
 from pydantic import Field
 
@@ -262,6 +262,13 @@ class FederatedEstimatorSettings(FirstAcceleration, FirstTurnRate, FirstJerk):
     )
 
 
+class IntersectionEstimatorSettings(FirstAcceleration, FirstTurnRate, FirstJerk):
+    """A filter that takes each detection by covariance intersection; a group with `fusion: tracks` has it."""
+
+    kind: Literal["intersection"] = "intersection"
+    model: ModelSettings = Field(description="of the filter")
+
+
 class MlkfEstimatorSettings(FirstAcceleration):
     """The modified linear Kalman filter along the line of sight, a plain one of constant acceleration across it."""
 
@@ -295,3 +302,22 @@ EstimatorSettings = Annotated[
     | VehicleEstimatorSettings,
     Field(discriminator="kind"),
 ]
+
+SingleModelEstimatorSettings: TypeAlias = (
+    CvEstimatorSettings
+    | CaEstimatorSettings
+    | JerkEstimatorSettings
+    | SingerEstimatorSettings
+    | TurnEstimatorSettings
+    | CsEstimatorSettings
+)
+"""Estimators of one motion model."""
+SINGLE_MODEL: Final = (
+    CvEstimatorSettings,
+    CaEstimatorSettings,
+    JerkEstimatorSettings,
+    SingerEstimatorSettings,
+    TurnEstimatorSettings,
+    CsEstimatorSettings,
+)
+"""The same, to be asked for by `isinstance`."""

@@ -16,6 +16,7 @@ Quantity = Literal[
     "id", "state", "x", "y", "vx", "vy", "ax", "ay", "range", "azimuth", "range_rate", "rel_vx", "rel_vy",
     "rel_ax", "sx", "sy", "svx", "svy", "existence", "age", "sensors", "counter", "latitude", "longitude", "heading",
     "yaw_rate", "length", "width", "center_x", "center_y", "center_dx", "center_dy", "class", "class_likelihood",
+    "lead", "time_to_collision",
 ]  # fmt: skip
 StatusQuantity = Literal["cycle", "occupied", "unreported", "ego", "health", "drops", "count", "counter"]
 

@@ -146,6 +146,10 @@ class Config(Settings):
         """Yield each sensor of a group that does not exist or is already in another group."""
         group_of: dict[str, str] = {}
         for group, settings in self.groups.items():
+            if settings.fusion != "central" and settings.single_model is None:
+                kind, needed = settings.tracker.estimator.kind, "one of ca, cs, ct, cv, jerk, singer"
+                problem = f"found {kind}, but fusion: {settings.fusion} is of one motion model, expected {needed}"
+                yield ("groups", group, "tracker", "estimator"), problem
             for position, sensor in enumerate(settings.sensors):
                 location = ("groups", group, "sensors", position)
                 if sensor not in self.sensors:

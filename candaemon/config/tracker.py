@@ -8,7 +8,15 @@ from pydantic import Field, model_validator
 
 from candaemon.config.base import Settings
 from candaemon.config.directions import AlongAcross, Pair
-from candaemon.config.estimators import EstimatorSettings, ImmEstimatorSettings
+from candaemon.config.estimators import (
+    SINGLE_MODEL,
+    CaEstimatorSettings,
+    EstimatorSettings,
+    FederatedEstimatorSettings,
+    ImmEstimatorSettings,
+    IntersectionEstimatorSettings,
+    SingleModelEstimatorSettings,
+)
 from candaemon.config.names import Name
 
 MOST_TRACKS: Final = 4096
@@ -125,3 +133,28 @@ class GroupSettings(Settings):
 
     sensors: tuple[Name, ...] = Field(min_length=1, description="names of the sensors")
     tracker: TrackerSettings = Field(default_factory=TrackerSettings)
+    fusion: Literal["central", "federated", "tracks"] = Field(
+        "central",
+        description="central: one filter takes all scans; federated: a local filter for each sensor, fused after every "
+        "scan; tracks: by covariance intersection, for sensors that filter by themselves",
+    )
+
+    @property
+    def single_model(self) -> SingleModelEstimatorSettings | None:
+        """The estimator whose one motion model the local filters have; None where it has none, or several."""
+        if "estimator" not in self.tracker.model_fields_set:
+            return CaEstimatorSettings(kind="ca", noise=AlongAcross(along=5.0, across=5.0))
+        estimator = self.tracker.estimator
+        return estimator if isinstance(estimator, SINGLE_MODEL) else None
+
+    @property
+    def fused_tracker(self) -> TrackerSettings:
+        """The tracker with the estimator that the mode of fusion needs."""
+        single = self.single_model
+        if self.fusion == "central" or single is None:
+            return self.tracker
+        kind = FederatedEstimatorSettings if self.fusion == "federated" else IntersectionEstimatorSettings
+        given = {name: getattr(single, name) for name in kind.model_fields if name in type(single).model_fields}
+        name = "federated" if self.fusion == "federated" else "intersection"
+        estimator = kind.model_validate(given | {"kind": name, "model": single})
+        return self.tracker.model_copy(update={"estimator": estimator})

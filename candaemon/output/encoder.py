@@ -138,7 +138,7 @@ class OutputEncoder:
         state.unreported = self._reportable(obstacles) - held
         frames = [] if self._status is None else [self._write_status(status, held, slots)]
         acceleration = self._ego_acceleration.update(pose) if self._relative else 0j
-        view = MountView(obstacles, rows, self._mount, pose, acceleration, georeference)
+        view = MountView(obstacles, rows, self._mount, pose, acceleration, georeference, self._half_width)
         columns = self._columns(view, obstacles.id[rows], slots)
         saturated = writer.saturated  # the writer counts all of its callers
         frames += writer.write(slots.sent, columns, slots.occupied, counter=self._count(slots), new=slots.new)

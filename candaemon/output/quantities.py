@@ -25,6 +25,8 @@ ACCELERATION_TIME: Final = 0.3
 """s, time constant of the ego acceleration, which is derived from the velocities of successive cycles."""
 LONGEST_GAP: Final = 1.0
 """s between two cycles; no acceleration is derived over a longer gap."""
+LEAST_SPEED: Final = 1.0
+"""m/s, below which the own path bends as at this speed."""
 NEAREST: Final = 1e-3
 """m, least distance from which a direction is derived."""
 
@@ -89,6 +91,7 @@ class MountView:
         pose: ego pose at the obstacles' time.
         acceleration: of the vehicle over ground, in vehicle axes, m/s².
         georeference: of the local frame on earth; None: not known.
+        half_width: half the width of the own path, m.
     """
 
     def __init__(
@@ -99,7 +102,9 @@ class MountView:
         pose: EgoPose,
         acceleration: complex = 0j,
         georeference: Georeference | None = None,
+        half_width: float = 1.8,
     ) -> None:
+        self._half_width = half_width
         self._obstacles, self._rows = obstacles, rows
         self._mount = complex(mount.x, mount.y)
         self._rotation = exp(-1j * radians(mount.yaw_deg))
@@ -162,6 +167,10 @@ class MountView:
                 return self._take("kind")
             case "class_likelihood":
                 return self._take("kind_likelihood")
+            case "lead":
+                return self._lead
+            case "time_to_collision":
+                return self._time_to_collision
             case "state":
                 return self._take("state") + 1  # 0 on the wire is an empty slot
             case _:
@@ -222,6 +231,28 @@ class MountView:
         if self._rotation == 1:
             return heading
         return np.asarray(np.remainder(heading - phase(self._rotation.conjugate()) + np.pi, 2 * np.pi) - np.pi)
+
+    @property
+    def _lead(self) -> Floats:
+        """1 for the obstacle that is the next one in the own path, which bends as the vehicle turns; else 0."""
+        speed = abs(complex(*self._pose.velocity_in_vehicle_axes()))
+        curvature = self._pose.yaw_rate / max(speed, LEAST_SPEED)
+        x, y = self._take("x"), self._take("y")
+        in_path = (x > 0.0) & (np.abs(y - 0.5 * curvature * x * x) <= self._half_width)
+        lead = np.zeros(len(x))
+        if in_path.any():
+            lead[np.where(in_path, x, np.inf).argmin()] = 1.0
+        return lead
+
+    @property
+    def _time_to_collision(self) -> Floats:
+        """Time until an obstacle ahead is reached in the own path if both go on as they do, s; NaN if it is not."""
+        position, rate = self.position, self.relative_velocity
+        with np.errstate(divide="ignore", invalid="ignore"):
+            time = np.where((rate.real < 0.0) & (position.real > 0.0), -position.real / rate.real, np.nan)
+            beside = np.abs(position.imag + rate.imag * time)
+        reach = self._half_width + 0.5 * np.nan_to_num(self._take("width"))
+        return np.where(beside <= reach, time, np.nan)
 
     def _take(self, name: str) -> Floats:
         column: Floats = getattr(self._obstacles, name)[self._rows]

@@ -14,6 +14,7 @@ from candaemon.config.estimators import (
     FirstTurnRate,
     ImmEstimatorSettings,
     InformationEstimatorSettings,
+    IntersectionEstimatorSettings,
     JerkModelSettings,
     LinearModelSettings,
     MlkfEstimatorSettings,
@@ -30,6 +31,7 @@ from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.estimation.federated import FederatedTracks
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import Form, Imm
+from candaemon.estimation.intersection import IntersectionTracks
 from candaemon.estimation.manoeuvre_detection import SwitchRule
 from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
 from candaemon.estimation.noise_factor import NoiseFactor, NoiseScale, WindowedScale
@@ -39,7 +41,7 @@ from candaemon.estimation.sensor_noise import SensorNoise
 from candaemon.estimation.switching import SwitchingTracks
 
 
-def make_estimator(settings: EstimatorSettings) -> FilterBank:
+def make_estimator(settings: EstimatorSettings | IntersectionEstimatorSettings) -> FilterBank:
     """Return the batched filter of points of the settings, without tracks.
 
     Raises:
@@ -72,6 +74,14 @@ def make_estimator(settings: EstimatorSettings) -> FilterBank:
                 jerk=settings.first_jerk,
                 outage=settings.outage,
                 least=settings.least_share,
+                noise=_make_noise(settings.measurement_noise),
+            )
+        case IntersectionEstimatorSettings():
+            return IntersectionTracks(
+                make_model(settings.model),
+                acceleration=settings.first_acceleration,
+                turn_rate=settings.first_turn_rate,
+                jerk=settings.first_jerk,
                 noise=_make_noise(settings.measurement_noise),
             )
         case MlkfEstimatorSettings():

@@ -43,7 +43,7 @@ class TrackerGroups:
     def __init__(self, config: Config, sensors: Mapping[str, SensorSettings]) -> None:
         self.identities = Identities()
         self.trackers: list[AnyTracker] = []
-        groups = [(group.tracker, frozenset(group.sensors)) for group in config.groups.values()]
+        groups = [(group.fused_tracker, frozenset(group.sensors)) for group in config.groups.values()]
         rest = frozenset(sensors).difference(*(names for _, names in groups))
         if rest:
             groups.insert(0, (config.tracker, rest))
