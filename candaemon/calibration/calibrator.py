@@ -15,7 +15,7 @@ import numpy as np
 
 from candaemon.arrays import Floats
 from candaemon.binding.bound import BoundSensor
-from candaemon.calibration.ego_path import ego_path
+from candaemon.calibration.ego_path import EgoPath, ego_path
 from candaemon.calibration.parameters import (
     BIAS,
     LARGEST_YAW,
@@ -98,6 +98,15 @@ class CalibratorState:
     sensors: list[SensorCalibrationState]
 
 
+@dataclass(frozen=True, slots=True)
+class GatheredWindow:
+    """A window of a sensor, and how the vehicle moved from well before to well after."""
+
+    sensor: int
+    scans: list[HeldScan]
+    path: EgoPath
+
+
 class CalibratedEgo(Protocol):
     """What is asked of a source of ego motion."""
 
@@ -126,6 +135,7 @@ class Calibrator:
 
     Attributes:
         state: all that it remembers.
+        gathered: each window with its ego motion, of who wants to evaluate a whole drive; None: they are not kept.
     """
 
     def __init__(
@@ -133,6 +143,7 @@ class Calibrator:
     ) -> None:
         self.settings = settings
         self._ego = ego
+        self.gathered: list[GatheredWindow] | None = None
         self._has_odometry = isinstance(ego_settings, OdometrySettings)
         self._prior = prior(ego_settings)
         self._noise = ego_noise(ego_settings)
@@ -229,6 +240,8 @@ class Calibrator:
         seconds = (last_ns - first_ns) * 1e-9
         if seconds < _SHORTEST or not any(len(each.object_id) for each in window):
             return False
+        if self.gathered is not None:
+            self._gather(sensor, window)
         age(state.windows, seconds)
         at, found = state.estimate, None
         for _ in range(_RELINEARISATIONS):
@@ -248,18 +261,30 @@ class Calibrator:
             self._correct_ego()
         return True
 
+    def _gather(self, sensor: int, window: list[HeldScan]) -> None:
+        """Keep a window with ego motion for any latency."""
+        first_ns, last_ns = window[0].time_ns, window[-1].time_ns
+        margin_ns = round(LONGEST_LATENCY * 1e9)
+        path = self._path(window, first_ns - margin_ns, last_ns + margin_ns)
+        if path is not None and self.gathered is not None:
+            self.gathered.append(GatheredWindow(sensor, window, path))
+
+    def _path(self, window: list[HeldScan], first_ns: int, last_ns: int) -> EgoPath | None:
+        """Return ego motion between two instants, as its sensors read it."""
+        times = np.array([(each.time_ns - first_ns) * 1e-9 for each in window])
+        return ego_path(
+            self._ego.pose,
+            first_ns,
+            last_ns,
+            np.array([times, [each.scale for each in window]]),
+            np.array([times, [each.bias for each in window]]),
+        )
+
     def _equations(self, sensor: int, window: list[HeldScan], at: Estimate) -> WindowEquations | None:
         """Return a window's equations at an estimate; None where ego motion or what stands is missing."""
         first_ns, last_ns = window[0].time_ns, window[-1].time_ns
         latency_ns = round(at.mean[LATENCY] * 1e9)
-        times = np.array([(each.time_ns - first_ns) * 1e-9 for each in window])
-        path = ego_path(
-            self._ego.pose,
-            first_ns - latency_ns,
-            last_ns - latency_ns,
-            np.array([times, [each.scale for each in window]]),
-            np.array([times, [each.bias for each in window]]),
-        )
+        path = self._path(window, first_ns - latency_ns, last_ns - latency_ns)
         if path is None:
             return None
         relative = np.array([float(each.time_ns - path.first_ns) for each in window])

@@ -23,7 +23,12 @@ COUNT: Final = 4
 OFFSET: Final = 4
 """m/s, by which the ego's speed is read too low within one window: no parameter, but not to be taken for one."""
 COLUMNS: Final = 5
-"""Of the equations: the parameters and the offset."""
+"""Of the equations of several windows: the parameters and the offset."""
+SIGHT: Final = 5
+"""rad, by which the directions that belong to the speeds of one window are off: a radar measures speeds of standing
+things by a tenth or two wrongly, more to one side than to the other, so that their yaw is not that of the mounting."""
+ALL_COLUMNS: Final = 6
+"""Of the equations of one window."""
 
 LONGEST_LATENCY: Final = 0.5
 """s, largest latency that is estimated, before or after what is configured."""
@@ -56,6 +61,10 @@ class EgoNoise:
 
     speed: float
     turn: float
+
+
+SIGHT_SD: Final = radians(5.0)
+"""rad, standard deviation of `SIGHT`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,19 +9,20 @@ equations of the window, to be solved with those of others.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import radians
 from typing import Final
 
 import numpy as np
 
-from candaemon.arrays import Booleans, ComplexPlane, Floats, Integers
+from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices, Integers
 from candaemon.calibration.ego_path import EgoMoments, EgoPath
-from candaemon.calibration.parameters import BIAS, COLUMNS, COUNT, LATENCY, OFFSET, SCALE, YAW, Estimate
+from candaemon.calibration.parameters import ALL_COLUMNS, BIAS, COUNT, LATENCY, OFFSET, SCALE, SIGHT, YAW, Estimate
 from candaemon.calibration.readings import Readings, SensorReader, Speeds
 
-LEAST_SPEED: Final = 3.0
-"""m/s of the vehicle, below which standing returns show hardly anything."""
+LEAST_SPEED: Final = 6.0
+"""m/s of the vehicle, below which standing returns show little, and who walks is hardly told from them."""
 _NEAREST: Final = 3.0
 """m from the sensor: nearer, a return is any part of what it is of."""
 _SLOWEST: Final = 0.4
@@ -43,8 +44,8 @@ class WindowEquations:
     """Normal equations of a window: information × step = score.
 
     Attributes:
-        information: (5, 5), the last row that of the offset of the ego's speed in this window.
-        score: (5,).
+        information: (6, 6), the last rows those of what is off in this window alone.
+        score: (6,).
         returns: standing returns whose drift was used.
         measurements: of them.
     """
@@ -65,7 +66,7 @@ class StandingReturns:
         count: measurements of each (k,).
         seconds: since the window began (n,).
         along, across: residual of the place along and across the line of sight, m (n,).
-        along_rows, across_rows: its derivatives (n, 5).
+        along_rows, across_rows: its derivatives (n, 6).
     """
 
     readings: Readings
@@ -89,6 +90,7 @@ class WindowReader:
         settings = reader.settings
         self._mount = complex(settings.mount.x, settings.mount.y)
         self._yaw = radians(settings.mount.yaw_deg)
+        self._polar = settings.signals.polar
         self._turning = settings.rates == "of_position"
         self._identified = settings.identified
         self._longest_gap = 4.0 * settings.revisit_time
@@ -102,7 +104,7 @@ class WindowReader:
             path: ego motion, as far as the estimated latency needs it.
             at: estimate at which they are linear, and how far it may be wrong.
         """
-        information, score = np.zeros((COLUMNS, COLUMNS)), np.zeros(COLUMNS)
+        information, score = np.zeros((ALL_COLUMNS, ALL_COLUMNS)), np.zeros(ALL_COLUMNS)
         found = self.standing(readings, times_ns, path, at)
         if found is None:
             return None
@@ -122,6 +124,41 @@ class WindowReader:
             weight = np.repeat(_huber(_spread_of(residual, returns) / np.maximum(deviation, 1e-9)) / deviation, sizes)
             _add(information, score, rows, residual, weight)
         return WindowEquations(information, score, len(sizes), len(residual))
+
+    def residuals(
+        self, readings: Readings, times_ns: Floats, path: EgoPath, at: Estimate
+    ) -> Iterator[tuple[str, Floats, Floats, Indices, Integers, Integers]]:
+        """Yield the residuals of what stands by quantity, in its own unit.
+
+        Args:
+            readings: of the window's scans.
+            times_ns: as for `equations`.
+            path: likewise.
+            at: the estimate.
+
+        Yields:
+            Name of the quantity, or `along` and `across` of a place (m); residuals (n,), distances (n,) and numbers of
+            the scans (n,); of each return its first row and its number of measurements (k,).
+        """
+        found = self.standing(readings, times_ns, path, at)
+        if found is None:
+            return
+        returns, moments = found
+        of, rows = returns.readings, (returns.first, returns.count)
+        distance = np.abs(of.place)
+        yield "along", returns.along, distance, of.scan, *rows
+        yield "across", returns.across, distance, of.scan, *rows
+        if self._polar:
+            yield "range", returns.along, distance, of.scan, *rows
+            yield "azimuth", returns.across / distance, distance, of.scan, *rows
+        else:
+            middle = returns.first + returns.count // 2
+            sight = np.repeat(of.place[middle] / distance[middle], returns.count)
+            place = sight * (returns.along + 1j * returns.across)
+            yield "x", place.real, distance, of.scan, *rows
+            yield "y", place.imag, distance, of.scan, *rows
+        for speeds in of.speeds:
+            yield speeds.name, self._speed_rows(speeds, of.place, moments, at)[0], distance, of.scan, *rows
 
     def standing(
         self, readings: Readings, times_ns: Floats, path: EgoPath, at: Estimate
@@ -173,11 +210,12 @@ class WindowReader:
         offset = ahead * self._seen(readings.place, at)
         turned = 1j * ahead * (self._seen(readings.place, at) - self._mount)
         place = moments.position + offset
-        rows = np.empty((len(place), COLUMNS), np.complex128)
+        rows = np.empty((len(place), ALL_COLUMNS), np.complex128)
         rows[:, LATENCY] = -(moments.speed * ahead + 1j * moments.turn * offset)
         rows[:, YAW] = turned
         rows[:, SCALE] = moments.per_scale
         rows[:, OFFSET] = moments.per_offset
+        rows[:, SIGHT] = 0.0
         rows[:, BIAS] = moments.per_bias - 1j * moments.since * offset
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
         sight = turned / np.maximum(np.abs(turned), 1e-9) / 1j
@@ -199,17 +237,18 @@ class WindowReader:
     def _speed_rows(
         self, speeds: Speeds, place: ComplexPlane, moments: EgoMoments, at: Estimate
     ) -> tuple[Floats, Floats]:
-        """Return by how much measured speeds differ from those of what stands (n,), and these' derivatives (n, 5)."""
+        """Return by how much measured speeds differ from those of what stands (n,), and these' derivatives (n, 6)."""
         turn = np.exp(1j * (self._yaw + at.mean[YAW]))
         own = (moments.speed + 1j * moments.turn * self._mount) / turn  # the sensor's velocity in its own axes
         change = (moments.acceleration + 1j * moments.turn_change * self._mount) / turn
         expected = -own
-        rows = np.empty((len(place), COLUMNS), np.complex128)
+        rows = np.empty((len(place), ALL_COLUMNS), np.complex128)
         rows[:, LATENCY] = change
         rows[:, YAW] = 1j * own
         rows[:, SCALE] = -moments.speed / (1.0 + at.mean[SCALE]) / turn
         rows[:, BIAS] = 1j * self._mount / turn
         rows[:, OFFSET] = -1.0 / turn
+        rows[:, SIGHT] = rows[:, YAW]
         if self._turning and speeds.name != "range_rate":
             expected = expected - 1j * moments.turn * place
             rows[:, LATENCY] += 1j * moments.turn_change * place
@@ -285,7 +324,7 @@ def _spread_of(values: Floats, returns: StandingReturns) -> Floats:
 
 
 def _expected(rows: Floats, at: Estimate) -> Floats:
-    """Return one standard deviation of what the estimate's error does to rows (n, 5)."""
+    """Return one standard deviation of what the estimate's error does to rows (n, 6)."""
     rows = rows[:, :COUNT]
     return np.asarray(np.sqrt(np.maximum(np.sum((rows @ at.covariance) * rows, axis=1), 0.0)))
 

@@ -26,6 +26,8 @@ from candaemon.calibration.parameters import (
     LATENCY,
     LONGEST_LATENCY,
     OFFSET,
+    SIGHT,
+    SIGHT_SD,
     YAW,
     EgoNoise,
     Estimate,
@@ -63,7 +65,7 @@ class WindowsState:
         information: of the latest windows (k, 5, 5).
         score: of them (k, 5).
         at: where they are linear (k, 4).
-        seconds: when they were, s, ascending (k,).
+        seconds: when they were, s (k,).
         measurements: in all windows so far.
         windows: so far.
     """
@@ -117,7 +119,7 @@ def added(
         noise: of ego motion.
     """
     before = _retired(state, noise) if len(state.information) == MOST_WINDOWS else state
-    information, score = _without_drift(equations, noise)
+    information, score = _without_own_errors(equations, noise)
     return WindowsState(
         before.mean,
         before.covariance,
@@ -182,18 +184,18 @@ def estimate(state: WindowsState, noise: EgoNoise) -> Estimate:
     return Estimate(limited, (covariance + covariance.T) / 2)
 
 
-def _without_drift(equations: WindowEquations, noise: EgoNoise) -> tuple[Floats, Floats]:
-    """Return equations from which an error of the yaw rate in this window alone is eliminated."""
+def _without_own_errors(equations: WindowEquations, noise: EgoNoise) -> tuple[Floats, Floats]:
+    """Return equations from which what is off in this window alone is eliminated: yaw rate and lines of sight."""
     information, score = equations.information, equations.score
-    column = information[:, BIAS]
-    share = column / (column[BIAS] + noise.turn**-2)
-    return information - np.outer(share, column), score - share * score[BIAS]
+    for column, deviation in ((BIAS, noise.turn), (SIGHT, SIGHT_SD)):
+        share = information[:, column] / (information[column, column] + deviation**-2)
+        information, score = information - np.outer(share, information[column]), score - share * score[column]
+    return information[:COLUMNS, :COLUMNS], score[:COLUMNS]
 
 
 def _process(seconds: Floats) -> Floats:
     """Return the precision of a first-order Gauss-Markov process of variance 1 at some times, (k, k)."""
-    keep = np.exp(-np.diff(seconds) / _MEMORY)
-    keep = np.minimum(np.maximum(keep, 0.0), 1.0 - 1e-6)
+    keep = np.minimum(np.exp(-np.abs(np.diff(seconds)) / _MEMORY), 1.0 - 1e-6)
     fresh = 1.0 / (1.0 - keep**2)
     diagonal = np.ones(len(seconds))
     diagonal[1:] = fresh

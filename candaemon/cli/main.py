@@ -36,6 +36,7 @@ COMMANDS = {
     "view": "Show live buses or a recorded drive in the browser.",
     "watch": "Show the obstacles of live buses in the terminal.",
     "convert": "Write logs of a drive as one log of another format.",
+    "calibrate": "Tell from recorded drives what the configuration says wrongly of each sensor.",
     "check": "Load a configuration, open nothing, and tell what it does.",
     "simulate": "Write the frames of a scenario through the sensors of a configuration.",
     "evaluate": "Compare tracks with the truth.",

@@ -1,0 +1,93 @@
+"""Calibration of whole drives: all their windows at once, evaluated again until the estimate stays; and the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from candaemon.arrays import Floats
+from candaemon.binding.bound import BoundSensor
+from candaemon.calibration.calibrator import GatheredWindow
+from candaemon.calibration.noise import NoiseParts, NoiseSamples, noise_parts
+from candaemon.calibration.parameters import LATENCY, YAW, Estimate, ego_noise, prior
+from candaemon.calibration.readings import Readings, SensorReader
+from candaemon.calibration.window import WindowReader
+from candaemon.calibration.windows import REACH, WindowsState, added, estimate
+
+_MOST_PASSES: Final = 6
+MEASURED: Final = ("range", "azimuth", "x", "y", "range_rate", "vx", "vy")
+RANGES: Final = ((0.0, 40.0), (40.0, 80.0), (80.0, float("inf")))
+"""m, of which the noise is told apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFindings:
+    """What drives show of a sensor.
+
+    Attributes:
+        estimate: of latency, yaw, and what odometry reads wrongly.
+        windows: seconds of standing returns.
+        noise: of each quantity that the sensor measures; None where there is not enough.
+        by_range: likewise, for each of `RANGES`.
+        walk: random walk of the position along and across the line of sight, m²/s, and its standard deviation; None
+            where there is not enough.
+    """
+
+    estimate: Estimate
+    windows: int
+    noise: dict[str, NoiseParts | None]
+    by_range: dict[str, list[NoiseParts | None]]
+    walk: tuple[NoiseParts | None, NoiseParts | None]
+
+
+def findings(sensor: BoundSensor, ego: object, gathered: Sequence[GatheredWindow]) -> SensorFindings:
+    """Return what the windows of some drives show of one sensor.
+
+    Args:
+        sensor: the sensor.
+        ego: settings of ego motion.
+        gathered: windows of any sensors.
+    """
+    reader = SensorReader(sensor.settings, sensor.reader.quantities)
+    equations, noise = WindowReader(reader), ego_noise(ego)
+    windows = [each for each in gathered if each.sensor == sensor.index]
+    readings = [reader.read(each.scans) for each in windows]
+    times = [np.array([float(scan.time_ns - each.path.first_ns) for scan in each.scans]) for each in windows]
+    found = begun = prior(ego)
+    state = WindowsState(begun.mean, begun.covariance)
+    for _ in range(_MOST_PASSES):
+        at, state = found, WindowsState(begun.mean, begun.covariance)
+        for each, read, stamped in zip(windows, readings, times, strict=True):
+            said = equations.equations(read, stamped, each.path, at)
+            if said is not None:
+                state = added(state, said, at, each.scans[0].time_ns * 1e-9, noise)
+        found = estimate(state, noise)
+        if (np.abs(found.mean - at.mean)[[LATENCY, YAW]] < REACH / 10).all():
+            break
+    return _with_noise(sensor, equations, found, state.windows, list(zip(windows, readings, times, strict=True)))
+
+
+def _with_noise(
+    sensor: BoundSensor,
+    equations: WindowReader,
+    found: Estimate,
+    count: int,
+    windows: Sequence[tuple[GatheredWindow, Readings, Floats]],
+) -> SensorFindings:
+    """Return the findings with the noise of what stands, seen with the estimate."""
+    cycle = sensor.settings.cycle_time
+    names: list[str] = [str(name) for name in MEASURED if name in sensor.reader.quantities]
+    samples = {name: [NoiseSamples(cycle) for _ in range(len(RANGES) + 1)] for name in (*names, "along", "across")}
+    for window, read, stamped in windows:
+        for name, residual, distance, scan, first, length in equations.residuals(read, stamped, window.path, found):
+            for k, of in enumerate(samples[name]):
+                begin, end = RANGES[k - 1] if k else (0.0, float("inf"))
+                inside = (distance >= begin) & (distance < end)
+                of.add(np.where(inside, residual, np.nan), scan, first, length)
+    noise = {name: noise_parts(samples[name][0]) for name in names}
+    by_range = {name: [noise_parts(each) for each in samples[name][1:]] for name in names}
+    walk = noise_parts(samples["along"][0]), noise_parts(samples["across"][0])
+    return SensorFindings(found, count, noise, by_range, walk)
