@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from math import exp
+from math import exp, radians
 from typing import Final, Protocol
 
 import numpy as np
@@ -45,6 +45,8 @@ _SHORTEST: Final = 0.5
 """s, of a window that is evaluated."""
 _GIVEN_UP: Final = 1.0
 """Standard deviations below which a correction in force is given up."""
+_TURNED: Final = radians(0.3)
+"""rad, by which a sensor is turned so that it matters to the yaw rate's bias."""
 _PATIENCE_NS: Final = 400_000_000
 """How long after a window's end ego motion may come."""
 
@@ -195,6 +197,12 @@ class Calibrator:
         """Return whether anything was learnt of a sensor, here or before."""
         state = self._state.sensors[sensor]
         return bool((state.covariance.diagonal() < self._prior.covariance.diagonal()).any())
+
+    def is_turned(self, sensor: int) -> bool:
+        """Return whether things seem to drift because a sensor is turned by more than is corrected."""
+        state = self._state.sensors[sensor]
+        error = abs(float(state.mean[YAW]) - state.in_force[YAW])
+        return error > max(_TURNED, 2.0 * float(np.sqrt(state.covariance[YAW, YAW])))
 
     def latency_ns(self, sensor: int) -> int:
         """Return by how much a sensor's scans are put back in time beyond the configured latency, ns."""

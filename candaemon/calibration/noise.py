@@ -67,6 +67,12 @@ class NoiseParts:
         """Return the standard deviation of what a filter without a walk sees that averages for so long, s."""
         return float(np.sqrt(self.deviation**2 + self.walk * seconds))
 
+    def uncertainty(self, seconds: float) -> float:
+        """Return one standard deviation of `over`."""
+        squared = (self.white * self.white_sd) ** 2 + (self.slow * self.slow_sd) ** 2
+        squared += (seconds * self.walk_sd / 2) ** 2
+        return float(np.sqrt(squared) / max(self.over(seconds), 1e-9))
+
 
 @dataclass(slots=True)
 class NoiseSamples:

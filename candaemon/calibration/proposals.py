@@ -122,8 +122,8 @@ def _noise(sensor: BoundSensor, of: SensorFindings, *, walks: bool) -> Iterator[
         if parts is None:
             yield Row(f"{sensor.name}.noise.{key}", unit, configured, None, None, "", where)
             continue
-        value = max(factor * (parts.deviation if walks else parts.over(_FILTER_TIME)), _LEAST_NOISE[name])
-        uncertainty = STATED * factor * float(parts.white_sd**2 + parts.slow_sd**2) ** 0.5
+        value = max(factor * parts.over(0.0 if walks else _FILTER_TIME), _LEAST_NOISE[name])
+        uncertainty = STATED * factor * parts.uncertainty(0.0 if walks else _FILTER_TIME)
         differs = abs(value - configured) > max(_SAME * configured, uncertainty)
         rounded = float(f"{value:.3g}")
         remark = ", ".join(filter(None, [_parts(parts, factor, unit), _ranges(of.by_range[name], factor)]))
@@ -175,9 +175,9 @@ def _parts(parts: NoiseParts, factor: float, unit: str) -> str:
 def _ranges(by_range: list[NoiseParts | None], factor: float) -> str:
     """Return the noise by range where that matters; empty elsewhere."""
     known = [
-        (begin, end, factor * each.deviation)
+        (begin, end, factor * each.over(_FILTER_TIME))
         for (begin, end), each in zip(RANGES, by_range, strict=True)
-        if each and each.deviation > 0.0
+        if each and each.over(_FILTER_TIME) > 0.0
     ]
     values = [value for _, _, value in known]
     if len(values) < 2 or max(values) < (1.0 + _RANGE_MATTERS) * min(values):

@@ -282,8 +282,9 @@ class Pipeline:
         # what stands still shows what the sensors of ego motion read wrongly
         if self.stationary is not None:
             returns = self.stationary.returns(trusted, tracker, obstacles, pose)
-            if returns is not None:  # a turned sensor makes things drift, too: who corrects it tells the two apart
-                self.ego.learn(replace(returns, drifts=()) if self._corrects else returns)
+            if returns is not None:
+                misled = calibrator is not None and self._corrects and calibrator.is_turned(scan.sensor)
+                self.ego.learn(replace(returns, drifts=()) if misled else returns)
         if calibrator is not None:
             calibrator.learn(stamped)
 

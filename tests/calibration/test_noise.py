@@ -1,0 +1,59 @@
+"""White part, correlated part and walk of residuals, as far as their differences tell."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from candaemon.arrays import Floats
+from candaemon.calibration.noise import NoiseParts, NoiseSamples, noise_parts
+
+CYCLE, SCANS, RETURNS = 0.05, 20, 10
+
+
+def _found(white: float, slow: float = 0.0, time: float = 0.3, walk: float = 0.0, windows: int = 50) -> NoiseParts:
+    random, samples = np.random.default_rng(3), NoiseSamples(CYCLE)
+    first, count = SCANS * np.arange(RETURNS), np.full(RETURNS, SCANS)
+    scan = np.tile(np.arange(SCANS), RETURNS)
+    for _ in range(windows):
+        residual: Floats = white * random.standard_normal((RETURNS, SCANS))
+        residual += np.cumsum(np.sqrt(walk * CYCLE) * random.standard_normal((RETURNS, SCANS)), axis=1)
+        state, keep = slow * random.standard_normal(RETURNS), np.exp(-CYCLE / time)
+        for k in range(SCANS):
+            residual[:, k] += state
+            state = keep * state + slow * np.sqrt(1 - keep**2) * random.standard_normal(RETURNS)
+        residual[0, 3] += 50.0 * (white + slow)  # a slot that holds another object
+        samples.add(residual.ravel(), scan, first, count)
+    found = noise_parts(samples)
+    assert found is not None
+    return found
+
+
+def test_white_noise_is_found() -> None:
+    found = _found(0.25)
+    assert found.white == pytest.approx(0.25, rel=0.05)
+    assert abs(found.white - 0.25) < 3 * found.white_sd + 0.005
+    assert (found.slow, found.walk) == (0.0, 0.0)
+
+
+def test_a_correlated_part_is_told_from_the_white_one() -> None:
+    found = _found(0.1, slow=0.2, time=0.2)
+    assert found.white == pytest.approx(0.1, rel=0.2)
+    assert found.slow == pytest.approx(0.2, rel=0.2)
+    assert found.deviation == pytest.approx(0.2236, rel=0.1)
+    assert found.walk == 0.0
+
+
+def test_a_walk_is_told_from_white_noise() -> None:
+    found = _found(0.05, walk=0.15)
+    assert found.white == pytest.approx(0.05, rel=0.2)
+    assert found.walk == pytest.approx(0.15, rel=0.2)
+    assert found.slow == 0.0
+    assert found.over(0.3) == pytest.approx(np.sqrt(0.05**2 + 0.15 * 0.3), rel=0.15)
+
+
+def test_too_little_is_not_enough() -> None:
+    assert noise_parts(NoiseSamples(CYCLE)) is None
+    samples = NoiseSamples(CYCLE)
+    samples.add(np.ones(4), np.arange(4), np.array([0]), np.array([4]))
+    assert noise_parts(samples) is None
