@@ -32,7 +32,7 @@ _FILTER_TIME: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class Finding:
     """What is said of one quantity.
 
     Attributes:
@@ -56,14 +56,14 @@ class Row:
     proposed: float | None = None
 
 
-def proposals(binding: Binding, found: Mapping[str, SensorFindings]) -> list[Row]:
+def proposals(binding: Binding, found: Mapping[str, SensorFindings]) -> list[Finding]:
     """Return the rows of all sensors, and of odometry.
 
     Args:
         binding: the configuration.
         found: what the drives show, by the sensor's name.
     """
-    rows: list[Row] = []
+    rows: list[Finding] = []
     for sensor in binding.sensors:
         rows += _pose(sensor, found[sensor.name])
         rows += _noise(sensor, found[sensor.name], walks=_walks(binding.settings, sensor.name))
@@ -72,7 +72,7 @@ def proposals(binding: Binding, found: Mapping[str, SensorFindings]) -> list[Row
     return rows
 
 
-def patch(rows: list[Row]) -> dict[str, Any]:
+def patch(rows: list[Finding]) -> dict[str, Any]:
     """Return the settings that are proposed, as a tree; empty where all stays."""
     tree: dict[str, Any] = {}
     for row in rows:
@@ -84,7 +84,7 @@ def patch(rows: list[Row]) -> dict[str, Any]:
     return tree
 
 
-def _pose(sensor: BoundSensor, of: SensorFindings) -> Iterator[Row]:
+def _pose(sensor: BoundSensor, of: SensorFindings) -> Iterator[Finding]:
     """Yield the rows of latency and yaw."""
     settings, deviation = sensor.settings, of.estimate.deviation
     for index, what, unit, configured, factor, setting, digits in (
@@ -94,16 +94,16 @@ def _pose(sensor: BoundSensor, of: SensorFindings) -> Iterator[Row]:
         where = ("sensors", sensor.name, *setting)
         error, uncertainty = factor * of.estimate.mean[index], STATED * factor * deviation[index]
         if not of.windows or deviation[index] > _ENOUGH[index]:
-            yield Row(f"{sensor.name}.{what}", unit, configured, None, None, "", where)
+            yield Finding(f"{sensor.name}.{what}", unit, configured, None, None, "", where)
             continue
         is_off = abs(error) > max(1.5 * uncertainty, _LEAST[index])
         value = round(configured + float(error), digits)
-        yield Row(
+        yield Finding(
             f"{sensor.name}.{what}", unit, configured, value, float(uncertainty), "", where, value if is_off else None
         )
 
 
-def _noise(sensor: BoundSensor, of: SensorFindings, *, walks: bool) -> Iterator[Row]:
+def _noise(sensor: BoundSensor, of: SensorFindings, *, walks: bool) -> Iterator[Finding]:
     """Yield the rows of the noise of each quantity, and of the walk.
 
     Args:
@@ -120,23 +120,23 @@ def _noise(sensor: BoundSensor, of: SensorFindings, *, walks: bool) -> Iterator[
         where = ("sensors", sensor.name, "noise", key)
         configured = float(getattr(noise, key))
         if parts is None:
-            yield Row(f"{sensor.name}.noise.{key}", unit, configured, None, None, "", where)
+            yield Finding(f"{sensor.name}.noise.{key}", unit, configured, None, None, "", where)
             continue
         value = max(factor * parts.over(0.0 if walks else _FILTER_TIME), _LEAST_NOISE[name])
         uncertainty = STATED * factor * parts.uncertainty(0.0 if walks else _FILTER_TIME)
         differs = abs(value - configured) > max(_SAME * configured, uncertainty)
         rounded = float(f"{value:.3g}")
         remark = ", ".join(filter(None, [_parts(parts, factor, unit), _ranges(of.by_range[name], factor)]))
-        yield Row(
+        yield Finding(
             f"{sensor.name}.noise.{key}", unit, configured, rounded, uncertainty, remark, where,
             rounded if differs else None,
         )  # fmt: skip
     for name, parts in zip(("along", "across"), of.walk, strict=True):
         walked = None if noise.walk is None else float(getattr(noise.walk, name))
         if parts is None:
-            yield Row(f"{sensor.name}.noise.walk.{name}", "m²/s", walked, None, None)
+            yield Finding(f"{sensor.name}.noise.walk.{name}", "m²/s", walked, None, None)
             continue
-        yield Row(
+        yield Finding(
             f"{sensor.name}.noise.walk.{name}", "m²/s", walked, float(f"{parts.walk:.3g}"),
             STATED * parts.walk_sd, "" if parts.walk else "none seen",
         )  # fmt: skip
@@ -148,7 +148,7 @@ def _walks(settings: Config, sensor: str) -> bool:
     return isinstance((groups or [settings.tracker])[0].estimator, VehicleEstimatorSettings)
 
 
-def _odometry(of: SensorFindings) -> Iterator[Row]:
+def _odometry(of: SensorFindings) -> Iterator[Finding]:
     """Yield the rows of odometry, which has no settings for them: it corrects itself."""
     deviation = of.estimate.deviation
     for index, what, unit, offset, factor in (
@@ -156,10 +156,12 @@ def _odometry(of: SensorFindings) -> Iterator[Row]:
         (BIAS, "ego.yaw_rate_bias", "deg/s", 0.0, degrees(1.0)),
     ):
         if not of.windows or deviation[index] > _ENOUGH[index]:
-            yield Row(what, unit, None, None, None)
+            yield Finding(what, unit, None, None, None)
             continue
         value = offset + factor * float(of.estimate.mean[index])
-        yield Row(what, unit, None, round(value, 5), STATED * factor * float(deviation[index]), "corrected by itself")
+        yield Finding(
+            what, unit, None, round(value, 5), STATED * factor * float(deviation[index]), "corrected by itself"
+        )
 
 
 def _parts(parts: NoiseParts, factor: float, unit: str) -> str:

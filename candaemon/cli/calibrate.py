@@ -7,7 +7,7 @@ import argparse
 import yaml
 
 from candaemon.binding.bind import bind
-from candaemon.calibration.proposals import Row, patch, proposals
+from candaemon.calibration.proposals import Finding, patch, proposals
 from candaemon.cli import console
 from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, output_path
 from candaemon.cli.replay import channel_of_bus
@@ -67,7 +67,7 @@ def execute(arguments: argparse.Namespace) -> None:
         console.say("nothing to change")
 
 
-def _cells(row: Row) -> tuple[str, ...]:
+def _cells(row: Finding) -> tuple[str, ...]:
     found = _NOT_ENOUGH if row.found is None else f"{row.found:g}"
     return (
         row.what,
@@ -80,7 +80,7 @@ def _cells(row: Row) -> tuple[str, ...]:
     )
 
 
-def _text(changes: dict[str, object], rows: list[Row]) -> str:
+def _text(changes: dict[str, object], rows: list[Finding]) -> str:
     """Return the patch: the settings that change, as they stand in a configuration, and what is uncertain of them."""
     about = [f"# {row.what}: {row.configured:g} → {row.proposed:g} ± {row.uncertainty:.2g} {row.unit}" for row in rows
              if row.proposed is not None and row.configured is not None]  # fmt: skip
