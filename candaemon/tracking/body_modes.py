@@ -8,6 +8,7 @@ from candaemon.config.vehicle import DrivingSettings, VehicleEstimatorSettings
 from candaemon.estimation.body_filter import BodyDynamics, BodyMode
 
 CRUISING, MANOEUVRING, TURNING, STANDING, SLIDING, FREE = range(6)
+MODE_NAMES = ("cruising", "manoeuvring", "turning", "standing", "sliding", "free")
 
 
 def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:

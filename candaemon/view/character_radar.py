@@ -8,8 +8,8 @@ import numpy as np
 
 from candaemon.view.picture import Picture
 
-SIGNS: Final = "?0+"
-"""Of tentative, confirmed and coasting obstacles, where a label does not fit."""
+SIGNS: Final = "?o~"
+"""Before the id of a tentative, a confirmed and a coasting obstacle."""
 _DETECTION, _OWN = "·", "^"
 _ROWS_A_METRE_WIDE: Final = 2.0
 """A character is twice as high as wide."""

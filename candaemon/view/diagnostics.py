@@ -15,10 +15,10 @@ from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.pipeline.cycle import Cycle
 from candaemon.radar.detections import Detections
 from candaemon.tracking.any_tracker import AnyTracker
+from candaemon.tracking.body_modes import MODE_NAMES
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.update import Update
 
-VEHICLE_MODES: Final = ("cruising", "manoeuvring", "standing", "sliding", "free")
 _LONGEST_GAP_S: Final = 0.5
 """Longest time over which an expected place is carried on, s."""
 _SOON_S: Final = 1e-3
@@ -146,7 +146,7 @@ def mode_names(binding: Binding) -> tuple[str, ...]:
         return ()
     estimator = trackers[0].estimator
     if isinstance(estimator, VehicleEstimatorSettings):
-        return VEHICLE_MODES
+        return MODE_NAMES
     models = getattr(estimator, "models", ())
     return tuple(f"{k} {model.kind}" for k, model in enumerate(models, 1)) if len(models) > 1 else ()
 

@@ -74,7 +74,14 @@ class LiveListener:
             while not stopping.is_set():
                 now_ns = self._clock()
                 frames = buses.read(WAIT_S)
-                yield from mixer.heard(frames) if frames else mixer.silence(now_ns)
+                for picture in mixer.heard(frames) if frames else mixer.silence(now_ns):
+                    yield self._counted(picture)
+
+    def _counted(self, picture: Picture) -> Picture:
+        """Return a picture that says, where it tells of health, how many frames this process has not heard."""
+        if not picture.health:
+            return picture
+        return replace(picture, health={**picture.health, "unheard": sum(bus.counts.lost for bus in self.buses)})
 
 
 class Mixer:

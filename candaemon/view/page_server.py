@@ -13,7 +13,7 @@ import logging
 import socket
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import resources
 from typing import Final, Self
 from urllib.parse import urlsplit
@@ -171,6 +171,9 @@ class PageServer:
         return self
 
     async def __aexit__(self, *_: object) -> None:
+        turned_away = ", ".join(f"{name} {count}" for name, count in asdict(self.counts).items() if count)
+        if turned_away:
+            logger.warning("the page turned away: %s", turned_away)
         if self._listening is not None:
             self._listening.close()
         for guard in list(self._guards.values()):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
 from candaemon.config.load import load_config
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import Frame
@@ -19,7 +20,7 @@ from candaemon.view.live_pictures import SILENT_NS, LiveListener, Mixer, counter
 from candaemon.view.picture import Picture
 from tests.support.paths import ROOT
 from tests.support.recorded import highway
-from tests.support.viewing import demo_binding
+from tests.support.viewing import demo_binding, demo_pictures
 
 LATE_NS = 2_000_000
 """How long after a scan its obstacles come."""
@@ -164,11 +165,22 @@ def test_buses_of_one_process_cannot_be_listened_to() -> None:
         LiveListener(demo_binding())
 
 
-def test_a_bus_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
+def test_frames_that_the_view_missed_are_told(tmp_path: Path) -> None:
+    listener = LiveListener(none_there(tmp_path))
+    listener.buses[1].counts.kernel_lost = 7
+    told = [picture.health for picture in map(listener._counted, demo_pictures()) if picture.health]
+    assert {health["unheard"] for health in told} == {7}
+
+
+def none_there(folder: Path) -> Binding:
+    """Return a configuration whose interfaces are not there."""
     text = (ROOT / "config" / "toyota_rav4_ins.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
-    path = tmp_path / "car.yaml"
+    path = folder / "car.yaml"
     path.write_text(text.replace("channel: can", "channel: none"), encoding="utf-8")
-    listener = LiveListener(bind(load_config(path)))
+    return bind(load_config(path))
+
+
+def test_a_bus_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
     stopping = Event()
     stopping.set()
-    assert list(listener.pictures(stopping)) == []
+    assert list(LiveListener(none_there(tmp_path)).pictures(stopping)) == []

@@ -13,6 +13,7 @@ from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
+from candaemon.tracking.body_modes import MODE_NAMES
 from candaemon.view.painter import Painter, stage_of
 from candaemon.view.picture import COLUMNS, Picture
 from tests.support.paths import ROOT
@@ -85,7 +86,7 @@ def test_probabilities_of_the_models_sum_to_one(config: str, tmp_path: Path) -> 
     found = [(picture, cycle) for cycle, picture, _ in painted(path, 1.0) if cycle.tracker is not None and len(picture)]
     assert found
     for picture, _ in found:
-        assert picture.modes.shape == (len(picture), 5)
+        assert picture.modes.shape == (len(picture), len(MODE_NAMES))
         np.testing.assert_allclose(picture.modes.sum(axis=1), 1.0, atol=1e-9)
 
 

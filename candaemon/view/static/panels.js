@@ -78,6 +78,7 @@ export class HealthPanel {
         ["own motion", local.own_motion], ["cycles/s", number(local.cycles.rate, 1)], ["cycles", String(local.cycles.told)],
         ["frames lost", String(local.drops), local.drops > 0]);
     }
+    if (local?.unheard) figures.push(["frames this view missed", String(local.unheard), true]);
     figures.push(["pictures skipped", String(dropped), false]);
     this.figures.replaceChildren(...figures.map(([name, text, bad]) => {
       const box = document.createElement("div");

@@ -3,7 +3,7 @@
 import {at, speedOf} from "./memory.js";
 
 const HEIGHT = 92;
-const LINES = ["sensor-0", "sensor-1", "sensor-2", "sensor-3", "sensor-4"];
+const LINES = ["sensor-0", "sensor-1", "sensor-2", "sensor-3", "sensor-4", "sensor-5"];
 
 export class Plots {
   constructor(place, memory) {
