@@ -206,7 +206,8 @@ def _format(form: ObjectFormat, parts: Iterable[MessageLayout]) -> Iterator[tupl
         ids = (
             _identifier(first.can_id) if first is last else f"{_identifier(first.can_id)} … {_identifier(last.can_id)}"
         )
-        yield "messages", f"{names}, {ids}, {part.length} bytes" + (", optional" if part.optional else "")
+        which = "" if part.selector is None else f", where {part.selector[0].name} is {part.selector[1]}"
+        yield "messages", f"{names}, {ids}, {part.length} bytes{which}" + (", optional" if part.optional else "")
     told = ", told apart by an id in the payload" if form.multiplexed else ""
     if any(entry.id_signal is False for entry in form.messages):
         told = ", in the order of their frames"
