@@ -28,6 +28,16 @@ DIGESTS: Final = FOLDER / "drawn.json"
 SCENE, REPORT = "scene.svg", "report.png"
 
 _GRID: Final = 0.5  # m
+_SHOWN: Final = (
+    "seconds",
+    "log.frames",
+    "cycles.told",
+    "tracks.",
+    "nis.",
+    "predictions.",
+    "stationary.speed",
+    "duplicates.",
+)
 
 
 def simulated() -> Simulation:
@@ -56,12 +66,12 @@ def scene() -> list[tuple[int, str, float, float]]:
 
 
 def report(figures: Mapping[str, Any]) -> dict[str, str]:
-    """Return the figures of a report, with two digits."""
+    """Return the figures that the picture of a report shows, with two digits."""
     _, columns = summary_rows(figures)
     keys, values = columns["key"], columns["value"]
     assert isinstance(keys, list)
     assert isinstance(values, np.ndarray)
-    return {key: f"{value:.2g}" for key, value in zip(keys, values.tolist(), strict=True)}
+    return {key: f"{value:.2g}" for key, value in zip(keys, values.tolist(), strict=True) if key.startswith(_SHOWN)}
 
 
 def digest(data: Any) -> str:
