@@ -226,6 +226,8 @@ class Calibrator:
 
     def learn(self, scan: Scan) -> bool:
         """Hold a scan, as stamped, and evaluate the window that it ends; return whether there is another estimate."""
+        if not self._readers[scan.sensor].locates:
+            return False
         state = self._state.sensors[scan.sensor]
         held = state.held
         scale, bias = self._ego.corrections

@@ -126,6 +126,18 @@ class SensorReader:
         object.__setattr__(self, "rows", {name: k for k, name in enumerate(used)})
         object.__setattr__(self, "taken", np.array([self.quantities.index(name) for name in used]))
 
+    @property
+    def locates(self) -> bool:
+        """Whether the sensor tells directions: without, nothing can be seen to stand."""
+        return {"range", "azimuth"} <= self.rows.keys() or {"x", "y"} <= self.rows.keys()
+
+    @property
+    def relative(self) -> tuple[str, ...]:
+        """Speeds that the sensor measures against itself; what it makes absolute says nothing of it."""
+        settings = self.settings
+        along = ("range_rate",) if settings.range_rates == "relative" else ()
+        return (*along, *(("vx", "vy") if settings.rates != "absolute" else ()))
+
     def hold(self, scan: Scan, scale: float, bias: float) -> HeldScan:
         """Return what is needed of a scan."""
         values = np.nan_to_num(scan.values[self.taken], copy=False, nan=_UNKNOWN)
@@ -153,9 +165,7 @@ class SensorReader:
             across = np.hypot(x * unit.imag, y * unit.real)
         known = np.where(values == _UNKNOWN, np.nan, values)
         speeds = tuple(
-            Speeds(name, known[rows[name]], getattr(noise, name) or 1.0)
-            for name in ("range_rate", "vx", "vy")
-            if name in rows
+            Speeds(name, known[rows[name]], getattr(noise, name) or 1.0) for name in self.relative if name in rows
         )
         readings = Readings(
             np.repeat(np.arange(len(scans)), counts),

@@ -10,7 +10,7 @@ import pytest
 
 from candaemon.calibration.calibrator import MOST_HELD, Calibrator
 from candaemon.calibration.parameters import BIAS, LATENCY, SCALE, YAW, Estimate
-from candaemon.calibration.readings import MOST_OBJECTS
+from candaemon.calibration.readings import MOST_OBJECTS, SensorReader
 from candaemon.calibration.windows import MOST_WINDOWS
 from candaemon.config.calibration import CalibrationSettings
 from candaemon.radar.scan import Scan
@@ -120,3 +120,13 @@ def test_a_state_of_other_sensors_is_refused() -> None:
 
 def _at(scan: Scan, time_ns: int) -> Scan:
     return replace(scan, time_ns=time_ns)
+
+
+def test_speeds_that_the_sensor_makes_absolute_are_left_out() -> None:
+    sensor = binding("demo").sensors[0]
+    quantities = sensor.reader.quantities
+    assert SensorReader(sensor.settings, quantities).relative == ("range_rate", "vx", "vy")
+    absolute = sensor.settings.model_copy(update={"range_rates": "absolute", "rates": "absolute"})
+    assert SensorReader(absolute, quantities).relative == ()
+    assert SensorReader(absolute, quantities).locates
+    assert not SensorReader(absolute, ("range", "range_rate")).locates
