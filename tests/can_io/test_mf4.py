@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tracemalloc
 from pathlib import Path
 
 import can
@@ -10,7 +11,7 @@ import pytest
 
 from candaemon.can_io.logs import mf4
 from candaemon.can_io.logs.mf4 import LARGEST_COPY, LARGEST_MF4_CHANNEL
-from candaemon.can_io.logs.read import read_log
+from candaemon.can_io.logs.read import read_log, read_log_blocks
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.can_io.python_can import to_frame
@@ -145,3 +146,17 @@ def test_without_its_extra_it_says_what_to_install(
     for use in (lambda: read(whole), lambda: written(tmp_path / "b.mf4", FRAMES[:1])):
         with pytest.raises(InputError, match=r"extra 'mdf': pip install 'candaemon\[mdf\]'"):
             use()
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
+    path, count = tmp_path / "long.mf4", 400_000
+    with OutputFile(path) as file, open_log_writer(file, ["can0"]) as writer:
+        for begin in range(0, count, 1000):
+            writer.write([Frame(START + k * 10**6, 0, 0x260, bytes(8)) for k in range(begin, begin + 1000)])
+    tracemalloc.start()
+    try:
+        assert sum(len(block) for block in read_log_blocks(path, CHANNELS, LogCounts())) == count
+        assert tracemalloc.get_traced_memory()[1] < 15 << 20  # all records take 35 MB
+    finally:
+        tracemalloc.stop()

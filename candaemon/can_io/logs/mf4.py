@@ -134,7 +134,8 @@ def _blocks(
 def _opened(asammdf: Any, file: BinaryIO) -> Any:
     """Return a file as asammdf has it."""
     try:
-        return asammdf.MDF(file)
+        # unless it is told not to, it decodes all records to see which identifiers there are
+        return asammdf.MDF(file, process_bus_logging=False)
     except Exception as error:
         # an object that is made in part fails again when it is collected, and says so on standard error
         for frame, _ in walk_tb(error.__traceback__):
