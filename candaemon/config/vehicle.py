@@ -19,15 +19,15 @@ class DrivingSettings(Settings):
 
 
 def _cruising() -> DrivingSettings:
-    return DrivingSettings(acceleration=0.1, lateral_acceleration=0.06, noise=0.001, dwell=8.0)
+    return DrivingSettings(acceleration=0.2, lateral_acceleration=0.06, noise=0.001, dwell=10.0)
 
 
 def _manoeuvring() -> DrivingSettings:
-    return DrivingSettings(acceleration=3.0, lateral_acceleration=2.5, noise=0.05, dwell=3.0)
+    return DrivingSettings(acceleration=3.0, lateral_acceleration=1.0, noise=0.05, dwell=3.0)
 
 
 def _turning() -> DrivingSettings:
-    return DrivingSettings(acceleration=0.3, lateral_acceleration=4.0, noise=0.01, dwell=1.0)
+    return DrivingSettings(acceleration=0.15, lateral_acceleration=5.0, noise=0.01, dwell=1.0)
 
 
 class StandingSettings(Settings):
@@ -89,7 +89,7 @@ class VehicleEstimatorSettings(Settings):
     reflections: ReflectionPlaceSettings = Field(default_factory=ReflectionPlaceSettings)
     acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the acceleration")
     turn_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the turn rate")
-    turn_rate: float = Field(0.4, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
+    turn_rate: float = Field(0.5, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
     first_acceleration: float = Field(1.0, gt=0, le=20, description="m/s², standard deviation of a body's first one")
     evidence: float = Field(
         0.5,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, exp, hypot, pi, sin
 
 import numpy as np
@@ -295,6 +296,30 @@ def test_long_runs_stay_sound(settling: float) -> None:
         if k % 100 == 0:
             assert_sound(bodies)
     assert_sound(bodies)
+
+
+def test_what_the_walk_of_reflections_hides_is_not_taken_for_a_turn() -> None:
+    uncertain = []
+    for hidden in (0.0, 0.5, 1.0):
+        bodies = spawned((DRIVING,), 6, 3)
+        bodies.predict(0.5, directions(6, 4), np.zeros((6, 2)), np.full(6, hidden))
+        uncertain.append(bodies.state.covariance[:, 0, 4, 4])
+    assert (uncertain[0] > uncertain[1]).all()
+    assert (uncertain[1] > uncertain[2]).all()
+
+
+def test_errors_that_are_alike_tell_the_modes_apart_less() -> None:
+    shares = []
+    for alike in (0.0, 1.0):
+        bodies = spawned((DRIVING, FREE), 6, 3, replace(DYNAMICS, evidence=0.5))
+        bodies.state.mean[:, 1] = bodies.state.mean[:, 0]
+        before = bodies.probability.copy()
+        bodies.update(np.arange(6), seen(bodies.state.mean[:, 0, :2] + 1.0, 5), alike)
+        odds = bodies.probability / before
+        shares.append(np.log(odds[:, 0] / odds[:, 1]))
+    unbounded = np.abs(shares[0]) < 12.5  # beyond, a share is the least there is
+    assert np.count_nonzero(unbounded) >= 3
+    np.testing.assert_allclose(shares[1][unbounded], 0.5 * shares[0][unbounded], atol=1e-9)
 
 
 @settings(deadline=None, max_examples=examples(60))

@@ -61,6 +61,21 @@ def _observed(
     return noise
 
 
+def test_until_it_is_learnt_the_settings_tell_whether_a_sensor_filters_by_itself() -> None:
+    polar = load_config(ROOT / "config" / "esr_ins.yaml").config.sensors["front"]
+    noise = ReflectionNoise({0: FRONT, 1: polar})
+    assert noise.filters(0)
+    assert not noise.filters(1)
+    assert 0.0 < noise.walking(0) < 1.0
+    assert noise.walking(1) == 0.0
+    assert noise.walk(0)[1] > noise.walk(0)[0] > 0.0
+    assert noise.walk(1) == (0.0, 0.0)
+    noise.renumber_sensors({1: 0})
+    assert not noise.filters(0)
+    assert _observed(walk=(0.06, 0.3)).walking(0) == 1.0
+    assert _observed(white=(0.1, 0.1)).walking(0) == 0.0
+
+
 def test_white_noise_has_no_walk() -> None:
     noise = _observed(white=(0.1, 0.4))
     assert noise.known(0)
