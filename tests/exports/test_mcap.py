@@ -253,6 +253,7 @@ def test_the_same_drive_gives_the_same_bytes(drive: Drive, tmp_path: Path) -> No
     assert (tmp_path / "l.json").read_bytes() == (drive.folder / "l.json").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_pace_gives_the_same_messages(drive: Drive, tmp_path: Path) -> None:
     arguments = ["replay", CONFIG, str(drive.folder / "drive.log"), "--mcap", str(tmp_path / "d.mcap")]
     assert main([*arguments, "--speed", "1000"]) == 0

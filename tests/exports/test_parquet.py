@@ -90,6 +90,7 @@ def test_a_table_of_tracks_is_parquet_by_its_name(drive: Path) -> None:
     assert whole.read_bytes() == (drive / "tables" / "tracks.parquet").read_bytes()
 
 
+@pytest.mark.slow
 def test_smoothing_is_that_of_the_csv(drive: Path, tmp_path: Path) -> None:
     assert main(["replay", "esr_ins", str(drive / "drive.log"), "--smooth", "0.5", *outputs(tmp_path)]) == 0
     assert same_as_csv(tmp_path) > 50

@@ -184,6 +184,7 @@ def test_drawings_are_well_formed_and_named(reported: Reported) -> None:
     assert "nan" not in "".join(re.findall(r' (?:d|points|x|y|cx|cy|width|height)="([^"]*)"', reported.text))
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_evaluate(reported: Reported, tmp_path: Path) -> None:
     tracks, found = str(tmp_path / "t.csv"), tmp_path / "e.json"
     assert main(["replay", CONFIG, str(reported.folder / "drive.log"), "--tracks", tracks]) == 0
@@ -210,6 +211,7 @@ def test_moments_lead_into_the_view(reported: Reported, record: DriveRecord) -> 
     assert [float(time) for time, _ in links] == pytest.approx(times, abs=0.006)
 
 
+@pytest.mark.slow
 def test_the_same_drive_gives_the_same_page(reported: Reported, tmp_path: Path) -> None:
     log, truth = reported.folder / "drive.log", reported.folder / "truth.csv"
     assert main(["report", CONFIG, str(log), *outputs(tmp_path), "--truth", str(truth)]) == 0
