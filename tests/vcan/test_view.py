@@ -17,10 +17,12 @@ from aiohttp import ClientSession, WSMsgType
 from tests.beds.drives import Drive, write_drive
 from tests.beds.fixtures import Start
 from tests.beds.links import Link
+from tests.beds.own_kernel import Sysctl
 from tests.beds.service import config_on
 from tests.beds.waiting import wait_until
 
 from .telling import Telling
+from .test_daemon_load import RECEIVE_BUFFER, patient
 
 CONFIG = "toyota_rav4_ins"
 CHANNELS = {"car": "vcan3", "radar": "vcan0", "ins": "vcan1", "obstacles": "vcan2"}
@@ -78,6 +80,7 @@ async def browsed(session: ClientSession, url: str) -> int:
 @pytest.mark.limit(300)
 def test_ten_browsers_cost_the_service_no_frame(
     start: Start,
+    sysctl: Sysctl,
     make_link: Callable[..., Link],
     tmp_path: Path,
     record_property: Callable[[str, object], None],
@@ -86,7 +89,8 @@ def test_ten_browsers_cost_the_service_no_frame(
     logs = {
         bus: write_drive(tmp_path / f"{bus}.log", CONFIG, CHANNELS, DRIVE_S, buses={bus}) for bus in ("radar", "ins")
     }
-    config = config_on(CONFIG, tmp_path, CHANNELS)
+    sysctl.set("net.core.rmem_max", RECEIVE_BUFFER)
+    config = config_on(CONFIG, tmp_path, CHANNELS, patient)
     service = Telling(start(config, RUNTIME_DIRECTORY=str(tmp_path)), tmp_path)
     service.wait_until_open()
     with Drive(logs) as drive:
