@@ -43,14 +43,23 @@ from candaemon.dbc.types import MessageSpec
 from candaemon.frames.frame import EXTENDED
 from candaemon.objects.message_layout import MessageLayout
 from candaemon.objects.signals import SignalBinding
+from candaemon.wizard.draft import guessed_lines
 
 if TYPE_CHECKING:
     from candaemon.playback.replay import Replayed
+    from candaemon.wizard.findings import LogFinding
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
+    parser.add_argument(
+        "--log",
+        dest="against",
+        type=input_path,
+        metavar="LOG",
+        help="hold the configuration against the first seconds of a log: one line a contradiction, with the cure",
+    )
     parser.add_argument(
         "log", type=input_path, nargs="?", metavar="LOG", help=f"what came of ego motion in it: {LOG_FORMATS}"
     )
@@ -66,7 +75,24 @@ def execute(arguments: argparse.Namespace) -> None:
         with log_progress(arguments.log.name) as progress:
             replayed = replay(binding, ReplayRequest(arguments.log), progress)
         sheets[-1:-1] = _ego_in_log(replayed)
+    if arguments.against is not None:
+        from candaemon.wizard.findings import findings  # noqa: PLC0415 - as above
+
+        sheets.append(_contradictions(binding, findings(binding, arguments.against)))
+    guesses = tuple((f"line {line}", text) for line, text in guessed_lines(binding.loaded.path))
+    if guesses:
+        sheets.append(Sheet("guesses of candaemon init, to confirm or to mend", guesses))
     print_sheets(sheets)
+
+
+def _contradictions(binding: Binding, found: Sequence[LogFinding]) -> Sheet:
+    """Return what a log says against a configuration."""
+    loaded = binding.loaded
+    rows = tuple(
+        (f"{loaded.path.name}:{loaded.line_of(each.where)}", f"{'.'.join(map(str, each.where))}: {each.text}")
+        for each in found
+    )
+    return Sheet("what the log contradicts", rows or (("the log contradicts nothing",),))
 
 
 def check_report(binding: Binding) -> Iterator[Sheet]:

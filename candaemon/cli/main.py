@@ -42,6 +42,7 @@ COMMANDS = {
     "evaluate": "Compare tracks with the truth.",
     "papers": "Run the five papers' experiments again, beside their printed tables.",
     "radars": "List the configurations that come with candaemon, and what each shows.",
+    "init": "Make a configuration of a strange radar's DBC files, and of a log.",
     "schema": "Print the JSON Schema of the configuration, for editors.",
 }
 """The commands and their descriptions. The module of a command has its name, with `_` for `-`."""

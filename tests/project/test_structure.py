@@ -47,6 +47,7 @@ ROOMS: tuple[str, ...] = (
     "papers",
     "report",
     "view",
+    "wizard",
     "cli",
     "candaemon",
     "__main__",

@@ -1,0 +1,66 @@
+"""`candaemon init`: from a strange radar's DBC files, and a log, to a commented configuration."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from candaemon.cli.arguments import LOG_FORMATS, input_path, output_path
+from candaemon.cli.console import say
+from candaemon.files.outputs import Outputs
+from candaemon.printable import printable
+from candaemon.wizard.draft import GUESS, Ask, Choice, take_guess
+from candaemon.wizard.draft_text import draft_text, relative_path
+from candaemon.wizard.proposal import propose
+from candaemon.wizard.traffic import read_traffic
+from candaemon.wizard.trial import fitted_noise
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    parser.add_argument(
+        "dbc", type=input_path, nargs="+", metavar="DBC", help="DBC files: of the radar, and of the car or its INS"
+    )
+    parser.add_argument(
+        "--log", type=input_path, metavar="LOG", help=f"a recorded drive, which tells the most: {LOG_FORMATS}"
+    )
+    parser.add_argument("-o", "--output", type=output_path, metavar="YAML", help="write it there; default: print it")
+    parser.add_argument("--yes", action="store_true", help="take the best guess where nothing tells, and ask nothing")
+
+
+def execute(arguments: argparse.Namespace) -> None:
+    """Find the configuration, ask about guesses on a terminal, and write it."""
+    asks = not arguments.yes and sys.stdin.isatty() and sys.stderr.isatty()
+    ask: Ask = _ask if asks else take_guess
+    traffic = None if arguments.log is None else read_traffic(arguments.log)
+    proposal = propose(arguments.dbc, traffic, ask)
+    folder = Path.cwd() if arguments.output is None else arguments.output.parent
+    factor, why = fitted_noise(proposal)
+    text = draft_text(proposal, relative_path(folder), factor, why)
+    if arguments.output is None:
+        print(text, end="")
+    else:
+        read = [*arguments.dbc, *([] if arguments.log is None else [arguments.log])]
+        with Outputs(read) as outputs:
+            outputs.open(arguments.output).stream.write(text.encode("utf-8"))
+    count = text.count(f"# {GUESS}")
+    name = "CONFIG" if arguments.output is None else str(arguments.output)
+    log = "" if arguments.log is None else f" --log {arguments.log}"
+    say(f"{count} guesses, marked in it; next: candaemon check {name}{log}")
+
+
+def _ask(key: str, choice: Choice) -> Choice:
+    """Ask about a guess on the terminal; an empty answer takes it."""
+    if not choice.guess or not choice.ask:
+        return choice
+    print(f"\n{key}: {printable(choice.value)}\n  {printable(choice.why)}", file=sys.stderr)
+    for number, option in enumerate(choice.options, 1):
+        print(f"  {number}: {printable(option)}", file=sys.stderr)
+    print(f"  {choice.ask}? enter takes it, a number another, or type the value: ", end="", file=sys.stderr, flush=True)
+    answer = sys.stdin.readline().strip()
+    if not answer:
+        return choice
+    if answer.isdigit() and 0 < int(answer) <= len(choice.options):
+        answer = choice.options[int(answer) - 1]
+    return Choice(answer, "as you said")

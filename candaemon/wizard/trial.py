@@ -1,0 +1,125 @@
+"""A configuration tried on the first seconds of a log, before anybody relies on it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Final
+
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.formats import check_log
+from candaemon.can_io.logs.merge import LogBlock
+from candaemon.can_io.logs.read import read_log_blocks
+from candaemon.can_io.logs.stream import LogCounts
+from candaemon.can_io.reorder import ReorderBuffer
+from candaemon.config.load import load_config
+from candaemon.ego.pose import EgoPose
+from candaemon.evaluation.drive_score import DriveScore
+from candaemon.frames.frame_block import FrameBlock
+from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.radar.scan import Scan
+from candaemon.wizard.draft_text import draft_text
+from candaemon.wizard.proposal import Proposal
+
+TRIAL_SECONDS: Final = 30.0
+"""s of a log on which a configuration is tried."""
+LEAST_NIS: Final = 200
+"""Samples of the NIS, below which it says nothing of the noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What a pipeline made of the first seconds of a log.
+
+    Attributes:
+        pipeline: with its counts.
+        score: without ground truth.
+        counts: of the log's reader.
+        seconds: duration of what was read.
+        scans: of each sensor, with the ego pose at their times; None where that was not known.
+    """
+
+    pipeline: Pipeline
+    score: DriveScore
+    counts: LogCounts
+    seconds: float
+    scans: tuple[tuple[tuple[Scan, EgoPose | None], ...], ...]
+
+
+class ObservedPipeline(Pipeline):
+    """A pipeline whose scans are kept.
+
+    Args:
+        binding: the configuration, bound.
+    """
+
+    def __init__(self, binding: Binding) -> None:
+        super().__init__(binding)
+        self.scans: list[list[tuple[Scan, EgoPose | None]]] = [[] for _ in binding.sensors]
+
+    def _cycle(self, scan: Scan, now_ns: int) -> Iterator[Cycle]:
+        self.scans[scan.sensor].append((scan, self.ego.pose(scan.time_ns)))
+        return super()._cycle(scan, now_ns)
+
+
+def try_on(binding: Binding, log: Path, seconds: float = TRIAL_SECONDS) -> Trial:
+    """Run a configuration on the first seconds of a log.
+
+    Args:
+        binding: the configuration, bound.
+        log: the log.
+        seconds: of it.
+
+    Raises:
+        InputError: there is no such log.
+    """
+    check_log(log)
+    channels = {name: bus.index for bus in binding.buses for name in bus.settings.names_in_logs}
+    counts, pipeline = LogCounts(), ObservedPipeline(binding)
+    score = DriveScore([sensor.settings.cycle_time for sensor in binding.sensors], (0.5,))
+    span = [0, 0]
+    sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
+    blocks = _first(read_log_blocks(log, channels, counts), round(seconds * 1e9), span)
+    for cycle in chain(pipeline.run_blocks(sequence.sequenced_blocks(blocks)), pipeline.finish()):
+        score.add(cycle)
+    return Trial(pipeline, score, counts, (span[1] - span[0]) * 1e-9, tuple(map(tuple, pipeline.scans)))
+
+
+def _first(blocks: Iterator[LogBlock], length_ns: int, span: list[int]) -> Iterator[LogBlock]:
+    """Yield the blocks that begin within a time from the first frame."""
+    for block in blocks:
+        if not len(block):
+            continue
+        times = block.time_ns if isinstance(block, FrameBlock) else [frame.time_ns for frame in block]
+        begin, end = int(times[0]), int(times[-1])
+        span[0] = span[0] or begin
+        if begin - span[0] > length_ns:
+            return
+        span[1] = max(span[1], end)
+        yield block
+
+
+def fitted_noise(proposal: Proposal) -> tuple[float, str]:
+    """Return the factor on the standard deviations with which the NIS of a trial is as expected, and the evidence."""
+    if proposal.traffic is None or proposal.own is None:
+        return 1.0, ""
+    factor, told = 1.0, ""
+    with tempfile.TemporaryDirectory(prefix="candaemon-init-") as folder:
+        path = Path(folder) / "draft.yaml"
+        for _ in range(2):
+            path.write_text(draft_text(proposal, lambda dbc: str(dbc.resolve()), factor), encoding="utf-8")
+            nis = try_on(bind(load_config(path)), proposal.traffic.log).score.nis
+            if nis.samples < LEAST_NIS or not nis.mean > 0:
+                return factor, told
+            ratio = nis.mean / nis.expected
+            if 0.85 < ratio < 1.15:
+                told = f"the NIS of the first {TRIAL_SECONDS:g} s is {nis.mean:.2f}, expected {nis.expected:.2f}"
+                return factor, told
+            factor *= min(max(ratio**0.5, 0.5), 2.5)
+            told = f"times {factor:.2f} for the NIS, which was {ratio:.2f} times the expected one"
+    return factor, told

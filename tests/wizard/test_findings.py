@@ -1,0 +1,163 @@
+"""`candaemon check --log`: each mistake is found where it was made, and nothing is said of what is right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from candaemon.binding.bind import bind
+from candaemon.cli.main import main
+from candaemon.config.load import load_config
+from candaemon.wizard.findings import findings
+from tests.support.bound import binding as shipped
+from tests.support.paths import ROOT
+from tests.wizard.drives import survey_log
+
+W = "WHEEL_SPEEDS.WHEEL_SPEED_F"
+
+MISTAKES = {
+    # name: configuration, what is replaced, by what, where it is found
+    "side": ("toyota_rav4", "y: -LAT_DIST", "y: LAT_DIST", "signals.y"),
+    "sense of the rate": ("toyota_rav4", "range_rate: REL_SPEED", "range_rate: -REL_SPEED", "signals.range_rate"),
+    "unit of the rate": (
+        "toyota_rav4",
+        "range_rate: REL_SPEED",
+        "range_rate: {signal: REL_SPEED, unit: km/h}",
+        "signals.range_rate",
+    ),
+    "swapped places": (
+        "toyota_rav4",
+        "{x: LONG_DIST, y: -LAT_DIST",
+        "{x: LAT_DIST, y: LONG_DIST",
+        "signals.range_rate",
+    ),
+    "swapped rate": (
+        "toyota_rav4",
+        "range_rate: REL_SPEED",
+        "range_rate: {signal: REL_ACCEL, unit: m/s}",
+        "range_rate",
+    ),
+    "too few slots": ("toyota_rav4", "slots: 16", "slots: 12", "objects.slots"),
+    "not the first slot": ("toyota_rav4", "slots: 16", "slots: 15\n      first: 1", "sensors.front"),
+    "counter that is none": ("esr_ins", "signal: CAN_TX_TRACK_ROLLING_COUNT", "signal: CAN_TX_TRACK_WIDTH", "scan"),
+    "channel": ("toyota_rav4", "radar: {channel: can1}", "radar: {channel: can7}", "buses.radar"),
+    "swapped channels": (
+        "toyota_rav4",
+        "car: {channel: can0}\n  radar: {channel: can1}",
+        "car: {channel: can1}\n  radar: {channel: can0}",
+        "sensors.front.bus",
+    ),
+    "mounting": ("toyota_rav4", "mount: {x: 3.6}", "mount: {x: 3.6, yaw_deg: 8}", "mount.yaw_deg"),
+    "looks back": ("toyota_rav4", "mount: {x: 3.6}", "mount: {x: -1, yaw_deg: 180}", "sensors.front"),
+    "valid the other way": ("toyota_rav4", "{signal: VALID, in: [1]}", "{signal: VALID, in: [0]}", "sensors.front"),
+    "valid never": (
+        "toyota_rav4",
+        "{signal: LONG_DIST, below: 255}",
+        "{signal: LONG_DIST, above: 300}",
+        "sensors.front",
+    ),
+    "new the other way": (
+        "toyota_rav4",
+        "new: [{signal: NEW_TRACK, in: [1]}]",
+        "new: [{signal: NEW_TRACK, in: [0]}]",
+        "new",
+    ),
+    "noise too small": (
+        "toyota_rav4",
+        "noise: {x: 0.1, y: 0.105, range_rate: 0.06}",
+        "noise: {x: 0.01, y: 0.01, range_rate: 0.006}",
+        "noise",
+    ),
+    "noise too large": (
+        "toyota_rav4",
+        "noise: {x: 0.1, y: 0.105, range_rate: 0.06}",
+        "noise: {x: 1, y: 1, range_rate: 0.6}",
+        "noise",
+    ),
+    "kind of checksum": ("toyota_rav4", "kind: toyota", "kind: xor", "protection"),
+    "cycle time": ("toyota_rav4", "cycle_time: 0.05", "cycle_time: 0.1", "cycle_time"),
+    "sign of the yaw rate": (
+        "esr_ins",
+        "curvature: -TrackSlipCurvature.Curvature",
+        "yaw_rate: {signal: TrackSlipCurvature.Curvature, unit: rad/s, scale: 14}",
+        "signals",
+    ),
+    "unit of own speed": (
+        "toyota_rav4",
+        f"left_wheels: [{W}L, {W[:-1]}RL]\n    right_wheels: [{W}R, {W[:-1]}RR]",
+        "speed: {signal: WHEEL_SPEEDS.WHEEL_SPEED_FL, unit: mph}",
+        "ego",
+    ),
+    "time-out": ("toyota_rav4", "timeout: 0.035", "timeout: 0.004", "sensors.front"),
+    "header's count": ("ars408", "count: Obj_NofObjects", "count: Obj_InterfaceVersion", "scan"),
+    "unit of the angle": (
+        "esr_ins",
+        "azimuth: -CAN_TX_TRACK_ANGLE",
+        "azimuth: {signal: CAN_TX_TRACK_ANGLE, unit: deg, scale: -0.3}",
+        "azimuth",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Logs of the survey drive that were simulated so far, by configuration."""
+    return {}
+
+
+def log_of(name: str, logs: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if name not in logs:
+        logs[name] = survey_log(shipped(name), tmp_path_factory.mktemp(name))
+    return logs[name]
+
+
+def spoilt(name: str, right: str, wrong: str, folder: Path) -> Path:
+    """Write a configuration with a mistake."""
+    text = (ROOT / "config" / f"{name}.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
+    assert right in text
+    path = folder / "spoilt.yaml"
+    path.write_text(text.replace(right, wrong), encoding="utf-8")
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_each_mistake_is_found(
+    mistake: str, logs: dict[str, Path], tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    name, right, wrong, where = MISTAKES[mistake]
+    path = spoilt(name, right, wrong, tmp_path)
+    found = findings(bind(load_config(path)), log_of(name, logs, tmp_path_factory))
+    assert any(where in ".".join(map(str, each.where)) for each in found), [str(each) for each in found]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["toyota_rav4", "ars408", "esr_ins", "acura_ilx", "tesla_continental"])
+def test_nothing_is_said_of_what_is_right(
+    name: str, logs: dict[str, Path], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    assert findings(shipped(name), log_of(name, logs, tmp_path_factory)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "log"), [("toyota_rav4", "drive.log.gz"), ("toyota_rav4_ins", "drive_with_ins.log.gz")]
+)
+def test_nothing_is_said_of_the_recorded_drive(name: str, log: str, drive: Path) -> None:
+    assert findings(shipped(name), drive / log) == []
+
+
+def test_the_command_names_the_line_and_repeats_guesses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = survey_log(shipped("gm_lrr"), tmp_path)
+    path = spoilt("gm_lrr", "cycle_time: 0.0714", "cycle_time: 0.2 # guess: nobody knows", tmp_path)
+    assert main(["check", str(path), "--log", str(log)]) == 0
+    told = capsys.readouterr().out
+    line = (
+        path.read_text(encoding="utf-8")
+        .splitlines()
+        .index("    cycle_time: 0.2 # guess: nobody knows # 14 scans a second")
+    )
+    assert f"spoilt.yaml:{line + 1}" in told
+    assert "sensors.front.cycle_time: found 0.2 s, but scans came every 0.0714 s" in told
+    assert "nobody knows" in told

@@ -1,0 +1,98 @@
+"""`candaemon init`: strange layouts in, the right mapping out, or a guess that says so."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding, BoundSensor
+from candaemon.cli.main import main
+from candaemon.config.load import load_config
+from candaemon.wizard.draft import GUESS
+from candaemon.wizard.trial import try_on
+from tests.support.bound import binding as shipped
+from tests.support.paths import DATA, ROOT
+from tests.wizard.drives import survey_log
+
+MEASURED = ("x", "y", "range", "azimuth", "range_rate", "vx", "vy")
+slow = pytest.mark.slow
+
+
+def mapping(sensor: BoundSensor) -> dict[str, tuple[str, float]]:
+    """Return the signal of each measured quantity, and its SI value."""
+    return {
+        each.quantity: (each.signal.name, each.gain) for each in sensor.reader.bindings if each.quantity in MEASURED
+    }
+
+
+def made(dbcs: list[Path], log: Path | None, folder: Path) -> tuple[Binding, str]:
+    """Let the command make a configuration; return it and its text."""
+    path = folder / "made.yaml"
+    words = ["init", *map(str, dbcs), "--yes", "-o", str(path), *([] if log is None else ["--log", str(log)])]
+    assert main(words) == 0
+    return bind(load_config(path)), path.read_text(encoding="utf-8")
+
+
+def guessed(text: str, key: str) -> bool:
+    """Return whether the line of a key is marked as a guess."""
+    return any(f"# {GUESS}" in line for line in text.splitlines() if line.strip().startswith(f"{key}:"))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "gm_lrr",
+        pytest.param("ars408", marks=slow),
+        pytest.param("toyota_rav4", marks=slow),
+        pytest.param("esr_ins", marks=slow),
+        pytest.param("mando", marks=slow),
+        pytest.param("tesla_continental", marks=slow),
+        pytest.param("acura_ilx", marks=slow),
+    ],
+)
+def test_shipped_layouts_are_found_from_a_log(name: str, tmp_path: Path) -> None:
+    of = shipped(name)
+    log = survey_log(of, tmp_path)
+    right, wanted = of.sensors[0], [Path(of.sensors[0].database.path)]
+    assert of.ego is not None
+    found, text = made([*wanted, Path(of.ego.database.path)], log, tmp_path)
+    sensor = found.sensors[0]
+    for quantity, (signal, gain) in mapping(right).items():
+        assert mapping(sensor)[quantity][0] == signal, quantity
+        assert mapping(sensor)[quantity][1] == pytest.approx(gain), quantity
+        assert not guessed(text, quantity), quantity
+    assert found.ego is not None
+    assert found.ego.settings.kind == of.ego.settings.kind
+    assert sensor.settings.cycle_time == pytest.approx(right.settings.cycle_time, rel=0.03)
+    tried, expected = try_on(found, log), try_on(of, log)
+    assert tried.score.nis.mean == pytest.approx(tried.score.nis.expected, rel=0.3)
+    scans = expected.pipeline.assemblers[0].counts.scans
+    assert tried.pipeline.assemblers[0].counts.scans == pytest.approx(scans, abs=2)
+    assert tried.pipeline.assemblers[0].counts.incomplete <= 2
+
+
+@pytest.mark.slow
+def test_the_recorded_drive_is_configured_by_its_public_files(drive: Path, tmp_path: Path) -> None:
+    dbcs = [DATA / "dbc" / "toyota_adas.dbc", DATA / "dbc" / "toyota_nodsu_pt_generated.dbc"]
+    _, text = made(dbcs, drive / "drive.log.gz", tmp_path)
+    assert not any(guessed(text, key) for key in (*MEASURED, "yaw_rate", "left_wheels"))
+    summary = tmp_path / "summary.json"
+    assert main(["replay", str(tmp_path / "made.yaml"), str(drive / "drive.log.gz"), "--summary", str(summary)]) == 0
+    told = json.loads(summary.read_text())
+    half, second = told["predictions"]
+    assert half["x"] <= 0.20
+    assert second["x"] <= 0.30
+    assert half["y"] <= 0.27
+    assert second["y"] <= 0.37
+    assert told["stationary"]["vx"] <= 0.27
+    assert told["stationary"]["speed"] <= 0.45
+    assert told["duplicates"]["share"] <= 0.05
+
+
+def test_names_alone_give_guesses_that_are_marked(tmp_path: Path) -> None:
+    found, text = made([ROOT / "dbc" / "esr.dbc", ROOT / "dbc" / "oxts.dbc"], None, tmp_path)
+    assert mapping(found.sensors[0])["azimuth"][0] == "CAN_TX_TRACK_ANGLE"
+    assert all(guessed(text, key) for key in ("azimuth", "range_rate", "scan", "mount", "radar"))
