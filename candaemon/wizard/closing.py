@@ -215,7 +215,8 @@ def _header(
                 ]
                 if names:
                     keys["counter"] = names[0]
-                if used > sent:
+                every = len(frames.messages) if not table.layout.listed else 0
+                if used > sent and every and float(np.mean(following[1:-1] * len(table.layout.parts) == every)) > 0.9:
                     keys["used_only"] = "false"
                 what = "objects that follow" if sent >= used else "occupied slots that follow"
                 scan = np.searchsorted(stream.order, frames.order)

@@ -185,7 +185,14 @@ def _sensor(
         lines.choice(3, key, choice)
     _noise(lines, sensor, noise_factor, nis)
     far, wide = mapped.seen
-    if far:
+    if mapped.looks is not None:
+        signal, views = mapped.looks
+        lines.add(2, "looks:", f"what is seen is seen again {mapped.apart} scans later; each value sees otherwise")
+        lines.add(3, f"signal: {quoted(signal)}")
+        lines.add(3, "fields_of_view:", "how far the log's objects reach in each")
+        for value, (reach, opening) in views.items():
+            lines.add(4, f"{value}: {{range: {max(reach, 20):.0f}, azimuth_deg: {min(max(opening, 5), 180):.0f}}}")
+    elif far:
         view = f"{{range: {min(max(far, 20), 1000):.0f}, azimuth_deg: {min(max(wide, 5), 180):.0f}}}"
         lines.add(2, f"field_of_view: {view}", "how far the log's objects reach")
     else:
@@ -213,14 +220,17 @@ def _objects(lines: Lines, sensor: Sensor) -> None:
         keys += ["optional: true"] if number in sensor.optional else []
         lines.add(4, f"- {{{', '.join(keys)}}}")
     lines.add(3, f"slots: {layout.slots}")
+    if layout.points:
+        lines.add(3, f"points: [{', '.join(map(str, layout.points))}]", "objects in one message")
     if layout.first:
         lines.add(3, f"first: {layout.first}")
     if layout.step != 1:
         lines.add(3, f"step: {layout.step}")
-    if layout.listed and layout.parts[0].id_name is not None:
+    if layout.listed and layout.parts[0].id_name in layout.parts[0].names:
         lines.add(3, f"identity: {quoted(layout.parts[0].id_name)}", "the number in each frame")
     elif mapped.identity is not None:
-        lines.choice(3, "identity", mapped.identity)
+        name = mapped.identity.value
+        lines.add(3, f"identity: {name if name == 'false' else quoted(name)}", mapped.identity.why)
     if sensor.pair:
         lines.add(
             3,

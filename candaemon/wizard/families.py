@@ -6,12 +6,17 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Final
 
 from candaemon.dbc.types import MessageSpec, SignalSpec
 
 FEWEST: Final = 3
 """Messages that make a family: two may be alike by chance."""
+MOST_NUMBERS: Final = 8
+"""Numbers in a name that may be the slot's."""
+LONGEST_READ: Final = 256
+"""Characters of a name in which they are looked for."""
 MOST_SLOTS: Final = 256
 """Slots of a sensor's format."""
 
@@ -116,7 +121,7 @@ def _numbered(group: Sequence[MessageSpec]) -> Iterator[Family]:
 def _readings(name: str) -> Iterator[tuple[tuple[str, str, int], int]]:
     """Yield the ways to read a number out of a name: what is before and behind it and the base, and the number."""
     for form, base in ((_DECIMAL, 10), (_HEXADECIMAL, 16)):
-        for found in form.finditer(name):
+        for found in islice(form.finditer(name[:LONGEST_READ]), MOST_NUMBERS):
             digits = found[0]
             if len(digits) <= 6 and not (base == 16 and digits.lower() != digits and digits.upper() != digits):
                 yield (name[: found.start()], name[found.end() :], base), int(digits, base)
@@ -144,7 +149,7 @@ def _family(before: str, after: str, base: int, run: range, members: dict[int, M
     if spec is None or len(messages) > MOST_SLOTS:
         return None
     names = [
-        _signal_template([message.signals[row].name for message in messages], run)
+        signal_template([message.signals[row].name for message in messages], run)
         for row in range(len(messages[0].signals))
     ]
     if any(name is None for name in names):
@@ -168,7 +173,7 @@ def _spec(names: Sequence[str], run: range, before: str, after: str, base: int) 
     return None
 
 
-def _signal_template(names: Sequence[str], run: range) -> str | None:
+def signal_template(names: Sequence[str], run: range) -> str | None:
     """Return what the names of one signal in all messages have in common: itself, or a template with `{slot}`."""
     if len(set(names)) == 1:
         return names[0]

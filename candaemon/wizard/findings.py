@@ -235,12 +235,17 @@ def _header_count(
         return
     orders = np.sort(np.concatenate(first))
     following = np.diff(np.append(np.searchsorted(orders, stream.order), len(orders)))
-    counted = BatchDecoder(message, [scan.count]).decode(stream.payload)[0]
+    names = [name for name in scan.count if message.find(name) is not None]
+    if len(names) < len(scan.count):
+        return  # the rest of the count comes in further messages
+    counted = BatchDecoder(message, names).decode(stream.payload).sum(axis=0)
     share = float(np.mean(np.abs(counted[:-1] - following[:-1]) <= 0.5))
     if share < 0.5:
         yield LogFinding(
             ("sensors", sensor.name, "scan", "count"),
-            f"{scan.count} is the number of objects that follow in {share:.0%} of the scans only; name the count, or "
+            f"{' + '.join(scan.count)} is the number "
+            f"of objects that follow in {share:.0%} of the scans; name the count, "
+            "or "
             "give used_only: false where all slots are sent",
         )
 

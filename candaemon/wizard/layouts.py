@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from candaemon.dbc.types import MessageSpec, SignalSpec
-from candaemon.wizard.families import Family, find_families
+from candaemon.wizard.families import FEWEST, Family, find_families, signal_template
 from candaemon.wizard.vocabulary import role_of, words
 
 POSITIONS: Final = ({"x", "y"}, {"range", "azimuth"}, {"x", "azimuth"})
 """Roles that together are a position; some call the distance along the line of sight one ahead."""
+_NUMBER: Final = re.compile(r"\d+")
+MOST_TRIED: Final = 32
+"""Families with a position that are looked at."""
+MOST_LISTED: Final = 1000
+"""Messages outside families that are looked at as lists."""
+_FURTHER: Final = {"range_rate", "vx", "vy", "ax", "valid", "new", "width", "length", "score"}
+"""Roles of what a second message of an object holds."""
 MOST_LAYOUTS: Final = 8
 """Layouts that are looked at: a car has no more radars on its buses."""
 
@@ -46,6 +54,7 @@ class Layout:
         slots, first, step: as a configuration has them.
         why: the evidence in the DBC file.
         listed: whether one identifier carries all objects.
+        points: what `{point}` stands for, where a message has several objects.
     """
 
     parts: tuple[Part, ...]
@@ -54,6 +63,7 @@ class Layout:
     step: int
     why: str
     listed: bool = False
+    points: tuple[int, ...] = ()
 
     @property
     def name(self) -> str:
@@ -66,7 +76,10 @@ def find_layouts(messages: Sequence[MessageSpec]) -> list[Layout]:
     families = find_families(messages)
     layouts = [*_numbered(families)]
     taken = {message.name for family in families for message in family.messages}
-    layouts += _listed([message for message in messages if message.name not in taken])
+    rest = [message for message in messages if message.name not in taken]
+    several = list(_multiplexed(rest))
+    taken |= {layout.parts[0].template for layout in several}
+    layouts += [*several, *_listed([message for message in rest if message.name not in taken])]
     return sorted(layouts, key=_likelihood)[:MOST_LAYOUTS]
 
 
@@ -84,7 +97,7 @@ def has_position(names: Iterable[str]) -> bool:
 
 def _numbered(families: Sequence[Family]) -> Iterator[Layout]:
     """Yield the layouts of families of messages: one with the position, and its companions of the same numbers."""
-    main = [family for family in families if has_position(family.signals)]
+    main = [family for family in families if has_position(family.signals)][:MOST_TRIED]
     for family in main:
         others = [
             other
@@ -94,6 +107,12 @@ def _numbered(families: Sequence[Family]) -> Iterator[Layout]:
         parts = [_part(each) for each in (family, *sorted(others, key=lambda each: each.messages[0].can_id))]
         first, last = family.messages[0], family.messages[-1]
         why = f"{family.slots} messages laid out alike, {first.name} to {last.name}"
+        pointed = _with_points(parts[0]) if len(parts) == 1 else None
+        if pointed is not None:
+            part, points = pointed
+            why = f"{why}, with {len(points)} objects each"
+            yield Layout((part,), family.slots * len(points), family.first, family.step, why, points=points)
+            continue
         yield Layout(tuple(parts), family.slots, family.first, family.step, why)
 
 
@@ -103,6 +122,9 @@ def _is_companion(family: Family, other: Family, main: Sequence[Family]) -> bool
     def near(one: Family) -> int:
         return len(_common(one.template, other.template))
 
+    rivals = [each for each in main if each.numbers == other.numbers]
+    if rivals == [family]:
+        return any(role_of(name)[0] in _FURTHER for name in other.signals)
     return near(family) == max(map(near, main)) and near(family) >= min(3, len(family.template) - 6)
 
 
@@ -112,6 +134,70 @@ def _common(one: str, other: str) -> str:
     return one[:length]
 
 
+def _with_points(part: Part) -> tuple[Part, tuple[int, ...]] | None:
+    """Return a message with the signals of each of its objects told apart by a number, and these; None without any."""
+    found: dict[tuple[str, str, str], dict[int, int]] = {}
+    for index, name in enumerate(part.names):
+        for match in _NUMBER.finditer(name):
+            if "{" in name[: match.start()].rpartition("}")[2]:
+                continue  # within a slot's braces
+            width = len(match[0]) if match[0].startswith("0") or len(match[0]) > 1 else 0
+            key = (name[: match.start()], f":0{width}d" if width else "", name[match.end() :])
+            found.setdefault(key, {})[int(match[0])] = index
+    sets = [tuple(sorted(each)) for each in found.values() if len(each) >= 2]
+    if not sets:
+        return None
+    points = max(sets, key=lambda each: (sets.count(each), len(each)))
+    chosen = {key: each for key, each in found.items() if tuple(sorted(each)) == points}
+    names = tuple(f"{before}{{point{spec}}}{after}" for before, spec, after in chosen)
+    if not has_position(names):
+        return None
+    columns = [[by_number[point] for by_number in chosen.values()] for point in points]
+    signal_sets = tuple(
+        tuple(tuple(message.signals[index].name for index in column) for column in columns) for message in part.messages
+    )
+    specs = tuple(part.specs[index] for index in columns[0])
+    return Part(part.template, part.messages, names, specs, signal_sets), points
+
+
+def _multiplexed(messages: Sequence[MessageSpec]) -> Iterator[Layout]:
+    """Yield the layouts of messages in which a multiplexer says the slot, each with signals of its own names."""
+    for message in messages:
+        selectors = [signal for signal in message.signals if signal.is_multiplexer]
+        if len(selectors) != 1:
+            continue
+        by_id: dict[int, list[SignalSpec]] = {}
+        for signal in message.signals:
+            for value in signal.multiplexer_ids:
+                by_id.setdefault(value, []).append(signal)
+        groups = [by_id[value] for value in sorted(by_id)]
+        alike = {tuple((s.start, s.length, s.signed, s.scale, s.offset) for s in group) for group in groups}
+        if len(groups) < FEWEST or len(alike) != 1:
+            continue
+        stand_ins = [
+            MessageSpec(f"#{number}#", number, message.length, tuple(group)) for number, group in enumerate(groups)
+        ]
+        template = _common_template(groups)
+        if template is None or not has_position(template[0]):
+            continue
+        names, first = template
+        sets = (tuple(tuple(signal.name for signal in group) for group in groups),)
+        part = Part(message.name, (message,), names, tuple(groups[0]), sets, selectors[0].name)
+        why = f"{len(stand_ins)} groups of signals alike in {message.name}, told apart by {selectors[0].name}"
+        yield Layout((part,), len(groups), first, 1, why, listed=True)
+
+
+def _common_template(groups: Sequence[Sequence[SignalSpec]]) -> tuple[tuple[str, ...], int] | None:
+    """Return the names of signals with `{slot}` for a number that counts the groups, and the first number."""
+    match = _NUMBER.search(groups[0][0].name)
+    if match is None:
+        return None
+    run = range(int(match[0]), int(match[0]) + len(groups))
+    names = [signal_template([group[row].name for group in groups], run) for row in range(len(groups[0]))]
+    known = tuple(name for name in names if name is not None)
+    return (known, run.start) if len(known) == len(names) else None
+
+
 def _part(family: Family) -> Part:
     sets = tuple((tuple(signal.name for signal in message.signals),) for message in family.messages)
     return Part(family.template, family.messages, family.signals, family.messages[0].signals, sets)
@@ -119,7 +205,7 @@ def _part(family: Family) -> Part:
 
 def _listed(messages: Sequence[MessageSpec]) -> Iterator[Layout]:
     """Yield the layouts of messages that carry every object in turn and say in a signal which it is."""
-    for message in messages:
+    for message in messages[:MOST_LISTED]:
         names = [signal.name for signal in message.signals]
         identities = [
             signal for signal in message.signals if role_of(signal.name)[0] == "identity" and signal.length >= 4

@@ -10,8 +10,10 @@ import numpy as np
 from candaemon.arrays import Floats, Indices
 from candaemon.binding.bind_signal import UNITS, normalised_unit
 from candaemon.config.base import UNIT_FACTORS
+from candaemon.config.sensors import MOST_LOOKS
 from candaemon.wizard.draft import Choice
 from candaemon.wizard.layouts import Layout
+from candaemon.wizard.linking import linked
 from candaemon.wizard.object_motion import (
     NO_SLOPE,
     Slope,
@@ -28,6 +30,8 @@ from candaemon.wizard.occupancy import Occupancy, Test, occupancy
 from candaemon.wizard.own_motion import SLOWEST, OwnMotion
 from candaemon.wizard.vocabulary import role_of, side_of
 
+LISTED: Final = 0.35
+"""Share of objects that go on by their numbers, below which these say nothing."""
 PROVEN: Final = 4.0
 """Standard deviations from which on a log proves a sign or a unit."""
 WANDERS: Final = 6.0
@@ -48,8 +52,10 @@ class Mapping:
         factors: SI value of one unit of each, sign included.
         choices: YAML by quantity.
         held: which rows hold objects.
-        identity: signal that is their identity, None where the slot is.
+        identity: signal that is their identity, `false` where none is, None where the slot is.
+        apart: scans from one detection of an object to the next.
         valid, new: conditions.
+        looks: signal that says which look a scan is, and how far and wide (m, deg) each sees; None without looks.
         noise: by key of `noise`.
         own_filter: whether the radar's errors wander as those of a radar that filters by itself.
         seen: largest distance in m, and half opening angle in deg, that the log holds.
@@ -63,8 +69,10 @@ class Mapping:
     choices: dict[str, Choice]
     held: Occupancy
     identity: Choice | None = None
+    apart: int = 1
     valid: tuple[Test, ...] = ()
     new: tuple[Test, ...] = ()
+    looks: tuple[str, dict[int, tuple[float, float]]] | None = None
     noise: dict[str, Choice] = field(default_factory=dict)
     own_filter: str = ""
     seen: tuple[float, float] = (0.0, 0.0)
@@ -116,19 +124,54 @@ def map_signals(table: ObjectTable, own: OwnMotion | None) -> Mapping | None:
     mapped = Mapping(polar, table, {("range" if polar else "x"): far}, {}, {}, rough, valid=rough.valid)
     _map_distance(mapped, table, far, own)
     if velocity is not None and rate is not None:
+        table = _link(mapped, table, far, aside, velocity)
+        rate = table.values(velocity)
         _map_rate(mapped, table, velocity, roles, own)
         key = next(key for key in ("range_rate", "vx") if key in mapped.columns)
         factor = mapped.factors["range" if polar else "x"]
         speed = rate * mapped.factors[key] / factor
-        mapped.held = occupancy(table, far, others, speed)
-        mapped.valid, mapped.new = mapped.held.valid, mapped.held.new
-        _map_identity(mapped, far, speed)
-        table = mapped.table
+        if mapped.identity is None:
+            mapped.held = occupancy(table, far, others, speed)
+            mapped.valid, mapped.new = mapped.held.valid, mapped.held.new
+            _map_identity(mapped, far, speed)
+            table = mapped.table
+        else:
+            mapped.held = occupancy(table, far, (), speed, all_held=True)
     _map_lateral(mapped, table, aside, own)
     _line_of_sight(mapped, table, roles, own)
     _map_others(mapped, table, roles)
     _measure_noise(mapped, table, own)
     return mapped
+
+
+def _link(mapped: Mapping, table: ObjectTable, far: str, aside: str, velocity: str) -> ObjectTable:
+    """Return a table by objects where no number goes on with them: a list of detections, linked by where they go."""
+    held = mapped.held
+    numbers = [table.slot] + [
+        np.nan_to_num(column.values).astype(np.intp)
+        for name, column in table.columns.items()
+        if role_of(name)[0] == "identity" and column.spec.length >= 4
+    ]
+    dimension, factor = _unit_of(table.columns[velocity])
+    rate = table.values(velocity) * factor
+    count = int(np.count_nonzero(held.occupied))
+    going = max(_going_on(table, held, number, far, rate * sense) for number in numbers for sense in (1.0, -1.0))
+    if count < 200 or going > LISTED * count:
+        return table
+    values = table.values(far) * _unit_of(table.columns[far])[1]
+    best = linked(np.flatnonzero(held.occupied), table.time, values, table.values(aside), rate, table.cycle_time)
+    if best is None or best.found < 1.5 * going or best.found < 0.3 * len(best.rows):
+        return table
+    order = np.lexsort((table.time[best.rows], best.number))
+    rows = best.rows[order]
+    apart = f" {best.scans} scans later" if best.scans > 1 else " in the next scan"
+    why = f"{best.found:,} of {len(rows):,} go on to where they would be{apart}, by their numbers {going:,}"
+    mapped.identity = Choice("false", why)
+    mapped.apart = best.scans
+    mapped.table = table.rows(rows, best.number[order], best.scans)
+    mapped.held = occupancy(mapped.table, far, (), rate[rows] * best.factor, all_held=True)
+    del dimension
+    return mapped.table
 
 
 def _map_identity(mapped: Mapping, far: str, speed: Floats) -> None:
@@ -185,10 +228,11 @@ def _unit_of(column: Column) -> tuple[str, float]:
 def _reference(column: Column, *, negative: bool = False, unit: str = "", scale: float = 1.0) -> str:
     """Return a signal as a configuration has it."""
     sign = "-" if negative else ""
+    name = f'"{column.name}"' if "{" in column.name else column.name
     if scale != 1.0:
-        return f"{{signal: {column.name}, unit: {unit or '1'}, scale: {sign}{scale:.4g}}}"
-    return f"{{signal: {column.name}, unit: {unit}, scale: -1}}" if unit and negative else (
-        f"{{signal: {column.name}, unit: {unit}}}" if unit else f"{sign}{column.name}"
+        return f"{{signal: {name}, unit: {unit or '1'}, scale: {sign}{scale:.4g}}}"
+    return f"{{signal: {name}, unit: {unit}, scale: -1}}" if unit and negative else (
+        f"{{signal: {name}, unit: {unit}}}" if unit else f"{sign}{column.name}"
     )  # fmt: skip
 
 
@@ -515,8 +559,35 @@ def _measure_noise(mapped: Mapping, table: ObjectTable, own: OwnMotion | None) -
         far = float(np.quantile(np.hypot(x, y)[inside], 0.999))
         wide = float(np.degrees(np.quantile(np.abs(np.arctan2(y, x))[inside], 0.99)))
         mapped.seen = (far, wide)
+    mapped.looks = _looks(mapped)
     if own is not None:
         _judge_filter(mapped, table, own, x, y)
+
+
+def _looks(mapped: Mapping) -> tuple[str, dict[int, tuple[float, float]]] | None:
+    """Return the signal that says which look a scan is, and how far and wide (m, deg) each sees; None without any."""
+    if mapped.apart < 2:
+        return None
+    table = mapped.table
+    x, y = place_aside(mapped, table)
+    far, wide = np.hypot(x, y), np.degrees(np.abs(np.arctan2(y, x)))
+    for column in table.columns.values():
+        known = column.values[np.isfinite(column.values)]
+        values = np.unique(known)
+        state = role_of(column.name)[0] in {"new", "valid", "class"} or column.spec.scale != 1
+        if state or not 2 <= len(values) <= MOST_LOOKS or len(values) < mapped.apart:
+            continue
+        reach = {
+            int(value): (
+                float(np.quantile(far[column.values == value], 0.97)),
+                float(np.quantile(wide[column.values == value], 0.99)),
+            )
+            for value in values
+        }
+        farthest = [each for each, _ in reach.values()]
+        if max(farthest) > 1.5 * min(farthest):
+            return column.name, reach
+    return None
 
 
 def _judge_filter(mapped: Mapping, table: ObjectTable, own: OwnMotion, x: Floats, y: Floats) -> None:

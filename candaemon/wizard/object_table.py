@@ -67,10 +67,12 @@ class ObjectTable:
     def __len__(self) -> int:
         return len(self.time)
 
-    def rows(self, rows: Indices, slot: Indices) -> ObjectTable:
-        """Return some of its rows, with other numbers for their slots."""
+    def rows(self, rows: Indices, slot: Indices, scans: int = 1) -> ObjectTable:
+        """Return some of its rows, with other numbers for their slots, so many scans apart."""
         columns = {name: replace(column, values=column.values[rows]) for name, column in self.columns.items()}
-        return ObjectTable(self.layout, self.channel, self.time[rows], slot, self.order[rows], columns, self.cycle_time)
+        return ObjectTable(
+            self.layout, self.channel, self.time[rows], slot, self.order[rows], columns, self.cycle_time * scans
+        )
 
     def values(self, name: str) -> Floats:
         """Return a column's values."""
@@ -136,7 +138,7 @@ def _decoded(part: Part, traffic: Traffic, channel: int) -> Iterator[tuple[Float
         for point, names in enumerate(sets):
             decoder = decoders.setdefault(_shape(message, names), BatchDecoder(message, names))
             decoded = decoder.decode(stream.payload)
-            if part.id_name is not None:
+            if part.id_name is not None and part.id_name in part.names:
                 slot = np.nan_to_num(decoded[part.names.index(part.id_name)]).astype(np.intp)
             else:
                 slot = np.full(len(stream.time), number * len(sets) + point, np.intp)

@@ -245,6 +245,8 @@ def _new(table: ObjectTable, occupied: Booleans, starts: Booleans, jumps: Boolea
         role, _ = role_of(column.name)
         for value in np.unique(column.values[occupied & np.isfinite(column.values)]).tolist():
             rows = (column.values == value) & occupied
+            if np.count_nonzero(rows) > 0.5 * np.count_nonzero(occupied):
+                continue  # most are no first scans
             at_starts = float(np.mean(rows[judged]))
             # a flag may last for a second scan
             soon = begins | np.roll(begins & table.following, 1)

@@ -43,7 +43,7 @@ _ROLES: Final[tuple[tuple[str, str, int], ...]] = (
     ("vx", f"{_ANY}{_SPEED} {_AHEAD}|vx|vlong|xvel", 8),
     ("range_rate", f"{_ANY}({_FAR} (rate|rt|rat|speed|spd|velocity|vel|dot)|doppler|rdot|vr|vrad|rr|rangerate)", 8),
     ("range_rate", f"{_ANY}(radial v|v radial|v rad)", 8),
-    ("range_rate", f"{_ANY}(rel|relative) {_RATE}|vrel|relspeed|relvel|v rel", 7),
+    ("range_rate", f"{_ANY}(rel|relative) {_RATE}|vrel|relv|relspeed|relvel|v rel", 7),
     ("range_rate", f"{_ANY}(speed|spd|velocity|vel|rate|gschw|geschw|geschwindigkeit)", 4),
     ("azimuth", f"{_ANY}(azimuth|azimut|azi|az|azmth|angle|ang|bearing|theta|phi|alpha|winkel)( .*)?", 7),
     ("heading", f"{_ANY}(orientation|heading|yaw)( angle| ang)?", 8),

@@ -159,5 +159,5 @@ def test_the_command_names_the_line_and_repeats_guesses(tmp_path: Path, capsys: 
         .index("    cycle_time: 0.2 # guess: nobody knows # 14 scans a second")
     )
     assert f"spoilt.yaml:{line + 1}" in told
-    assert "sensors.front.cycle_time: found 0.2 s, but scans came every 0.0714 s" in told
+    assert "sensors.front.cycle_time: found 0.2 s, but scans came every 0.07" in told
     assert "nobody knows" in told

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,7 @@ def guessed(text: str, key: str) -> bool:
     [
         "gm_lrr",
         pytest.param("ars408", marks=slow),
+        pytest.param("chrysler_pacifica", marks=slow),
         pytest.param("toyota_rav4", marks=slow),
         pytest.param("esr_ins", marks=slow),
         pytest.param("mando", marks=slow),
@@ -75,6 +77,23 @@ def test_shipped_layouts_are_found_from_a_log(name: str, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["multiplexed_radar", "ford_mrr_fd", "ford_mrr"])
+def test_stranger_layouts_are_found_from_a_log(name: str, tmp_path: Path) -> None:
+    of = shipped(name)
+    log = survey_log(of, tmp_path)
+    right, settings = of.sensors[0], of.sensors[0].settings
+    assert of.ego is not None
+    found, _ = made([Path(right.database.path), Path(of.ego.database.path)], log, tmp_path)
+    sensor = found.sensors[0]
+    for quantity, (signal, gain) in mapping(right).items():
+        assert mapping(sensor)[quantity][0] == signal, quantity
+        assert mapping(sensor)[quantity][1] == pytest.approx(gain), quantity
+    assert sensor.settings.objects.slots == settings.objects.slots
+    assert len(sensor.settings.objects.points) == len(settings.objects.points)
+    assert (sensor.settings.looks is None) == (settings.looks is None)
+
+
+@pytest.mark.slow
 def test_the_recorded_drive_is_configured_by_its_public_files(drive: Path, tmp_path: Path) -> None:
     dbcs = [DATA / "dbc" / "toyota_adas.dbc", DATA / "dbc" / "toyota_nodsu_pt_generated.dbc"]
     _, text = made(dbcs, drive / "drive.log.gz", tmp_path)
@@ -90,6 +109,26 @@ def test_the_recorded_drive_is_configured_by_its_public_files(drive: Path, tmp_p
     assert told["stationary"]["vx"] <= 0.27
     assert told["stationary"]["speed"] <= 0.45
     assert told["duplicates"]["share"] <= 0.05
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "".join(f"BO_ {n} M{n:x}: 8 X\n" for n in range(100_000)),
+        "".join(f'BO_ {n} {"9a" * 60}{n}: 8 X\n SG_ {"x9" * 60}_{n} : 0|8@1+ (1,0) [0|0] "" X\n' for n in range(3000)),
+        'BO_ 1 DOOR: 8 X\n SG_ OPEN : 0|1@1+ (1,0) [0|1] "" X\n',
+    ],
+    ids=["1e5 messages", "absurd names", "no radar"],
+)
+def test_a_file_without_a_radar_ends_with_a_word(text: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "strange.dbc"
+    path.write_text(text, encoding="utf-8")
+    begun = time.process_time()
+    assert main(["init", str(path), "--yes"]) == 2
+    assert time.process_time() - begun < 10
+    told = capfd.readouterr().err
+    assert "strange.dbc" in told
+    assert "expected" in told
 
 
 def test_names_alone_give_guesses_that_are_marked(tmp_path: Path) -> None:
