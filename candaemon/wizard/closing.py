@@ -12,7 +12,7 @@ from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.dbc.types import MessageSpec
 from candaemon.wizard.frame_checks import steps_of
 from candaemon.wizard.object_table import ObjectTable
-from candaemon.wizard.traffic import Traffic
+from candaemon.wizard.traffic import LogTraffic
 from candaemon.wizard.vocabulary import role_of
 
 
@@ -56,7 +56,7 @@ class Frames:
     part: Indices
 
 
-def frames_of(table: ObjectTable, traffic: Traffic) -> Frames:
+def frames_of(table: ObjectTable, traffic: LogTraffic) -> Frames:
     """Return the frames of a table's objects."""
     messages: list[MessageSpec] = []
     times, orders, numbers, parts = [], [], [], []
@@ -80,7 +80,7 @@ def frames_of(table: ObjectTable, traffic: Traffic) -> Frames:
     )
 
 
-def find_closing(table: ObjectTable, traffic: Traffic, others: Iterable[MessageSpec]) -> Closing:
+def find_closing(table: ObjectTable, traffic: LogTraffic, others: Iterable[MessageSpec]) -> Closing:
     """Find out how the scans of a sensor close.
 
     Args:
@@ -123,7 +123,7 @@ def _closing(keys: dict[str, str], why: str, guess: bool, frames: Frames, scan: 
     return Closing(keys, why, guess, max(0.002, round(timeout, 3)), burst, len(begins))
 
 
-def _counter(table: ObjectTable, traffic: Traffic, frames: Frames) -> tuple[str, Integers, str] | None:
+def _counter(table: ObjectTable, traffic: LogTraffic, frames: Frames) -> tuple[str, Integers, str] | None:
     """Return the counter that all frames of a scan share: its name, each frame's scan, and the evidence."""
     shared = set.intersection(*(set(part.names) for part in table.layout.parts))
     specs = {name: spec for part in table.layout.parts for name, spec in zip(part.names, part.specs, strict=True)}
@@ -152,7 +152,7 @@ def _counter(table: ObjectTable, traffic: Traffic, frames: Frames) -> tuple[str,
     return None if best is None else best[1:]
 
 
-def _of_frames(table: ObjectTable, traffic: Traffic, frames: Frames, name: str) -> Floats | None:
+def _of_frames(table: ObjectTable, traffic: LogTraffic, frames: Frames, name: str) -> Floats | None:
     """Return a signal of every object frame, in the log's order."""
     values = np.full(len(frames.time), np.nan)
     number = 0
@@ -184,7 +184,7 @@ def _by_pauses(frames: Frames, table: ObjectTable) -> Integers:
 
 
 def _header(
-    table: ObjectTable, traffic: Traffic, others: Iterable[MessageSpec], frames: Frames
+    table: ObjectTable, traffic: LogTraffic, others: Iterable[MessageSpec], frames: Frames
 ) -> tuple[dict[str, str], str, Integers] | None:
     """Return the header message that counts the objects which follow: keys, evidence, and each frame's scan."""
     best: tuple[float, dict[str, str], str, Integers] | None = None

@@ -28,10 +28,10 @@ from candaemon.wizard.object_motion import (
     turning_slope,
     white_noise,
 )
-from candaemon.wizard.object_table import Column, ObjectTable
+from candaemon.wizard.object_table import ObjectColumn, ObjectTable
 from candaemon.wizard.occupancy import Occupancy, occupancy
 from candaemon.wizard.own_motion import SLOWEST, OwnMotion
-from candaemon.wizard.traffic import Traffic, read_traffic
+from candaemon.wizard.traffic import LogTraffic, read_traffic
 from candaemon.wizard.trial import LEAST_NIS, Trial, try_on
 
 PROVEN: Final = 6.0
@@ -87,13 +87,13 @@ def findings(binding: Binding, log: Path) -> list[LogFinding]:
     return found
 
 
-def _some_id(sensor: BoundSensor, traffic: Traffic) -> tuple[int, ...]:
+def _some_id(sensor: BoundSensor, traffic: LogTraffic) -> tuple[int, ...]:
     """Return an identifier of a sensor's objects that came, in a tuple; empty where none did."""
     ids = (message.can_id for layout in sensor.reader.layouts for message in layout.messages)
     return next(((each,) for each in ids if (sensor.bus, each) in traffic.streams), ())
 
 
-def _buses(binding: Binding, traffic: Traffic) -> Iterator[LogFinding]:
+def _buses(binding: Binding, traffic: LogTraffic) -> Iterator[LogFinding]:
     """Yield buses of which nothing came."""
     came = {bus for bus, _ in traffic.streams}
     read = {sensor.bus for sensor in binding.sensors} | ({binding.ego.bus} if binding.ego is not None else set())
@@ -107,7 +107,7 @@ def _buses(binding: Binding, traffic: Traffic) -> Iterator[LogFinding]:
         )
 
 
-def _absent(binding: Binding, sensor: BoundSensor, traffic: Traffic) -> LogFinding:
+def _absent(binding: Binding, sensor: BoundSensor, traffic: LogTraffic) -> LogFinding:
     ids = {message.can_id for layout in sensor.reader.layouts for message in layout.messages}
     elsewhere = sorted({binding.buses[bus].name for bus, can_id in traffic.streams if can_id in ids})
     cure = f"they came on bus {', '.join(elsewhere)}: set bus" if elsewhere else "check the DBC file and the channel"
@@ -137,7 +137,7 @@ def _own_motion(binding: Binding, trial: Trial) -> Iterator[LogFinding]:
         yield LogFinding(("ego",), f"own motion was not known in {counts.without_ego:,} of {cycles:,} scans")
 
 
-def _frames(sensor: BoundSensor, traffic: Traffic, trial: Trial) -> Iterator[LogFinding]:
+def _frames(sensor: BoundSensor, traffic: LogTraffic, trial: Trial) -> Iterator[LogFinding]:
     """Yield what the frames say: checks that fail, slots that lack, counters that do not count."""
     place: Where = ("sensors", sensor.name)
     counts = trial.pipeline.assemblers[sensor.index].counts
@@ -163,7 +163,7 @@ def _frames(sensor: BoundSensor, traffic: Traffic, trial: Trial) -> Iterator[Log
     yield from _cycle_time(sensor, traffic)
 
 
-def _more_slots(sensor: BoundSensor, traffic: Traffic) -> Iterator[LogFinding]:
+def _more_slots(sensor: BoundSensor, traffic: LogTraffic) -> Iterator[LogFinding]:
     """Yield messages of the objects' family that came and are configured for no slot."""
     form = sensor.settings.objects
     for layout, entry in zip(sensor.reader.layouts, form.messages, strict=True):
@@ -190,7 +190,7 @@ def _more_slots(sensor: BoundSensor, traffic: Traffic) -> Iterator[LogFinding]:
             )
 
 
-def _closing(sensor: BoundSensor, traffic: Traffic) -> Iterator[LogFinding]:
+def _closing(sensor: BoundSensor, traffic: LogTraffic) -> Iterator[LogFinding]:
     """Yield a counter that does not count, a trigger or a header that never comes."""
     scan, place = sensor.settings.scan, ("sensors", sensor.name, "scan")
     mark = sensor.header.message if sensor.header is not None else sensor.trigger
@@ -216,7 +216,7 @@ def _closing(sensor: BoundSensor, traffic: Traffic) -> Iterator[LogFinding]:
 
 
 def _header_count(
-    sensor: BoundSensor, scan: HeaderScan, message: MessageSpec, traffic: Traffic
+    sensor: BoundSensor, scan: HeaderScan, message: MessageSpec, traffic: LogTraffic
 ) -> Iterator[LogFinding]:
     """Yield a header's count that is not the number of objects."""
     stream = traffic.stream(sensor.bus, message)
@@ -250,7 +250,7 @@ def _header_count(
         )
 
 
-def _cycle_time(sensor: BoundSensor, traffic: Traffic) -> Iterator[LogFinding]:
+def _cycle_time(sensor: BoundSensor, traffic: LogTraffic) -> Iterator[LogFinding]:
     """Yield a cycle time that is not the messages'."""
     told = sensor.settings.cycle_time
     mark = sensor.header.message if sensor.header is not None else None
@@ -373,7 +373,7 @@ def _table(sensor: BoundSensor, scans: tuple[tuple[Scan, EgoPose | None], ...]) 
     else:
         of["far"] = of["x"]
     spec = SignalSpec("", 0, 16)
-    columns = {name: Column(name, spec, 0, each) for name, each in of.items()}
+    columns = {name: ObjectColumn(name, spec, 0, each) for name, each in of.items()}
     none = Layout((Part("", (), (), (), ()),), 1, 0, 1, "")
     return ObjectTable(none, 0, time[rows], number[rows], rows, columns, sensor.settings.cycle_time)
 

@@ -13,7 +13,7 @@ from candaemon.dbc.types import SignalSpec
 from candaemon.errors import ConfigError
 from candaemon.protection.checksums import Kind, Protector
 from candaemon.wizard.layouts import Part
-from candaemon.wizard.traffic import Traffic
+from candaemon.wizard.traffic import LogTraffic
 
 _TRIED: Final = 400
 """Frames of a message on which a kind of checksum is tried."""
@@ -37,7 +37,7 @@ class Checksum:
     share: float
 
 
-def find_checksum(part: Part, traffic: Traffic, channel: int) -> Checksum | None:
+def find_checksum(part: Part, traffic: LogTraffic, channel: int) -> Checksum | None:
     """Find the checksum of the frames of one part of a layout, by trying each kind on each byte; None if none fits."""
     sets = {names for message_sets in part.signal_sets for names in message_sets}
     if part.names not in sets:
@@ -55,7 +55,7 @@ def _may_be_checksum(spec: SignalSpec) -> bool:
     return spec.length in {4, 8} and first_bit(spec) % spec.length == 0 and spec.scale == 1 and spec.offset == 0
 
 
-def _fits(part: Part, traffic: Traffic, channel: int, spec: SignalSpec, kind: Kind) -> Checksum | None:
+def _fits(part: Part, traffic: LogTraffic, channel: int, spec: SignalSpec, kind: Kind) -> Checksum | None:
     """Return a kind of checksum if nearly all frames carry it in a signal."""
     if (kind == "honda") != (spec.length == 4):
         return None

@@ -25,7 +25,7 @@ from candaemon.wizard.object_motion import (
     turning_slope,
     white_noise,
 )
-from candaemon.wizard.object_table import Column, ObjectTable
+from candaemon.wizard.object_table import ObjectColumn, ObjectTable
 from candaemon.wizard.occupancy import Occupancy, Test, occupancy
 from candaemon.wizard.own_motion import SLOWEST, OwnMotion
 from candaemon.wizard.vocabulary import role_of, side_of
@@ -219,13 +219,13 @@ def _position(roles: dict[str, str]) -> tuple[str, str, bool] | None:
     return None
 
 
-def _unit_of(column: Column) -> tuple[str, float]:
+def _unit_of(column: ObjectColumn) -> tuple[str, float]:
     """Return the dimension and SI value of the DBC's unit; an empty dimension where it names none that is known."""
     known = UNITS.get(normalised_unit(column.spec.unit)) if column.spec.unit.strip() else None
     return ("", 1.0) if known is None or known[0] == "number" else known
 
 
-def _reference(column: Column, *, negative: bool = False, unit: str = "", scale: float = 1.0) -> str:
+def _reference(column: ObjectColumn, *, negative: bool = False, unit: str = "", scale: float = 1.0) -> str:
     """Return a signal as a configuration has it."""
     sign = "-" if negative else ""
     name = f'"{column.name}"' if "{" in column.name else column.name
@@ -360,13 +360,13 @@ def _sigmas(slope: Slope) -> str:
     return f"{slope.sigmas:.1f} σ" if slope.samples else "nothing stands in it"
 
 
-def _usual_side(column: Column) -> bool:
+def _usual_side(column: ObjectColumn) -> bool:
     """Return whether a signal is rather positive to the right: nothing says so, ISO 8855 is left."""
     del column
     return False
 
 
-def _angle_unit(turn: Slope, wide: float, column: Column) -> tuple[str, str, bool]:
+def _angle_unit(turn: Slope, wide: float, column: ObjectColumn) -> tuple[str, str, bool]:
     """Return an angle's unit, where the DBC names none: by how far it reaches, and by own turns."""
     by_size = "deg" if wide > 1.7 else "rad"
     clear = wide > 3.2 or wide < 1.2
@@ -386,7 +386,7 @@ def _angle_unit(turn: Slope, wide: float, column: Column) -> tuple[str, str, boo
     return by_size, why, not clear
 
 
-def _turn(mapped: Mapping, table: ObjectTable, column: Column, own: OwnMotion | None) -> Slope:
+def _turn(mapped: Mapping, table: ObjectTable, column: ObjectColumn, own: OwnMotion | None) -> Slope:
     """Return how a lateral signal of what stands goes with own turns."""
     if own is None:
         return NO_SLOPE
@@ -504,7 +504,7 @@ def _map_lateral_rate(mapped: Mapping, table: ObjectTable, name: str) -> None:
     mapped.columns["vy"], mapped.factors["vy"] = name, -factor if negative else factor
 
 
-def _map_acceleration(mapped: Mapping, table: ObjectTable, column: Column, factor: float) -> None:
+def _map_acceleration(mapped: Mapping, table: ObjectTable, column: ObjectColumn, factor: float) -> None:
     """Map the acceleration if it is the derivative of the speed; else it is left out: wrong, it would harm."""
     key = next((key for key in ("range_rate", "vx") if key in mapped.columns), None)
     if key is None:
@@ -602,7 +602,7 @@ def map_by_names(layout: Layout) -> Mapping:
     """Return what names alone suggest for a layout's quantities: guesses, but for what the DBC states."""
     specs = {name: spec for part in layout.parts for name, spec in zip(part.names, part.specs, strict=True)}
     nothing, none = np.zeros(0), np.zeros(0, np.intp)
-    columns = {name: Column(name, spec, 0, nothing) for name, spec in specs.items()}
+    columns = {name: ObjectColumn(name, spec, 0, nothing) for name, spec in specs.items()}
     table = ObjectTable(layout, -1, nothing, none, none, columns, 0.05)
     roles = names_by_role(layout)
     position = _position(roles)
@@ -633,7 +633,7 @@ def map_by_names(layout: Layout) -> Mapping:
     return mapped
 
 
-def _by_name(key: str, column: Column) -> Choice:
+def _by_name(key: str, column: ObjectColumn) -> Choice:
     """Return a quantity's signal with what the DBC says of its unit and side."""
     dimension, _ = _unit_of(column)
     told = side_of(column.spec.comment)

@@ -12,14 +12,14 @@ from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.wizard.layouts import Layout, Part
-from candaemon.wizard.traffic import Traffic
+from candaemon.wizard.traffic import LogTraffic
 
 FEWEST_ROWS: Final = 50
 """Objects of a log, below which it says nothing of a radar."""
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class ObjectColumn:
     """A signal of the objects.
 
     Attributes:
@@ -55,7 +55,7 @@ class ObjectTable:
     time: Floats
     slot: Indices
     order: Indices
-    columns: dict[str, Column]
+    columns: dict[str, ObjectColumn]
     cycle_time: float
     following: Booleans = field(init=False)
 
@@ -79,7 +79,7 @@ class ObjectTable:
         return self.columns[name].values
 
 
-def object_table(layout: Layout, traffic: Traffic) -> ObjectTable | None:
+def object_table(layout: Layout, traffic: LogTraffic) -> ObjectTable | None:
     """Return the objects that came in a log; None where there are too few."""
     channel = traffic.channel_of(layout.parts[0].messages)
     if channel is None:
@@ -91,13 +91,13 @@ def object_table(layout: Layout, traffic: Traffic) -> ObjectTable | None:
     cycle_time = _cycle_time(first)
     if not np.isfinite(cycle_time):
         return None
-    columns = {name: Column(name, spec, 0, values) for name, spec, values in first.columns}
+    columns = {name: ObjectColumn(name, spec, 0, values) for name, spec, values in first.columns}
     for number, other in enumerate(gathered[1:], 1):
         if other is None:
             continue
         rows, near = _nearest(first, other, 0.5 * cycle_time)
         for name, spec, values in other.columns:
-            columns.setdefault(name, Column(name, spec, number, np.where(near, values[rows], np.nan)))
+            columns.setdefault(name, ObjectColumn(name, spec, number, np.where(near, values[rows], np.nan)))
     return ObjectTable(layout, channel, first.time, first.slot, first.order, columns, cycle_time)
 
 
@@ -111,7 +111,7 @@ class _Gathered:
     columns: Sequence[tuple[str, SignalSpec, Floats]]
 
 
-def _gathered(part: Part, traffic: Traffic, channel: int) -> _Gathered | None:
+def _gathered(part: Part, traffic: LogTraffic, channel: int) -> _Gathered | None:
     """Return the objects of one part of a layout."""
     times, slots, orders, values = [], [], [], []
     for time, order, slot, decoded in _decoded(part, traffic, channel):
@@ -128,7 +128,7 @@ def _gathered(part: Part, traffic: Traffic, channel: int) -> _Gathered | None:
     return _Gathered(time[rows], slot[rows], order[rows], columns)
 
 
-def _decoded(part: Part, traffic: Traffic, channel: int) -> Iterator[tuple[Floats, Indices, Indices, Floats]]:
+def _decoded(part: Part, traffic: LogTraffic, channel: int) -> Iterator[tuple[Floats, Indices, Indices, Floats]]:
     """Yield times, places in the log, slots and values (signals, n) of a part, message by message."""
     decoders: dict[int, BatchDecoder] = {}
     for number, (message, sets) in enumerate(zip(part.messages, part.signal_sets, strict=True)):

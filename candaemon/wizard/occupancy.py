@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
-from candaemon.wizard.object_table import Column, ObjectTable
+from candaemon.wizard.object_table import ObjectColumn, ObjectTable
 from candaemon.wizard.vocabulary import role_of
 
 MOST_VALUES: Final = 16
@@ -163,7 +163,7 @@ def _frozen(table: ObjectTable, columns: Iterable[Floats]) -> Booleans:
     return frozen | np.roll(frozen, 1) & np.roll(same, 1) | np.roll(frozen, -1) & same
 
 
-def _enumerations(table: ObjectTable) -> list[Column]:
+def _enumerations(table: ObjectTable) -> list[ObjectColumn]:
     """Return the columns that may hold a state: few values, and not another one in each scan."""
     found = []
     for column in table.columns.values():
@@ -209,7 +209,7 @@ def _conditions(table: ObjectTable, dead: Booleans) -> Iterable[tuple[Test, Bool
     return [] if best is None else [best[1:]]
 
 
-def _unseen(column: Column, seen: Floats) -> str:
+def _unseen(column: ObjectColumn, seen: Floats) -> str:
     """Say which values of a state did not come."""
     every = set(range(1 << column.spec.length)) if column.spec.scale == 1 and not column.spec.offset else set()
     missing = sorted(every - {int(value) for value in seen})

@@ -15,7 +15,7 @@ from candaemon.config.base import UNIT_FACTORS
 from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.wizard.draft import Choice
-from candaemon.wizard.traffic import Traffic
+from candaemon.wizard.traffic import LogTraffic
 from candaemon.wizard.vocabulary import words
 
 TRACK_WIDTH: Final = 1.6
@@ -185,7 +185,7 @@ class OwnMotion:
         return result
 
 
-def heard_signals(messages: Iterable[tuple[Path, MessageSpec]], traffic: Traffic) -> list[Heard]:
+def heard_signals(messages: Iterable[tuple[Path, MessageSpec]], traffic: LogTraffic) -> list[Heard]:
     """Return the signals of some messages that came in a log with more than one value."""
     found = []
     for dbc, message in messages:

@@ -21,7 +21,7 @@ from candaemon.wizard.layouts import Layout, find_layouts
 from candaemon.wizard.mapping import Mapping, map_by_names, map_signals
 from candaemon.wizard.object_table import ObjectTable, object_table
 from candaemon.wizard.own_motion import Heard, OwnMotion, find_own_motion, heard_signals, named_signals
-from candaemon.wizard.traffic import Traffic
+from candaemon.wizard.traffic import LogTraffic
 from candaemon.wizard.vocabulary import role_of
 
 MOST_FILES: Final = 32
@@ -71,10 +71,10 @@ class Proposal:
     sensors: tuple[Sensor, ...]
     own: OwnMotion | None
     databases: Table[Path, Database]
-    traffic: Traffic | None
+    traffic: LogTraffic | None
 
 
-def propose(dbcs: Sequence[Path], traffic: Traffic | None, ask: Ask = take_guess) -> Proposal:
+def propose(dbcs: Sequence[Path], traffic: LogTraffic | None, ask: Ask = take_guess) -> Proposal:
     """Find a configuration for strange DBC files.
 
     Args:
@@ -106,7 +106,7 @@ def propose(dbcs: Sequence[Path], traffic: Traffic | None, ask: Ask = take_guess
 
 
 def _by_log(
-    found: Sequence[tuple[Path, Layout]], databases: Table[Path, Database], traffic: Traffic, ask: Ask
+    found: Sequence[tuple[Path, Layout]], databases: Table[Path, Database], traffic: LogTraffic, ask: Ask
 ) -> Proposal:
     """Return what a log says."""
     tables = [(path, table) for path, layout in found if (table := object_table(layout, traffic)) is not None]
@@ -160,7 +160,7 @@ def _name(before: Sequence[Sensor], layout: Layout) -> str:
 
 
 def _sensor(
-    name: str, path: Path, table: ObjectTable, mapped: Mapping, traffic: Traffic, database: Database, ask: Ask
+    name: str, path: Path, table: ObjectTable, mapped: Mapping, traffic: LogTraffic, database: Database, ask: Ask
 ) -> Sensor:
     """Return a sensor with its scans and frames told."""
     closing = find_closing(table, traffic, database.messages.values())

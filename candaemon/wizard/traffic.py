@@ -52,7 +52,7 @@ class Stream:
 
 
 @dataclass(frozen=True, slots=True)
-class Traffic:
+class LogTraffic:
     """A log.
 
     Attributes:
@@ -89,7 +89,7 @@ class Traffic:
         return fitting if len(fitting.time) else None
 
 
-def read_traffic(log: Path, buses: Mapping[str, int] | None = None, most: int = MOST_FRAMES) -> Traffic:
+def read_traffic(log: Path, buses: Mapping[str, int] | None = None, most: int = MOST_FRAMES) -> LogTraffic:
     """Read a log into arrays.
 
     Args:
@@ -117,12 +117,12 @@ def read_traffic(log: Path, buses: Mapping[str, int] | None = None, most: int = 
             break
     blocks = [block for block in blocks if len(block)]
     if not blocks:
-        return Traffic(log, channels, {}, 0.0, counts)
+        return LogTraffic(log, channels, {}, 0.0, counts)
     joined = joined_blocks(blocks)
     joined = joined.rows(np.flatnonzero(joined.bus >= 0))
     if not len(joined):
-        return Traffic(log, channels, {}, 0.0, counts)
-    return Traffic(log, channels, _streams(joined), float(np.ptp(joined.time_ns)) * 1e-9, counts)
+        return LogTraffic(log, channels, {}, 0.0, counts)
+    return LogTraffic(log, channels, _streams(joined), float(np.ptp(joined.time_ns)) * 1e-9, counts)
 
 
 def _streams(block: FrameBlock) -> dict[tuple[int, int], Stream]:
