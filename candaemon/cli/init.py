@@ -32,22 +32,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> None:
     """Find the configuration, ask about guesses on a terminal, and write it."""
     asks = not arguments.yes and sys.stdin.isatty() and sys.stderr.isatty()
-    ask: Ask = _ask if asks else take_guess
-    traffic = None if arguments.log is None else read_traffic(arguments.log)
-    proposal = propose(arguments.dbc, traffic, ask)
-    folder = Path.cwd() if arguments.output is None else arguments.output.parent
-    factor, why = fitted_noise(proposal)
-    text = draft_text(proposal, relative_path(folder), factor, why)
-    if arguments.output is None:
-        print(text, end="")
-    else:
-        read = [*arguments.dbc, *([] if arguments.log is None else [arguments.log])]
-        with Outputs(read) as outputs:
-            outputs.open(arguments.output).stream.write(text.encode("utf-8"))
+    with Outputs([*arguments.dbc, *([] if arguments.log is None else [arguments.log])]) as outputs:
+        written = None if arguments.output is None else outputs.open(arguments.output)
+        text = _configuration(arguments, _ask if asks else take_guess)
+        if written is None:
+            print(text, end="")
+        else:
+            written.stream.write(text.encode("utf-8"))
     count = text.count(f"# {GUESS}")
     name = "CONFIG" if arguments.output is None else str(arguments.output)
     log = "" if arguments.log is None else f" --log {arguments.log}"
     say(f"{count} guesses, marked in it; next: candaemon check {name}{log}")
+
+
+def _configuration(arguments: argparse.Namespace, ask: Ask) -> str:
+    """Return the configuration that the files tell, as YAML."""
+    traffic = None if arguments.log is None else read_traffic(arguments.log)
+    proposal = propose(arguments.dbc, traffic, ask)
+    folder = Path.cwd() if arguments.output is None else arguments.output.parent
+    factor, why = fitted_noise(proposal)
+    return draft_text(proposal, relative_path(folder), factor, why)
 
 
 def _ask(key: str, choice: Choice) -> Choice:

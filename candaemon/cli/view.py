@@ -66,7 +66,10 @@ def add_page_arguments(parser: argparse.ArgumentParser) -> None:
         "--port", type=whole_number(0, LARGEST_PORT), default=PORT, help=f"default: {PORT}; 0: any that is free"
     )
     parser.add_argument(
-        "--address", default="127.0.0.1", help="to serve the page at; default: this machine alone, 127.0.0.1"
+        "--address",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="to serve the page at; default: this machine alone, 127.0.0.1",
     )
     parser.add_argument("--token", type=token, help="that a browser must know; needed with --address")
     parser.add_argument(

@@ -268,7 +268,8 @@ class SensorTrust:
         state.short += -expm1(-dt / _SHORT) * (level - state.short)
         if state.fault == Fault.NONE and not state.noisy_ns and state.burst < _FADED:
             state.judged = min(state.judged + dt, _LONG)
-            state.long += min(dt / max(state.judged, dt), 1.0) * (level - state.long)
+            share = min(dt / state.judged, 1.0) if state.judged else 0.0
+            state.long += share * (level - state.long)
         self._note_noise(state, now_ns)
 
     def _note_noise(self, state: SensorTrustState, now_ns: int) -> None:

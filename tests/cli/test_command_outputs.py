@@ -74,6 +74,10 @@ CASES = {
         ("evaluate", "tracks.csv", "truth.csv"), ("tracks.csv", "truth.csv"), ("evaluate", "typo.csv", "truth.csv")
     ),
     "convert": Command(("convert", "drive.log"), ("drive.log",), ("convert", "typo.log"), (POSITIONAL, "new.log")),
+    "calibrate": Command(
+        ("calibrate", "car.yaml", "drive.log"), ("car.yaml", "drive.log", *DBC), ("calibrate", "car.yaml", "typo.log")
+    ),
+    "init": Command(("init", "esr.dbc", "--yes"), ("esr.dbc",), ("init", "typo.dbc", "--yes")),
     "papers": Command(("papers", "000-table-1", "--runs", "2"), (), ("papers", "typo")),
 }
 OPTIONS = {
@@ -90,12 +94,14 @@ OPTIONS = {
     "simulate": {"--output": "o.log", "--truth": "t.csv", "--origins": "s.csv"},
     "evaluate": {"--json": "e.json"},
     "convert": {POSITIONAL: "c.log"},
+    "calibrate": {"--output": "p.yaml"},
+    "init": {"--output": "c.yaml"},
     "papers": {"--json": "p.json"},
 }
 """Each option that writes a file, with a name for it."""
 FOLDERS = {("papers", "--plots"), ("replay", "--parquet"), ("run", "--record")}
 """Options that write into a folder, each tested with its command."""
-NO_FILE = {("papers", "NAME"), ("status", "NAME")}
+NO_FILE = {("papers", "NAME"), ("status", "NAME"), ("view", "ADDRESS")}
 """Arguments that are plain words."""
 
 EACH = [(command, option, name) for command, options in OPTIONS.items() for option, name in options.items()]
@@ -284,6 +290,7 @@ def test_all_files_are_written_in_one_way() -> None:
         "recording/ring.py": "likewise",
         "recording/event_archive.py": "likewise",
         "cli/standard_streams.py": "the null device",
+        "wizard/trial.py": "what is tried and thrown away, in a folder of its own",
         "daemon/trial_load.py": "which process the kernel ends first",
     }
     writes = re.compile(r"""open\([^)]*["'](?:[wax][bt]?|r[bt]?\+)\+?["']|write_(text|bytes)\(|O_WRONLY|O_RDWR""")
