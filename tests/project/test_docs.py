@@ -40,7 +40,6 @@ NOT_RUN = {
     ".ci/run": "CI itself",
     "python -m tests.benchmarks": "takes minutes, and the machine to itself; CI runs them",
     "candump": "needs a CAN interface",
-    "candaemon init": "needs a minute's drive with bends; tests/wizard runs it on such",
     "ip link set": "needs a CAN interface and root",
     "systemctl": "needs systemd and root; tests/systemd runs the service there",
     "journalctl": "needs systemd",
