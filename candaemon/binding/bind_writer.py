@@ -399,6 +399,11 @@ def _layout_writer(
         name = first_point_name(signal.name)
         if signal.offset and signal.multiplexer_signal is None and all(each.find(name) for each in every_message):
             written.written(message.signal(name))
+    if checksum in written.counters:
+        raise location.error(
+            f"'{checksum}' counts the scans and is the checksum too; expected the signal of a counter in one, "
+            "that of the checksum in the other"
+        )
     signals = [each for name, each in written.signals.items() if name != checksum]
     names = [each.signal.name for each in signals]
     of_point = np.array([is_of_point(name) for name in names], np.bool_)
