@@ -30,6 +30,7 @@ VENDOR_FILES = {
     "mando_radar": "hyundai_kia_mando_front_radar_generated",
 }
 LIBRARY = (
+    "lidar",
     "ford_mrr",
     "ford_mrr_fd",
     "volkswagen_meb",
