@@ -107,7 +107,12 @@ def test_standard_input_ends_with_ctrl_c_and_keeps_its_results(short: Path, tmp_
     assert len(content) > 1 << 18  # more than a pipe holds: what is written has been read, but for that
     tracks = tmp_path / "tracks.csv"
     command = [*COMMAND, *replaying("-", "--tracks", tracks)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+
+    def heed() -> None:  # what runs the tests may ignore SIGINT, and so would the process
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, preexec_fn=heed) as process:  # noqa: PLW1509 - no threads here
         assert process.stdin is not None
         process.stdin.write(content)
         process.stdin.flush()

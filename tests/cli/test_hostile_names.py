@@ -107,7 +107,7 @@ def test_simulate_replay_and_evaluate_show_them(tmp_path: Path) -> None:
         ["evaluate", tracks, tmp_path / HOSTILE],
         ["replay", config, tmp_path / f"no{HOSTILE}.log"],
         ["replay", config, log, "--map", f"a=b{HOSTILE}"],
-        ["replay", config, log, HOSTILE],
+        ["evaluate", tracks, truth, HOSTILE],
         ["simulate", HOSTILE, config, "-o", log],
         ["simulate", tmp_path / "bad.yaml", config, "-o", log],
     )
