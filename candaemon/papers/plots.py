@@ -12,6 +12,7 @@ import matplotlib.style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
+from candaemon.exports.palette import SERIES
 from candaemon.papers.experiment import Figure, Panel
 
 Look: TypeAlias = dict[str, Any]
@@ -22,9 +23,7 @@ _PANEL_HEIGHT_IN = 2.6
 _PATH_HEIGHT_IN = 4.0
 _Y_LABEL_LETTERS = 28  # what a panel's height has room for
 
-# Okabe and Ito's, which colour-blind eyes distinguish; a seventh curve is the first colour again, dashed
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
-_DASHES = ("-", "--", ":")
+_DASHES = ("-", "--", ":")  # a seventh curve has the first colour again, dashed
 
 _KNOWN_LOOKS: Mapping[str, Look] = {
     "truth": {"color": "black", "linewidth": 0.8},
@@ -92,7 +91,7 @@ def _looks(figure: Figure) -> dict[str, Look]:
     """Return how the curves of each label are drawn: alike in all panels."""
     labels = dict.fromkeys(line.label for panel in figure.panels for line in panel.lines)
     others = [label for label in labels if label not in _KNOWN_LOOKS]
-    free = cycle({"color": colour, "linestyle": dash} for dash, colour in product(_DASHES, _COLOURS))
+    free = cycle({"color": colour, "linestyle": dash} for dash, colour in product(_DASHES, SERIES))
     return {**_KNOWN_LOOKS, **dict(zip(others, free, strict=False))}
 
 
