@@ -30,8 +30,6 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, cast
 
-import can
-
 from candaemon.can_io.logs.blf import read_blf
 from candaemon.can_io.logs.candump import read_candump
 from candaemon.can_io.logs.formats import open_log
@@ -39,14 +37,15 @@ from candaemon.can_io.logs.merge import LogBlock
 from candaemon.can_io.logs.mf4 import read_mf4
 from candaemon.can_io.logs.pcap import read_pcap
 from candaemon.can_io.logs.stream import LONGEST_LINE, MOST_IN_VAIN, NO_CHANNEL, ChannelMap, LogBytes, LogCounts
-from candaemon.can_io.python_can import to_frame
 from candaemon.frames.frame import Frame
 from candaemon.frames.frame_block import FrameBlock
 
 if TYPE_CHECKING:
     from typing import TextIO
 
-_Reader: TypeAlias = Callable[[LogBytes, LogCounts], Iterator[can.Message]]
+    import can
+
+_Reader: TypeAlias = "Callable[[LogBytes, LogCounts], Iterator[can.Message]]"
 
 _BATCH = 1024  # frames
 
@@ -102,6 +101,8 @@ def frames_of(blocks: Iterable[LogBlock]) -> Iterator[Frame]:
 
 def _frames(messages: Iterable[can.Message], suffix: str, channels: ChannelMap, counts: LogCounts) -> Iterator[Frame]:
     """Convert python-can's messages to frames; count those that are not data frames."""
+    from candaemon.can_io.python_can import to_frame  # noqa: PLC0415 - python-can, which takes long to import
+
     first_channel = 1 if suffix == ".trc" else 0  # python-can's TRC reader, unlike the others, leaves it at 1
     for message in messages:
         channel = message.channel if suffix != ".csv" else None
@@ -190,16 +191,19 @@ class _TextLines:
             yield rest.decode(errors="replace")
 
 
-def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -> _Reader:
+def _text_reader(name: str, header: str) -> _Reader:
     """Return a reader that skips lines which python-can cannot read.
 
     Args:
-        make: python-can's reader of a text file.
+        name: of python-can's reader of a text file.
         header: end of a header for that reader, which expects one each time it starts.
     """
 
     def read(stream: LogBytes, counts: LogCounts) -> Iterator[can.Message]:
+        import can  # noqa: PLC0415 - it takes longer than to read most logs, and those of candump need none of it
+
         lines = _TextLines(stream, counts)
+        make: Callable[[TextIO], Iterable[can.Message]] = getattr(can, name)
         reader = make(cast("TextIO", lines))
         with stream:
             failed_at = counts.lines
@@ -224,7 +228,7 @@ def _text_reader(make: Callable[[TextIO], Iterable[can.Message]], header: str) -
 
 
 _READERS: dict[str, _Reader] = {
-    ".asc": _text_reader(can.ASCReader, "no internal events logged\n"),
-    ".csv": _text_reader(can.CSVReader, "timestamp,arbitration_id,extended,remote,error,dlc,data\n"),
-    ".trc": _text_reader(can.TRCReader, ";\n"),
+    ".asc": _text_reader("ASCReader", "no internal events logged\n"),
+    ".csv": _text_reader("CSVReader", "timestamp,arbitration_id,extended,remote,error,dlc,data\n"),
+    ".trc": _text_reader("TRCReader", ";\n"),
 }

@@ -14,9 +14,7 @@ from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Final, Self
-
-import can
+from typing import TYPE_CHECKING, BinaryIO, Final, Self
 
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.logs.compression import compression_by_name, packed
@@ -24,10 +22,12 @@ from candaemon.can_io.logs.formats import NOT_COMPRESSED, log_suffix
 from candaemon.can_io.logs.mf4 import LARGEST_MF4_CHANNEL, Mf4Frames
 from candaemon.can_io.logs.pcap import PcapngPackets, PcapPackets
 from candaemon.can_io.logs.stream import channel_number
-from candaemon.can_io.python_can import to_message
 from candaemon.errors import InputError
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame
+
+if TYPE_CHECKING:
+    import can
 
 LARGEST_CHANNEL: Final = 65_534
 """Greatest number of a channel, from 0, in a log without names: a `.blf` has 16 bits for it, from 1."""
@@ -221,7 +221,10 @@ class PythonCanWriter(LogWriter):
         channels: Sequence[str],
         start: Callable[[BinaryIO, float], can.io.generic.MessageWriter],
     ) -> None:
+        from candaemon.can_io.python_can import to_message  # noqa: PLC0415 - python-can, which takes long to import
+
         super().__init__(file)
+        self._to_message = to_message
         self._numbers = _ChannelNumbers(file.path, channels, LARGEST_CHANNEL)
         self._start = start
         self._writer: can.io.generic.MessageWriter | None = None
@@ -230,9 +233,9 @@ class PythonCanWriter(LogWriter):
         for frame in frames:
             if self._writer is None:
                 self._writer = self._start(self._target, frame.time_ns / 1_000_000_000)
-            if frame.fd and isinstance(self._writer, can.TRCWriter):
+            if frame.fd and self._start is _start_trc:
                 raise InputError("python-can writes no CAN FD to .trc; choose .log, .asc or .blf", file=self._path)
-            self._writer.on_message_received(to_message(frame, self._numbers[frame.bus]))
+            self._writer.on_message_received(self._to_message(frame, self._numbers[frame.bus]))
 
     def _finish(self) -> None:
         writer = self._writer or self._start(self._target, 0.0)
@@ -269,6 +272,8 @@ def _text(target: BinaryIO) -> io.TextIOWrapper:
 
 def _start_asc(target: BinaryIO, first_s: float) -> can.ASCWriter:
     """Start an `.asc` with the first frame's time in UTC, in place of python-can's wall clock time."""
+    import can  # noqa: PLC0415 - it takes long to import
+
     writer = can.ASCWriter(io.StringIO())
     start = datetime.fromtimestamp(first_s, UTC)
     date = f"{start:%a %b %d %H:%M:%S}.{start.microsecond // 1000:03d} {start:%Y}"
@@ -283,6 +288,8 @@ def _start_asc(target: BinaryIO, first_s: float) -> can.ASCWriter:
 
 def _start_trc(target: BinaryIO, first_s: float) -> can.TRCWriter:
     """Start a `.trc` without its own path in the header."""
+    import can  # noqa: PLC0415 - it takes long to import
+
     writer = can.TRCWriter(_text(target))
     writer.filepath = "candaemon"
     writer.first_timestamp = first_s
@@ -290,9 +297,23 @@ def _start_trc(target: BinaryIO, first_s: float) -> can.TRCWriter:
     return writer
 
 
+def _start_blf(target: BinaryIO, _first_s: float) -> can.BLFWriter:
+    """Start a `.blf`."""
+    import can  # noqa: PLC0415 - it takes long to import
+
+    return can.BLFWriter(target)
+
+
+def _start_csv(target: BinaryIO, _first_s: float) -> can.CSVWriter:
+    """Start a `.csv`."""
+    import can  # noqa: PLC0415 - it takes long to import
+
+    return can.CSVWriter(_text(target))
+
+
 _STARTERS: dict[str, Callable[[BinaryIO, float], can.io.generic.MessageWriter]] = {
     ".asc": _start_asc,
-    ".blf": lambda target, _: can.BLFWriter(target),
-    ".csv": lambda target, _: can.CSVWriter(_text(target)),
+    ".blf": _start_blf,
+    ".csv": _start_csv,
     ".trc": _start_trc,
 }
