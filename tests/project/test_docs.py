@@ -380,7 +380,7 @@ def test_the_recorded_drive_is_replayed_as_written(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(drive / "drive.log.gz", tmp_path)
-    (line,) = [line for line in PAGES["docs/replay.md"].commands() if "drive.log.gz" in line]
+    (line,) = [line for line in PAGES["docs/replay.md"].commands() if "replay toyota_rav4 drive" in line]
     assert main(shlex.split(line)[1:]) == 0
     assert {"obstacles.log", "tracks.csv", "predictions.csv", "summary.json"} <= {
         path.name for path in tmp_path.iterdir()

@@ -33,6 +33,8 @@ QUICK = (
     "protection",
 )
 """Rooms whose tests are enough to notice a library that is too old; `can_io` beside them."""
+LOGS = ("e2e", "mdf", "zst")
+"""Extras that those tests need."""
 SPDX = {
     "MIT": {"MIT"},
     "MIT License": {"MIT"},
@@ -66,12 +68,12 @@ def test_the_lowest_versions_that_are_named_work_together(tmp_path: Path) -> Non
     python = str(tmp_path / "venv" / "bin" / "python")
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
     constraints = tmp_path / "constraints.txt"
-    constraints.write_text("\n".join(lowest("e2e", "dev")), encoding="utf-8")
+    constraints.write_text("\n".join(lowest(*LOGS, "dev")), encoding="utf-8")
     pip = [python, "-m", "pip", "--disable-pip-version-check"]
     asked = [*pip, "download", "--no-deps", "-d", str(tmp_path), "iniconfig"]
     if subprocess.run(asked, capture_output=True, check=False).returncode:
         pytest.skip("no package index can be reached")
-    wanted = ["-c", str(constraints), f"{ROOT}[e2e]", "pytest", "hypothesis", "jsonschema"]
+    wanted = ["-c", str(constraints), f"{ROOT}[{','.join(LOGS)}]", "pytest", "hypothesis", "jsonschema"]
     installed = subprocess.run([*pip, "install", "--quiet", *wanted], capture_output=True, text=True, check=False)
     assert installed.returncode == 0, installed.stderr[-3000:]
     folders = [f"tests/{room}" for room in (*QUICK, "can_io")]
