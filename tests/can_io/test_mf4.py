@@ -10,7 +10,7 @@ import can
 import pytest
 
 from candaemon.can_io.logs import mf4
-from candaemon.can_io.logs.mf4 import LARGEST_COPY, LARGEST_MF4_CHANNEL
+from candaemon.can_io.logs.mf4 import LARGEST_BLOCK, LARGEST_COPY, LARGEST_MF4_CHANNEL, LONGEST_RECORD
 from candaemon.can_io.logs.read import read_log, read_log_blocks
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.can_io.logs.write import open_log_writer
@@ -137,6 +137,44 @@ def test_a_copy_has_a_largest(whole: Path, tmp_path: Path, beyond: int, monkeypa
     assert beyond or found == FRAMES
     with pytest.raises(InputError, match="read from place to place"):
         written(path, FRAMES[:1])
+
+
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_a_record_has_a_longest(whole: Path, tmp_path: Path, beyond: int) -> None:
+    assert LONGEST_RECORD == 4096
+    content = bytearray(whole.read_bytes())
+    group = content.index(b"##CG")
+    sizes = group + 24 + 8 * content[group + 16] + 24  # behind head, links, record id, cycles, flags and reserve
+    content[sizes : sizes + 4] = (LONGEST_RECORD + beyond).to_bytes(4, "little")
+    path = tmp_path / "a.mf4"
+    path.write_bytes(content)
+    _, counts = read(path)
+    assert ("records of 4097 bytes" in counts.stream_error) == bool(beyond)
+
+
+def test_a_channel_ends_within_the_record(whole: Path, tmp_path: Path) -> None:
+    """Beyond it asammdf would read what is not the file's, and end the process."""
+    content = bytearray(whole.read_bytes())
+    place = content.rindex(b"##CN")
+    offset = place + 24 + 8 * content[place + 16] + 4  # behind head, links, types
+    content[offset + 2] = 0x80
+    path = tmp_path / "a.mf4"
+    path.write_bytes(content)
+    found, counts = read(path)
+    assert (found, counts.frames) == ([], 0)
+    assert "of a record of 84" in counts.stream_error
+
+
+@pytest.mark.parametrize("beyond", [0, 1])
+def test_a_compressed_block_has_a_largest(whole: Path, tmp_path: Path, beyond: int) -> None:
+    assert LARGEST_BLOCK == 64 << 20
+    content = bytearray(whole.read_bytes())
+    place = content.index(b"##DZ")
+    content[place + 32 : place + 40] = (LARGEST_BLOCK + beyond).to_bytes(8, "little")
+    path = tmp_path / "a.mf4"
+    path.write_bytes(content)
+    _, counts = read(path)
+    assert (f"unpacks to {LARGEST_BLOCK + 1} bytes" in counts.stream_error) == bool(beyond)
 
 
 def test_without_its_extra_it_says_what_to_install(

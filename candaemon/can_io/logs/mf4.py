@@ -10,10 +10,11 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, redirect_stdout
 from datetime import UTC, datetime
 from functools import partial
 from importlib import import_module
+from os import SEEK_END
 from pathlib import Path
 from struct import Struct
 from tempfile import TemporaryFile
@@ -34,6 +35,10 @@ LARGEST_MF4_CHANNEL: Final = 254
 """Greatest number of a channel, from 0: BusChannel has 8 bits, from 1."""
 LARGEST_COPY: Final = 8 << 30
 """Bytes of a temporary copy, of a log that cannot be read from place to place as it is."""
+LONGEST_RECORD: Final = 4096
+"""Bytes of a record of a bus event, which has some 100: asammdf reserves room for thousands of them at once."""
+LARGEST_BLOCK: Final = 64 << 20
+"""Bytes that a compressed block says to unpack to; ASAM's standard allows 4 MiB."""
 
 _PIECE = 1 << 20
 _ROWS = 8192  # records read at once
@@ -112,9 +117,11 @@ def _blocks(
     """Yield the frames of all groups as one."""
     with ExitStack() as files:
         try:
-            measured = _opened(asammdf, _seekable(path, stream, files, counts))
+            file = _seekable(path, stream, files, counts)
+            size = file.seek(0, SEEK_END)
+            measured = _opened(asammdf, file)
             files.callback(measured.close)
-            groups = _groups(measured, channels, counts)
+            groups = _groups(measured, size, channels, counts)
             least = min((group.least_channel() for group in groups), default=1)
             timed = [TimedLog(group.first_ns(), partial(group.blocks, min(least, 1))) for group in groups]
             for block in merged(sorted(timed, key=lambda log: log.first_ns)):
@@ -127,7 +134,7 @@ def _blocks(
             told = _OBJECT.sub("the file", str(error))[:_TOLD]
             counts.note_end(f"asammdf cannot read on: {type(error).__name__}: {told}")
         else:
-            if not groups:
+            if not groups and not counts.truncated:
                 counts.note_advice("it has no group of CAN bus events; measured signals are no frames")
 
 
@@ -135,7 +142,8 @@ def _opened(asammdf: Any, file: BinaryIO) -> Any:
     """Return a file as asammdf has it."""
     try:
         # unless it is told not to, it decodes all records to see which identifiers there are
-        return asammdf.MDF(file, process_bus_logging=False)
+        with redirect_stdout(None):  # it prints what goes wrong, among the results
+            return asammdf.MDF(file, process_bus_logging=False)
     except Exception as error:
         # an object that is made in part fails again when it is collected, and says so on standard error
         for frame, _ in walk_tb(error.__traceback__):
@@ -166,8 +174,8 @@ def _seekable(path: Path, stream: LogBytes, files: ExitStack, counts: LogCounts)
         return cast("BinaryIO", copy)
 
 
-def _groups(measured: Any, channels: ChannelMap, counts: LogCounts) -> list[_Group]:
-    """Return the groups of CAN bus events that have any."""
+def _groups(measured: Any, size: int, channels: ChannelMap, counts: LogCounts) -> list[_Group]:
+    """Return the groups of CAN bus events that have any, of a file of so many bytes."""
     found = []
     for index, group in enumerate(measured.groups):
         head, names = group.channel_group, {channel.name for channel in group.channels}
@@ -175,8 +183,32 @@ def _groups(measured: Any, channels: ChannelMap, counts: LogCounts) -> list[_Gro
         source = head.acq_source
         is_event = head.flags & _BUS_EVENT and source is not None and source.source_type & _SOURCE_BUS
         if is_event and source.bus_type == _BUS_TYPE_CAN and kind and head.cycles_nr:
+            if fault := _fault(group, size):
+                counts.note_end(f"group {index} of the .mf4 is damaged: {fault}")
+                continue
             found.append(_Group(measured, index, kind, channels, counts))
     return found
+
+
+def _fault(group: Any, size: int) -> str:
+    """Return what is wrong with a group of a file of so many bytes, if anything.
+
+    asammdf believes what a file says of itself: it would reserve any memory, and read beyond the end of a record.
+    """
+    head = group.channel_group
+    record = head.samples_byte_nr + head.invalidation_bytes_nr
+    if record > LONGEST_RECORD:
+        return f"records of {record} bytes, {LONGEST_RECORD} at most are read"
+    for channel in group.channels:
+        end = channel.byte_offset + (channel.bit_offset + channel.bit_count + 7) // 8
+        if end > head.samples_byte_nr:
+            return f"{channel.name} ends at byte {end} of a record of {head.samples_byte_nr}"
+    for block in group.data_blocks:
+        if block.address + block.compressed_size > size:
+            return f"a block of data ends at byte {block.address + block.compressed_size} of {size}"
+        if block.block_type and block.original_size > LARGEST_BLOCK:
+            return f"a block unpacks to {block.original_size} bytes, {LARGEST_BLOCK} at most are read"
+    return ""
 
 
 class _Group:
@@ -219,7 +251,8 @@ class _Group:
 
     def _read(self, begin: int, count: int = _ROWS) -> tuple[Floats, Any]:
         """Return times and records from one on; fewer at the end."""
-        signal = self._measured.get(self._kind, self._index, record_offset=begin, record_count=count, raw=False)
+        with redirect_stdout(None):
+            signal = self._measured.get(self._kind, self._index, record_offset=begin, record_count=count, raw=False)
         return signal.timestamps, signal.samples
 
     def _times(self, seconds: Floats) -> Integers:
