@@ -137,7 +137,7 @@ class Calibrator:
 
     Attributes:
         state: all that it remembers.
-        gathered: each window with its ego motion, of who wants to evaluate a whole drive; None: they are not kept.
+        gathered: each window with its ego motion, to be evaluated when the drive is over; None: at once.
     """
 
     def __init__(
@@ -251,7 +251,8 @@ class Calibrator:
         if seconds < _SHORTEST or not any(len(each.object_id) for each in window):
             return False
         if self.gathered is not None:
-            self._gather(sensor, window)
+            self._gather(sensor, window, self.gathered)
+            return False
         age(state.windows, seconds)
         at, found = state.estimate, None
         for _ in range(_RELINEARISATIONS):
@@ -271,13 +272,13 @@ class Calibrator:
             self._correct_ego()
         return True
 
-    def _gather(self, sensor: int, window: list[HeldScan]) -> None:
+    def _gather(self, sensor: int, window: list[HeldScan], gathered: list[GatheredWindow]) -> None:
         """Keep a window with ego motion for any latency."""
         first_ns, last_ns = window[0].time_ns, window[-1].time_ns
         margin_ns = round(LONGEST_LATENCY * 1e9)
         path = self._path(window, first_ns - margin_ns, last_ns + margin_ns)
-        if path is not None and self.gathered is not None:
-            self.gathered.append(GatheredWindow(sensor, window, path))
+        if path is not None:
+            gathered.append(GatheredWindow(sensor, window, path))
 
     def _path(self, window: list[HeldScan], first_ns: int, last_ns: int) -> EgoPath | None:
         """Return ego motion between two instants, as its sensors read it."""

@@ -11,7 +11,7 @@ import numpy as np
 from candaemon.arrays import Floats
 from candaemon.binding.bound import BoundSensor
 from candaemon.calibration.calibrator import GatheredWindow
-from candaemon.calibration.noise import NoiseParts, NoiseSamples, noise_parts
+from candaemon.calibration.noise import NoiseParts, NoiseSamples, noise_parts, residual_pairs
 from candaemon.calibration.parameters import LATENCY, YAW, Estimate, ego_noise, prior
 from candaemon.calibration.readings import Readings, SensorReader
 from candaemon.calibration.window import WindowReader
@@ -21,6 +21,7 @@ _MOST_PASSES: Final = 6
 MEASURED: Final = ("range", "azimuth", "x", "y", "range_rate", "vx", "vy")
 RANGES: Final = ((0.0, 40.0), (40.0, 80.0), (80.0, float("inf")))
 """m, of which the noise is told apart."""
+_BOUNDS: Final = [begin for begin, _ in RANGES]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,11 +83,18 @@ def _with_noise(
     names: list[str] = [str(name) for name in MEASURED if name in sensor.reader.quantities]
     samples = {name: [NoiseSamples(cycle) for _ in range(len(RANGES) + 1)] for name in (*names, "along", "across")}
     for window, read, stamped in windows:
-        for name, residual, distance, scan, first, length in equations.residuals(read, stamped, window.path, found):
-            for k, of in enumerate(samples[name]):
-                begin, end = RANGES[k - 1] if k else (0.0, float("inf"))
-                inside = (distance >= begin) & (distance < end)
-                of.add(np.where(inside, residual, np.nan), scan, first, length)
+        standing = equations.residuals(read, stamped, window.path, found)
+        if standing is None:
+            continue
+        pairs = residual_pairs(cycle, standing.scan, standing.first, standing.count)
+        part = np.searchsorted(_BOUNDS, standing.distance, side="right")
+        part = np.where(part[pairs.earlier] == part[pairs.later], part[pairs.earlier], 0)
+        for name, residual in standing.residuals.items():
+            squares = (residual[pairs.later] - residual[pairs.earlier]) ** 2
+            whole, *parts = samples[name]
+            whole.add(squares, pairs.bounds)
+            for k, of in enumerate(parts, 1):
+                of.add(np.where(part == k, squares, np.nan), pairs.bounds)
     noise = {name: noise_parts(samples[name][0]) for name in names}
     by_range = {name: [noise_parts(each) for each in samples[name][1:]] for name in names}
     walk = noise_parts(samples["along"][0]), noise_parts(samples["across"][0])

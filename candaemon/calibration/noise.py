@@ -8,6 +8,7 @@ walk of density q = 2 c / T. Differences need no truth: what a return's residual
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -74,6 +75,42 @@ class NoiseParts:
         return float(np.sqrt(squared) / max(self.over(seconds), 1e-9))
 
 
+@dataclass(frozen=True, slots=True)
+class ResidualPairs:
+    """Pairs of measurements of one return within a window, in the order of the number of scans between.
+
+    Attributes:
+        earlier, later: rows of the measurements (pairs,).
+        bounds: the pairs with k scans between are those from bounds[k − 1] to bounds[k]; of each k from 1 on.
+    """
+
+    earlier: Indices
+    later: Indices
+    bounds: list[int]
+
+
+def residual_pairs(cycle: float, scan: Indices, first: Integers, count: Integers) -> ResidualPairs:
+    """Return the pairs of n measurements, sorted by return and scan, that are compared.
+
+    Args:
+        cycle: s between scans.
+        scan: number of the scan of each (n,).
+        first: row of each return's first (k,).
+        count: measurements of each (k,).
+    """
+    lags = max(min(int(_LONGEST / cycle), MOST_LAGS), 1)
+    track = np.repeat(np.arange(len(first)), count)
+    found = [np.empty((3, 0), np.int64)]
+    for step in range(1, min(lags, int(count.max(initial=1)) - 1) + 1):
+        same = np.flatnonzero(track[step:] == track[:-step])
+        apart = scan[same + step] - scan[same]
+        near = apart <= min(step + 2, lags)  # a scan or two may be missing between
+        found.append(np.stack([apart[near], same[near], same[near] + step]))
+    apart, earlier, later = np.concatenate(found, axis=1)
+    order = np.argsort(apart, kind="stable")
+    return ResidualPairs(earlier[order], later[order], np.searchsorted(apart[order], np.arange(1, lags + 2)).tolist())
+
+
 @dataclass(slots=True)
 class NoiseSamples:
     """Squared differences of one quantity's residuals, window by window.
@@ -86,25 +123,15 @@ class NoiseSamples:
     cycle: float
     squares: list[list[Floats]] = field(default_factory=list)
 
-    def add(self, residual: Floats, scan: Indices, first: Integers, count: Integers) -> None:
-        """Take the residuals of a window in.
+    def add(self, squares: Floats, bounds: list[int]) -> None:
+        """Take the squared differences of a window's pairs in.
 
         Args:
-            residual: of n measurements, sorted by return and scan.
-            scan: number of the scan of each (n,).
-            first: row of each return's first (k,).
-            count: measurements of each (k,).
+            squares: of the pairs (pairs,); NaN where one is not known.
+            bounds: of the pairs.
         """
-        lags = max(min(int(_LONGEST / self.cycle), MOST_LAGS), 1)
-        track = np.repeat(np.arange(len(first)), count)
-        found: list[list[Floats]] = [[] for _ in range(lags)]
-        for step in range(1, min(lags, int(count.max(initial=1)) - 1) + 1):
-            same = np.flatnonzero((track[step:] == track[:-step]) & np.isfinite(residual[step:] - residual[:-step]))
-            apart = scan[same + step] - scan[same]
-            squares = (residual[same + step] - residual[same]) ** 2
-            for lag in range(step, min(step + 2, lags) + 1):  # a scan or two may be missing between
-                found[lag - 1].append(squares[apart == lag])
-        self.squares.append([np.concatenate(each) if each else np.empty(0) for each in found])
+        parts = [squares[begin:end] for begin, end in pairwise(bounds)]
+        self.squares.append([each[np.isfinite(each)] for each in parts])
 
 
 def noise_parts(samples: NoiseSamples) -> NoiseParts | None:

@@ -65,12 +65,16 @@ class Speeds:
     Attributes:
         name: `range_rate`, `vx` or `vy`.
         value: m/s (n,), NaN where it is not known.
-        noise: one standard deviation, m/s.
+        noise: one standard deviation, m/s (n,).
     """
 
     name: str
     value: Floats
-    noise: float
+    noise: Floats
+
+    def take(self, rows: Indices | Booleans) -> Speeds:
+        """Return those of some of the objects."""
+        return Speeds(self.name, self.value[rows], self.noise[rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +87,7 @@ class Readings:
         new: (n,).
         place: in sensor axes, x + iy, m (n,).
         along, across: one standard deviation of the place along and across the line of sight, m (n,).
-        speeds: what is known of their velocity.
+        speeds: what is known of their velocity, as measured.
     """
 
     scan: Indices
@@ -103,8 +107,27 @@ class Readings:
             self.place[rows],
             self.along[rows],
             self.across[rows],
-            tuple(Speeds(each.name, each.value[rows], each.noise) for each in self.speeds),
+            tuple(each.take(rows) for each in self.speeds),
         )
+
+    @property
+    def sight_speeds(self) -> tuple[Speeds, ...]:
+        """The speeds from which is learnt: of a velocity its part along the line of sight.
+
+        The part across is that of a filter, not of the Doppler effect; in turning axes most of it is distance times yaw
+        rate, which at 100 m is metres a second wrong wherever the yaw rate changes faster than it is sampled.
+        """
+        named = {each.name: each for each in self.speeds}
+        if "vx" not in named or "vy" not in named:
+            return self.speeds
+        vx, vy = named["vx"], named["vy"]
+        unit = self.place / np.maximum(np.abs(self.place), 1e-9)
+        along = Speeds(
+            "range_rate",
+            vx.value * unit.real + vy.value * unit.imag,
+            np.hypot(vx.noise * unit.real, vy.noise * unit.imag),
+        )
+        return (along, *(each for each in self.speeds if each.name == "range_rate"))
 
 
 @dataclass(frozen=True)
@@ -165,7 +188,9 @@ class SensorReader:
             across = np.hypot(x * unit.imag, y * unit.real)
         known = np.where(values == _UNKNOWN, np.nan, values)
         speeds = tuple(
-            Speeds(name, known[rows[name]], getattr(noise, name) or 1.0) for name in self.relative if name in rows
+            Speeds(name, known[rows[name]], np.full(len(place), getattr(noise, name) or 1.0))
+            for name in self.relative
+            if name in rows
         )
         readings = Readings(
             np.repeat(np.arange(len(scans)), counts),

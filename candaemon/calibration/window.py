@@ -9,7 +9,6 @@ equations of the window, to be solved with those of others.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from math import radians
 from typing import Final
@@ -35,6 +34,8 @@ _SHARE: Final = 0.3
 """Of the window, at least, from a standing return's first measurement to its last."""
 _HUBER: Final = 2.0
 """Standard deviations from which on a residual counts linearly."""
+_LARGEST_SHARE: Final = 0.5
+"""Of what a scan says of own turning, above which a speed's residual says nothing of its noise."""
 _JUMP: Final = 3.0
 """m over ground from scan to scan, from which on it is another object."""
 
@@ -79,6 +80,25 @@ class StandingReturns:
     across_rows: Floats
 
 
+@dataclass(frozen=True, slots=True)
+class StandingResiduals:
+    """Residuals of n measurements of what stands, sorted by return and scan.
+
+    Attributes:
+        scan: number of the scan of each (n,).
+        first: row of each return's first measurement (k,).
+        count: measurements of each (k,).
+        distance: from the sensor, m (n,).
+        residuals: of each quantity in its own unit, and of the place `along` and `across` the line of sight, m (n,).
+    """
+
+    scan: Indices
+    first: Integers
+    count: Integers
+    distance: Floats
+    residuals: dict[str, Floats]
+
+
 class WindowReader:
     """Makes the equations of one sensor's windows.
 
@@ -109,12 +129,11 @@ class WindowReader:
         if found is None:
             return None
         returns, moments = found
-        for speeds in returns.readings.speeds:
+        for speeds in returns.readings.sight_speeds:
             residual, rows = self._speed_rows(speeds, returns.readings.place, moments, at)
             known = np.isfinite(residual)
-            _add(
-                information, score, rows[known], residual[known], _huber(residual[known] / speeds.noise) / speeds.noise
-            )
+            residual, rows, noise = residual[known], rows[known], speeds.noise[known]
+            _add(information, score, rows, residual, _huber(residual / noise) / noise)
         readings, sizes = returns.readings, returns.count
         for residual, rows, noise in (
             (returns.along, returns.along_rows, readings.along),
@@ -125,40 +144,30 @@ class WindowReader:
             _add(information, score, rows, residual, weight)
         return WindowEquations(information, score, len(sizes), len(residual))
 
-    def residuals(
-        self, readings: Readings, times_ns: Floats, path: EgoPath, at: Estimate
-    ) -> Iterator[tuple[str, Floats, Floats, Indices, Integers, Integers]]:
-        """Yield the residuals of what stands by quantity, in its own unit.
+    def residuals(self, readings: Readings, times_ns: Floats, path: EgoPath, at: Estimate) -> StandingResiduals | None:
+        """Return the residuals of what stands; None where nothing that stands is seen.
 
         Args:
             readings: of the window's scans.
             times_ns: as for `equations`.
             path: likewise.
             at: the estimate.
-
-        Yields:
-            Name of the quantity, or `along` and `across` of a place (m); residuals (n,), distances (n,) and numbers of
-            the scans (n,); of each return its first row and its number of measurements (k,).
         """
         found = self.standing(readings, times_ns, path, at)
         if found is None:
-            return
+            return None
         returns, moments = found
-        of, rows = returns.readings, (returns.first, returns.count)
-        distance = np.abs(of.place)
-        yield "along", returns.along, distance, of.scan, *rows
-        yield "across", returns.across, distance, of.scan, *rows
+        of, distance = returns.readings, np.abs(returns.readings.place)
+        residuals = {"along": returns.along, "across": returns.across}
         if self._polar:
-            yield "range", returns.along, distance, of.scan, *rows
-            yield "azimuth", returns.across / distance, distance, of.scan, *rows
+            residuals |= {"range": returns.along, "azimuth": returns.across / distance}
         else:
             middle = returns.first + returns.count // 2
             sight = np.repeat(of.place[middle] / distance[middle], returns.count)
             place = sight * (returns.along + 1j * returns.across)
-            yield "x", place.real, distance, of.scan, *rows
-            yield "y", place.imag, distance, of.scan, *rows
-        for speeds in of.speeds:
-            yield speeds.name, self._speed_rows(speeds, of.place, moments, at)[0], distance, of.scan, *rows
+            residuals |= {"x": place.real, "y": place.imag}
+        residuals |= self._speed_residuals(of, moments, at)
+        return StandingResiduals(of.scan, returns.first, returns.count, distance, residuals)
 
     def standing(
         self, readings: Readings, times_ns: Floats, path: EgoPath, at: Estimate
@@ -170,7 +179,7 @@ class WindowReader:
             return None
         each = _taken(moments, readings.scan)
         slow = np.abs(readings.place) > _NEAREST
-        for speeds in readings.speeds:
+        for speeds in readings.sight_speeds:
             residual, rows = self._speed_rows(speeds, readings.place, each, at)
             slow &= np.abs(residual) < _SLOWEST + _GATE * np.hypot(speeds.noise, _expected(rows, at))
         if np.count_nonzero(slow) < _FEWEST:
@@ -258,6 +267,25 @@ class WindowReader:
             unit = place / np.maximum(np.abs(place), 1e-9)
         shown = np.real(unit.conj() * expected)
         return speeds.value - shown, np.real(unit.conj()[:, None] * rows)
+
+    def _speed_residuals(self, readings: Readings, moments: EgoMoments, at: Estimate) -> dict[str, Floats]:
+        """Return the residuals of each measured speed (n,), without what all returns of a scan share by own turning."""
+        found = {each.name: self._speed_rows(each, readings.place, moments, at) for each in readings.speeds}
+        residuals = {name: residual for name, (residual, _) in found.items()}
+        turned = [each for each in readings.speeds if self._turning and each.name != "range_rate"]
+        information, score = np.zeros((2, 1 + int(readings.scan.max())))
+        levers = {each.name: found[each.name][1][:, BIAS] / each.noise for each in turned}
+        for each in turned:
+            known, lever = np.isfinite(residuals[each.name]), levers[each.name]
+            np.add.at(information, readings.scan[known], lever[known] ** 2)
+            np.add.at(score, readings.scan[known], (lever * residuals[each.name] / each.noise)[known])
+        information = np.maximum(information, 1e-9)
+        for each in turned:
+            lever = levers[each.name]
+            share = lever**2 / information[readings.scan]  # by so much the fit makes the variance smaller
+            rest = residuals[each.name] - lever * each.noise * (score / information)[readings.scan]
+            residuals[each.name] = np.where(share < _LARGEST_SHARE, rest, np.nan) / np.sqrt(1.0 - share.clip(0.0, 0.99))
+        return residuals
 
     def _by_identity(self, readings: Readings, moments: EgoMoments, place: ComplexPlane) -> Integers:
         """Return the number of the return that each measurement is of, by the sensor's ids and where they jump."""

@@ -128,7 +128,6 @@ def replay(
     progress: Callable[[LogCounts], None] | None = None,
     outputs: Outputs | None = None,
     sinks: Sequence[DriveSink] = (),
-    begun_with: Callable[[Pipeline], None] | None = None,
 ) -> Replayed:
     """Replay a log.
 
@@ -138,7 +137,6 @@ def replay(
         progress: called once a cycle.
         outputs: where the files are written among others, made with all that is read; None: they are all.
         sinks: what else takes the drive.
-        begun_with: called with each pipeline before its run begins.
 
     Raises:
         ConfigError: a file would be written over one that is read, or twice.
@@ -158,8 +156,6 @@ def replay(
         for sink in writers.sinks:
             sink.attach(score)
         for run, pipeline in begun_runs(binding, recorded):
-            if begun_with is not None:
-                begun_with(pipeline)
             sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
             written = _CycleOutputs(binding, pipeline, request, writers, score)
             blocks = reader.by_time(run.logs) if run.by_time else reader.consecutive(run.logs)

@@ -25,18 +25,22 @@ class Drive:
         bias: of the yaw rate as read, rad/s.
         corrections: what is in the pose: factor of the speed, yaw rate taken out.
         corrected: what `correct` was called with last.
+        abrupt: whether curves begin and end at once, as if the steering wheel jumped.
     """
 
     scale: float = 1.0
     bias: float = 0.0
     corrections: tuple[float, float] = (1.0, 0.0)
     corrected: tuple[float, ...] | None = None
+    abrupt: bool = False
     time: Floats = field(default_factory=lambda: np.arange(-2.0, 80.0, 0.01))
 
     def __post_init__(self) -> None:
         t = self.time
         speed = 18.0 + 3.0 * np.sin(0.7 * t) + 2.0 * np.sin(0.23 * t + 1.0)
         turn = radians(7.0) * np.sin(0.5 * t) + radians(3.0) * np.sin(1.3 * t)
+        if self.abrupt:
+            turn = radians(7.0) * np.sign(np.sin(0.7 * t))
         self._true = self._integrated(speed, turn)
         scale, bias = self.corrections
         self._read = self._integrated(speed / self.scale * scale, turn + self.bias - bias)
@@ -69,7 +73,10 @@ class Drive:
 def scans(
     sensor: BoundSensor, drive: Drive, seconds: float, *, latency: float = 0.0, yaw_deg: float = 0.0, noise: float = 1.0
 ) -> Iterator[Scan]:
-    """Yield what a polar sensor with range rate sees of posts by the road, later and turned more than configured."""
+    """Yield what a sensor sees of posts by the road, later and turned more than configured.
+
+    A polar one measures range rates, any other velocities in axes that turn with it.
+    """
     settings, names = sensor.settings, sensor.reader.quantities
     random = np.random.default_rng(7)
     along = np.arange(0.0, 30.0 * seconds, 17.0)
@@ -77,8 +84,9 @@ def scans(
     ahead = np.array([drive.true(t)[0] for t in np.linspace(0.0, seconds + 8.0, len(along))])
     posts = np.concatenate([way + 6j * np.exp(1j * ahead), way - 8j * np.exp(1j * ahead)])
     mount = complex(settings.mount.x, settings.mount.y)
-    of = settings.noise
-    deviations = [of.range or 0.0, radians(of.azimuth_deg or 0.0), of.range_rate or 0.0]
+    names_of = ("range", "azimuth", "range_rate") if settings.signals.polar else ("x", "y", "vx", "vy")
+    of = settings.noise.model_dump() | {"azimuth": radians(settings.noise.azimuth_deg or 0.0)}
+    deviations = np.array([[of[name] or 0.0] for name in names_of])
     for k in range(int(seconds / settings.cycle_time)):
         stamped = k * settings.cycle_time
         heading, turn, velocity, place = drive.true(stamped - latency)
@@ -86,11 +94,17 @@ def scans(
         moving = velocity + 1j * turn * mount * np.exp(1j * heading)
         sight = posts - origin
         unit = sight / np.abs(sight)
-        angle = np.angle(unit * np.exp(-1j * (heading + radians(yaw_deg))))
+        axis = np.exp(-1j * (heading + radians(yaw_deg)))
+        angle = np.angle(unit * axis)
         seen = np.flatnonzero((np.abs(sight) < 100.0) & (np.abs(angle) < radians(40.0)))[:60]
-        drawn = noise * random.standard_normal((3, len(seen))) * np.array(deviations)[:, None]
-        exact = [np.abs(sight[seen]), angle[seen], -np.real(unit[seen].conj() * moving)]
-        rows = dict(zip(("range", "azimuth", "range_rate"), np.array(exact) + drawn, strict=True))
+        if settings.signals.polar:
+            exact = [np.abs(sight[seen]), angle[seen], -np.real(unit[seen].conj() * moving)]
+        else:
+            point = sight[seen] * axis
+            rate = -moving * axis - 1j * turn * point  # in axes that turn with the vehicle
+            exact = [point.real, point.imag, rate.real, rate.imag]
+        drawn = noise * random.standard_normal((len(names_of), len(seen))) * deviations
+        rows = dict(zip(names_of, np.array(exact) + drawn, strict=True))
         values = np.array([rows.get(name, np.zeros(len(seen))) for name in names])
         yield Scan(
             BEGIN_NS + round(stamped * 1e9), sensor.index, seen.astype(np.int64), seen.astype(np.int64),

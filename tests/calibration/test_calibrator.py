@@ -19,10 +19,17 @@ from tests.support.bound import binding
 
 
 def _calibrated(
-    config: str, drive: Drive, seconds: float, *, apply: bool = False, latency: float = 0.0, yaw_deg: float = 0.0
+    config: str,
+    drive: Drive,
+    seconds: float,
+    *,
+    apply: bool = False,
+    latency: float = 0.0,
+    yaw_deg: float = 0.0,
+    radar: str = "demo",
 ) -> Calibrator:
     of = binding(config)
-    sensors = [binding("demo").sensors[0]]
+    sensors = [binding(radar).sensors[0]]
     calibrator = Calibrator(CalibrationSettings(apply=apply), sensors, drive, of.settings.ego)
     for scan in scans(sensors[0], drive, seconds, latency=latency, yaw_deg=yaw_deg):
         if apply:
@@ -42,6 +49,15 @@ def test_latency_and_yaw_are_found_within_twenty_seconds(latency: float, yaw_deg
     assert abs(state.mean[YAW] - radians(yaw_deg)) < 3 * deviation[YAW] < radians(0.6)
     assert calibrator.latency_ns(0) * 1e-9 == pytest.approx(state.mean[LATENCY] if latency else 0.0, abs=0.005)
     assert degrees(calibrator.yaw(0)) == pytest.approx(degrees(state.mean[YAW]) if yaw_deg else 0.0, abs=0.1)
+
+
+@pytest.mark.parametrize("radar", ["tesla_continental", "ars408"])
+def test_velocities_in_turning_axes_do_not_mislead_where_the_yaw_rate_jumps(radar: str) -> None:
+    """Of what is 100 m away, they are metres a second wrong as long as the yaw rate is not that of the sample."""
+    calibrator = _calibrated(radar, Drive(abrupt=True), 20.0, latency=0.2, yaw_deg=2.0, radar=radar)
+    state = calibrator.state.sensors[0]
+    assert abs(state.mean[LATENCY] - 0.2) < min(0.02, 3 * state.estimate.deviation[LATENCY])
+    assert abs(degrees(state.mean[YAW]) - 2.0) < 0.3
 
 
 def test_what_odometry_reads_wrongly_is_told_from_a_turned_sensor() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from candaemon.arrays import Floats
-from candaemon.calibration.noise import NoiseParts, NoiseSamples, noise_parts
+from candaemon.calibration.noise import NoiseParts, NoiseSamples, noise_parts, residual_pairs
 
 CYCLE, SCANS, RETURNS = 0.05, 20, 10
 
@@ -14,7 +14,7 @@ CYCLE, SCANS, RETURNS = 0.05, 20, 10
 def _found(white: float, slow: float = 0.0, time: float = 0.3, walk: float = 0.0, windows: int = 50) -> NoiseParts:
     random, samples = np.random.default_rng(3), NoiseSamples(CYCLE)
     first, count = SCANS * np.arange(RETURNS), np.full(RETURNS, SCANS)
-    scan = np.tile(np.arange(SCANS), RETURNS)
+    pairs = residual_pairs(CYCLE, np.tile(np.arange(SCANS), RETURNS), first, count)
     for _ in range(windows):
         residual: Floats = white * random.standard_normal((RETURNS, SCANS))
         residual += np.cumsum(np.sqrt(walk * CYCLE) * random.standard_normal((RETURNS, SCANS)), axis=1)
@@ -23,7 +23,7 @@ def _found(white: float, slow: float = 0.0, time: float = 0.3, walk: float = 0.0
             residual[:, k] += state
             state = keep * state + slow * np.sqrt(1 - keep**2) * random.standard_normal(RETURNS)
         residual[0, 3] += 50.0 * (white + slow)  # a slot that holds another object
-        samples.add(residual.ravel(), scan, first, count)
+        samples.add((residual.ravel()[pairs.later] - residual.ravel()[pairs.earlier]) ** 2, pairs.bounds)
     found = noise_parts(samples)
     assert found is not None
     return found
@@ -55,5 +55,6 @@ def test_a_walk_is_told_from_white_noise() -> None:
 def test_too_little_is_not_enough() -> None:
     assert noise_parts(NoiseSamples(CYCLE)) is None
     samples = NoiseSamples(CYCLE)
-    samples.add(np.ones(4), np.arange(4), np.array([0]), np.array([4]))
+    pairs = residual_pairs(CYCLE, np.arange(4), np.array([0]), np.array([4]))
+    samples.add(np.ones(len(pairs.later)), pairs.bounds)
     assert noise_parts(samples) is None

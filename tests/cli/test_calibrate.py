@@ -12,8 +12,12 @@ import pytest
 import yaml
 
 from candaemon.binding.bind import bind
+from candaemon.calibration.proposals import STATED
 from candaemon.cli.main import main
 from candaemon.config.load import load_config
+from candaemon.config.sensors import SensorSettings
+from candaemon.objects.signals import SignalBinding
+from candaemon.playback.calibrating import calibrate
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.playback.summary import summarise
 from tests.support.paths import DATA, ROOT
@@ -129,6 +133,14 @@ def test_what_the_recorded_drive_proposes_meets_its_bounds(tmp_path: Path) -> No
     assert figures["stationary"]["speed"] < 0.45
 
 
+def _simulated(settings: SensorSettings, binding: SignalBinding) -> float:
+    """Return the noise of a simulated quantity, SI: the configured one, and the rounding to steps of its signal."""
+    name = binding.quantity
+    configured = getattr(settings.noise, "azimuth_deg" if name == "azimuth" else name, None) or 0.0
+    drawn = np.radians(configured) if name == "azimuth" else configured
+    return float(np.hypot(drawn, abs(binding.signal.scale * binding.gain) / np.sqrt(12.0)))
+
+
 RADARS = ("demo", "toyota_rav4", "mando", "gm_lrr", "acura_ilx", "tesla_continental", "ars408")
 
 
@@ -137,11 +149,9 @@ RADARS = ("demo", "toyota_rav4", "mando", "gm_lrr", "acura_ilx", "tesla_continen
 def test_calibration_of_many_drives_is_as_sure_as_it_says(tmp_path: Path, config: str) -> None:
     drives = 50 if os.environ.get("CANDAEMON_THOROUGH") else 4
     random = np.random.default_rng(5)
-    from candaemon.calibration.proposals import STATED
-    from candaemon.playback.calibrating import calibrate
-
     binding = bind(load_config(CONFIGS / f"{config}.yaml"))
     sensor = binding.sensors[0]
+    expected = {each.quantity: _simulated(sensor.settings, each) for each in sensor.reader.bindings}
     within: list[bool] = []
     for seed in range(drives):
         latency, turned = round(random.uniform(0.0, 0.25), 3), round(random.uniform(-4.0, 4.0), 2)
@@ -151,9 +161,8 @@ def test_calibration_of_many_drives_is_as_sure_as_it_says(tmp_path: Path, config
         within += (np.abs(error) < STATED * found.estimate.deviation[:2]).tolist()
         assert abs(error[0]) < 0.02
         assert abs(error[1]) < np.radians(0.3)
+        log.unlink()
         for name, parts in found.noise.items():
-            configured = getattr(sensor.settings.noise, "azimuth_deg" if name == "azimuth" else name)
-            expected = np.radians(configured) if name == "azimuth" else configured
             assert parts is not None
-            assert parts.deviation == pytest.approx(expected, rel=0.2)
+            assert parts.deviation == pytest.approx(expected[name], rel=0.2)
     assert np.mean(within) >= 0.9 if drives == 50 else np.mean(within) > 0.6
