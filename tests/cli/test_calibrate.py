@@ -155,7 +155,7 @@ def test_calibration_of_many_drives_is_as_sure_as_it_says(tmp_path: Path, config
     within: list[bool] = []
     for seed in range(drives):
         latency, turned = round(random.uniform(0.0, 0.25), 3), round(random.uniform(-4.0, 4.0), 2)
-        log = _drive(tmp_path, config, seed=seed, seconds=45, turned=turned, latency=latency)
+        log = _drive(tmp_path, config, seed=seed, seconds=30, turned=turned, latency=latency)
         found = calibrate(binding, [log], {})[sensor.name]
         error = found.estimate.mean[:2] - (latency, np.radians(turned))
         within += (np.abs(error) < STATED * found.estimate.deviation[:2]).tolist()
