@@ -245,6 +245,8 @@ def test_the_reported_deviation_covers_the_position_error_after_any_outage(
     kind: str, steps: list[tuple[float, bool]], seed: int
 ) -> None:
     ins, random, time = Ins(told(kind, noise=3.0), age_limit=3.0), np.random.default_rng(seed), 0.0
+    # each model knows the place no worse than a fix does, but after an outage the models of an IMM may disagree on it
+    most = 6.0 if kind == "imm" else 3.1
     for dt, fixed in steps:
         time += dt
         truth = np.array([12.0, -5.0]) * time
@@ -253,7 +255,7 @@ def test_the_reported_deviation_covers_the_position_error_after_any_outage(
         ins.move(time, np.array([12.0, -5.0]))
         at = ins.placer.at(ns(time))
         if at is not None:
-            assert 0.0 < at.deviation < 3.1
+            assert 0.0 < at.deviation < most
             assert np.abs(ins.place(time) - truth).max() < 6.0 * at.deviation + 0.1
 
 
