@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -271,9 +272,12 @@ def test_configurations_that_are_named_exist() -> None:
     assert named - {"_fd"} == {path.stem for path in (ROOT / "config").glob("*.yaml")}
 
 
+schema_of_all = cache(json_schema)
+
+
 def resolved(path: str) -> dict[str, Any] | None:
     """Return the schema of a setting, such as `tracker.association.gate`; None if there is none."""
-    root = json_schema()
+    root = schema_of_all()
     found = [root]
     for key in path.split("."):
         found = [each for schema in found for each in properties(root, schema, key)]

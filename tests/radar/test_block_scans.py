@@ -117,7 +117,7 @@ def told(pipeline: Pipeline, cycles: Iterable[Cycle]) -> list[object]:
 
 
 @pytest.mark.parametrize("config", CONFIGS)
-@settings(deadline=None, max_examples=5)
+@settings(deadline=None, max_examples=examples(5, fewest=2))
 @given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from((50, 700, 3000)))
 def test_both_ways_tell_the_same(config: str, seed: int, size: int) -> None:
     frames = sorted(damaged(drive(config), seed), key=lambda frame: frame.time_ns)

@@ -13,32 +13,34 @@ POSITION, VELOCITY = (
 SECONDS = 15.0
 CONFIGS = (
     "toyota_rav4",
+    "esr_ins_fd",
+    "tesla_continental",
+    "ars408",
+    "ars408_to_esr",
+    "ford_mrr_fd",
+    "multiplexed_radar",
+    "unnumbered_list",
+)
+MORE = (
     "toyota_rav4_ins",
     "esr_ins",
-    "esr_ins_fd",
     "gm_lrr",
-    "tesla_continental",
     "acura_ilx",
     "mando",
-    "ars408",
     "esr_to_ars408",
-    "ars408_to_esr",
     "demo",
     "ford_mrr",
-    "ford_mrr_fd",
     "volkswagen_meb",
     "chrysler_pacifica",
-    "multiplexed_radar",
     "smartmicro_umrr",
     "mazda_radar",
     "near_far_radar",
-    "unnumbered_list",
     "ars408_clusters",
     "compensated_radar",
 )
 
 
-@pytest.mark.parametrize("config", CONFIGS)
+@pytest.mark.parametrize("config", [*CONFIGS, *(pytest.param(each, marks=pytest.mark.slow) for each in MORE)])
 def test_a_drive_comes_back_to_its_truth(config: str) -> None:
     drama = scenario("highway").model_copy(update={"duration": SECONDS})
     run, pipeline = drive(config, drama, seed=1)

@@ -7,10 +7,11 @@ import os
 _FEWEST, _SHARE = 10, 8
 
 
-def examples(thorough: int) -> int:
+def examples(thorough: int, fewest: int = _FEWEST) -> int:
     """Return how many examples to draw.
 
     Args:
         thorough: as many as CI draws.
+        fewest: as many as are drawn by default where a share would be fewer.
     """
-    return thorough if os.environ.get("CANDAEMON_THOROUGH") else max(min(thorough, _FEWEST), thorough // _SHARE)
+    return thorough if os.environ.get("CANDAEMON_THOROUGH") else max(min(thorough, fewest), thorough // _SHARE)
