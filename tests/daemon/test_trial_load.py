@@ -65,6 +65,13 @@ def test_the_other_process_answers_with_the_digests_of_all_files(config: Path) -
     assert children() == []
 
 
+def test_files_that_are_in_no_cache_are_tried_within_the_limits(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "empty"))
+    assert len(TriedConfig(config)._try()) == 4
+
+
 def test_what_is_wrong_is_told_as_the_load_tells_it(config: Path) -> None:
     with config.open("a", encoding="utf-8") as file:
         file.write("more: 1\nstill_more: 2\n")
