@@ -52,8 +52,10 @@ def refusal(tried: TriedConfig) -> str:
 
 
 def children() -> list[str]:
+    """Return the trials under way; other tests of this process may have left children of other kinds."""
     tasks = Path("/proc/self/task")
-    return [pid for task in tasks.iterdir() for pid in (task / "children").read_text(encoding="ascii").split()]
+    pids = [pid for task in tasks.iterdir() for pid in (task / "children").read_text(encoding="ascii").split()]
+    return [pid for pid in pids if b"trial_load" in Path("/proc", pid, "cmdline").read_bytes()]
 
 
 def test_the_other_process_answers_with_the_digests_of_all_files(config: Path) -> None:
