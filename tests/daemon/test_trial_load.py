@@ -55,7 +55,15 @@ def children() -> list[str]:
     """Return the trials under way; other tests of this process may have left children of other kinds."""
     tasks = Path("/proc/self/task")
     pids = [pid for task in tasks.iterdir() for pid in (task / "children").read_text(encoding="ascii").split()]
-    return [pid for pid in pids if b"trial_load" in Path("/proc", pid, "cmdline").read_bytes()]
+    return [pid for pid in pids if "trial_load" in command(pid)]
+
+
+def command(pid: str) -> str:
+    """Return the words of a process; nothing where it has ended."""
+    try:
+        return Path("/proc", pid, "cmdline").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
 
 
 def test_the_other_process_answers_with_the_digests_of_all_files(config: Path) -> None:
