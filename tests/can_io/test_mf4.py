@@ -105,6 +105,7 @@ def test_a_damaged_file_ends_with_a_word_and_nothing_else(
     content = whole.read_bytes()
     damaged = [content[:size] for size in (0, 7, 64, 100, 300, len(content) // 2, len(content) - 50)]
     damaged += [content[:at] + b"\xff" * 16 + content[at + 16 :] for at in range(60, len(content), len(content) // 12)]
+    damaged.append(content[:112] + b"9" + content[113:])  # an attachment that some versions believe larger than memory
     for number, each in enumerate(damaged):
         path = tmp_path / f"{number}.mf4"
         path.write_bytes(each)

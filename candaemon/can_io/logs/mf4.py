@@ -143,7 +143,7 @@ def _opened(asammdf: Any, file: BinaryIO) -> Any:
     try:
         # unless it is told not to, it decodes all records to see which identifiers there are
         with redirect_stdout(None):  # it prints what goes wrong, among the results
-            return asammdf.MDF(file, process_bus_logging=False)
+            return _parsed(asammdf, file)
     except Exception as error:
         # an object that is made in part fails again when it is collected, and says so on standard error
         for frame, _ in walk_tb(error.__traceback__):
@@ -152,6 +152,13 @@ def _opened(asammdf: Any, file: BinaryIO) -> Any:
                 part._closed = True
                 part._tempfile.close()
         raise
+
+
+def _parsed(asammdf: Any, file: BinaryIO) -> Any:
+    try:
+        return asammdf.MDF(file, process_bus_logging=False)
+    except MemoryError as error:  # a damaged number: what is read here is small
+        raise ValueError("a block that says to be larger than memory") from error
 
 
 def _seekable(path: Path, stream: LogBytes, files: ExitStack, counts: LogCounts) -> BinaryIO:
