@@ -206,6 +206,8 @@ class BatchEncoder:
         kept = np.maximum(raw, low)
         np.minimum(kept, high, out=kept)
         changed = kept != raw
+        for row, _ in self._floats:  # of two zeros, maximum and minimum take either; a float's bits tell them apart
+            np.copyto(kept[row], raw[row], where=~changed[row])
         saturated = int(np.count_nonzero(changed))
         if saturated:
             np.copyto(kept, self._fallback, where=np.isnan(kept))

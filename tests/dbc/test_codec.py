@@ -206,7 +206,7 @@ VAL_ 291 OUTER 4 "nothing more";
     check_decoding(spec, message, [bytes([first, 0xA7]) for first in range(256)])
 
 
-WILD = st.floats(allow_nan=True, allow_infinity=True) | st.sampled_from([0.0, 1e300, -1e300, 1e18, 255.5, 0.5])
+WILD = st.floats(allow_nan=True, allow_infinity=True) | st.sampled_from([0.0, -0.0, 1e300, -1e300, 1e18, 255.5, 0.5])
 
 
 @settings(deadline=None, max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -239,3 +239,13 @@ def test_no_bytes_raise_and_short_ones_are_told(tmp_path: Path, text: str, data:
         assert decode(data) is None
     else:
         assert repr(decode(data)) == repr(decode(data[: spec.length]))
+
+
+@pytest.mark.parametrize("kind", [1, 2])
+def test_a_negative_zero_keeps_its_sign_where_zero_is_the_least(tmp_path: Path, kind: int) -> None:
+    length = 32 * kind
+    text = f'BO_ 291 M: 8 X\n SG_ A : 0|{length}@1+ (1,0) [0|1] "" X\nSIG_VALTYPE_ 291 A : {kind};\n'
+    spec, _ = both(tmp_path, text)
+    payload, _ = compile_encoder(spec)([-0.0])
+    assert payload[length // 8 - 1] == 0x80
+    assert BatchEncoder(spec).encode(np.array([[-0.0]]))[0].tobytes() == payload
