@@ -153,6 +153,14 @@ def test_a_record_has_a_longest(whole: Path, tmp_path: Path, beyond: int) -> Non
     assert ("records of 4097 bytes" in counts.stream_error) == bool(beyond)
 
 
+def test_records_without_a_payload_are_no_lines(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.mf4"
+    path.write_bytes(whole.read_bytes().replace(b"DataBytes", b"DataBytez"))
+    found, counts = read(path)
+    assert (found, counts.lines, counts.frames, counts.malformed) == ([], 0, 0, 0)
+    assert "DataBytes" in counts.stream_error
+
+
 def test_a_channel_ends_within_the_record(whole: Path, tmp_path: Path) -> None:
     """Beyond it asammdf would read what is not the file's, and end the process."""
     content = bytearray(whole.read_bytes())

@@ -282,22 +282,27 @@ class _Group:
     def _block(self, times: Integers, records: Any, first_channel: int, begin: int) -> FrameBlock:
         """Return the data frames of records; count the others."""
         counts, rows = self._counts, len(times)
-        counts.lines += rows
-        bus = self._buses(self._column(records, "BusChannel", first_channel) - first_channel)
-        claimed = bus >= 0
+        numbers = self._column(records, "BusChannel", first_channel) - first_channel
         if self._kind != _DATA:
-            skipped = int(np.count_nonzero(claimed))
+            counts.lines += rows
+            skipped = int(np.count_nonzero(self._buses(numbers) >= 0))
             if self._kind == _ERROR:
                 counts.error_frames += skipped
             else:
                 counts.remote += skipped
-            return _frames(times[:0], bus[:0], times[:0], times[:0], claimed[:0], np.empty((0, 8), np.uint8))
+            nothing = times[:0]
+            return _frames(nothing, nothing, nothing, nothing, nothing > 0, np.empty((0, 8), np.uint8))
         can_id, length = self._column(records, "ID", 0), self._column(records, "DataLength", -1)
         extended = self._column(records, "IDE", 0) != 0
         extended |= (can_id & EXTENDED) != 0
         can_id &= _ID_29
+        fd = (self._column(records, "EDL", 0) != 0) | (length > _CLASSIC_BYTES)
         payload = np.asarray(records[f"{_DATA}.DataBytes"])
         payload = payload.reshape(rows, -1).astype(np.uint8)[:, :_WIDEST]
+        # records are counted once all of them that is read could be: what a damaged file lacks ends the log before
+        counts.lines += rows
+        bus = self._buses(numbers)
+        claimed = bus >= 0
         possible = (times >= 0) & (length >= 0) & (length <= payload.shape[1]) & (extended | (can_id <= _ID_11))
         possible &= _POSSIBLE[np.clip(length, 0, 255)]
         for row in np.flatnonzero(claimed & ~possible).tolist():
@@ -307,7 +312,6 @@ class _Group:
             )
         good = np.flatnonzero(claimed & possible)
         counts.frames += len(good)
-        fd = (self._column(records, "EDL", 0) != 0) | (length > _CLASSIC_BYTES)
         can_id = np.where(extended, can_id | EXTENDED, can_id)
         return _frames(times[good], bus[good], can_id[good], length[good], fd[good], payload[good])
 
