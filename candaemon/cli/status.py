@@ -299,7 +299,7 @@ def _figures_of(path: Path) -> Iterator[None]:
     """
     try:
         yield
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise InputError(
             f"the figures are not those of candaemon {__version__}: {error!r}; `candaemon status --json` prints them",
             file=path,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import os
 import pty
 import re
@@ -237,8 +238,9 @@ def test_a_line_as_long_as_its_limit_is_read(over: int, tmp_path: Path, capsys: 
 
 
 def test_figures_of_something_else_are_said(figures: dict[str, Any], tmp_path: Path) -> None:
-    del figures["cycles"]["told"]
-    for number, each in enumerate((figures, {"service": 1}, {"service": {"uptime": "long"}})):
+    endless = figures | {"service": figures["service"] | {"uptime": math.inf}}
+    figures = figures | {"cycles": {"rate": 20.0}}
+    for number, each in enumerate((figures, {"service": 1}, {"service": {"uptime": "long"}}, endless)):
         line = json.dumps(each).encode() + b"\n"
         with (
             saying(tmp_path / f"s{number}", line) as path,
