@@ -202,7 +202,10 @@ def _output_rate(config: Config) -> float:
 
 def _frames_a_scan(sensor: BoundSensor, can_id: int) -> int:
     """Count the frames of one identifier in a full scan."""
-    return sensor.reader.places if sensor.reader.multiplexed and can_id in sensor.reader.routes else 1
+    if can_id not in sensor.reader.routes:
+        return 1
+    pages = sensor.settings.objects.pages
+    return sensor.reader.places if sensor.reader.multiplexed else 1 if pages is None else pages.count
 
 
 def _traffic(message: MessageSpec, rate: float) -> Traffic:

@@ -170,8 +170,9 @@ def bind_frame_monitors(
         ConfigError: as `bind_frame_monitor`.
 
     """
-    # where all objects share a message it comes as many times a cycle
-    cycle_time = settings.cycle_time / (reader.places if reader.multiplexed else 1)
+    # where all objects share a message it comes as many times a cycle; with pages, once for each
+    pages = 1 if settings.objects.pages is None else settings.objects.pages.count
+    cycle_time = settings.cycle_time / (reader.places if reader.multiplexed else pages)
     protections = layout_protections(reader.layouts, settings.objects, settings.protection, location)
     return tuple(
         bind_frame_monitor(

@@ -11,6 +11,7 @@ import numpy as np
 from candaemon.binding.bind_protection import bind_protector, check_written, counter_period
 from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.binding.look_up import find_message, find_signal, signal_of
+from candaemon.binding.numbered_names import valued_view
 from candaemon.config.output import StatusFormat
 from candaemon.config.protection import ProtectionSettings
 from candaemon.config.sensors import HeaderScan
@@ -95,6 +96,8 @@ def bind_headers(
 
     """
     messages = [find_message(database, name, location.at("message")) for name in scan.message]
+    for name, value in scan.when.items():
+        messages = [valued_view(message, name, value) for message in messages]
     if len({message.can_id for message in messages}) < len(messages):
         raise location.at("message").error("the same header is listed twice")
     counted = [(index, _owner(messages, name, location.at("count"))) for index, name in enumerate(scan.count)]
@@ -107,6 +110,7 @@ def bind_headers(
             [(index, signal) for index, (owner, signal) in counted if owner is message],
             counting[1] if counting is not None and counting[0] is message else None,
             signal_of(message, look) if look is not None and looking is message else None,
+            location,
             bind_protector([message], scan.protection, location.at("protection")),
         )
         for message in messages
@@ -133,10 +137,13 @@ def _header(
     counts: Sequence[tuple[int, SignalSpec]],
     counter: SignalSpec | None,
     look: SignalSpec | None,
+    location: SettingLocation,
     protector: FrameProtector | None,
 ) -> ScanHeader:
     """Make what reads and writes one header."""
-    extra = [signal.name for signal in (counter, look) if signal is not None]
+    extra = [*(signal.name for signal in (counter, look) if signal is not None), *scan.when]
+    for name in scan.when:
+        find_signal(message, name, location.at("when", name))
     return ScanHeader(
         message=message,
         used_only=scan.used_only,
@@ -149,6 +156,7 @@ def _header(
         says_look=look is not None,
         encode=compile_encoder(message, [*(signal.name for _, signal in counts), *extra]),
         protector=protector,
+        fixed=tuple(map(float, scan.when.values())),
     )
 
 

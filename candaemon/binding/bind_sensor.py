@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from candaemon.binding.bind_protection import bind_frame_monitor, bind_frame_monitors
 from candaemon.binding.bind_reader import bind_reader
 from candaemon.binding.bind_scan_messages import bind_headers
+from candaemon.binding.bind_time_stamp import bind_time_stamp
 from candaemon.binding.bind_writer import bind_writer
 from candaemon.binding.bound import BoundSensor
 from candaemon.binding.location import SettingLocation
 from candaemon.binding.look_up import check_alike, find_in_layouts, find_message, find_signal, signal_of
-from candaemon.binding.numbered_names import numbered_names
+from candaemon.binding.numbered_names import numbered_names, valued_view
 from candaemon.config.base import SignalRef
 from candaemon.config.sensors import CounterScan, HeaderScan, LookSettings, ObjectSignals, SensorSettings, TriggerScan
 from candaemon.dbc.bits import sendable_values
 from candaemon.dbc.single_codec import compile_field_reader
 from candaemon.dbc.types import Database, MessageSpec
-from candaemon.objects.reader import ObjectReader
+from candaemon.objects.reader import Claim, ObjectReader
 from candaemon.objects.scan_messages import LookReader, ScanHeader
 from candaemon.objects.writer import ObjectWriter
 from candaemon.protection.monitor import FrameMonitorSettings
@@ -61,13 +62,20 @@ def bind_sensor(
         ]
     elif isinstance(scan, TriggerScan):
         trigger = find_message(database, scan.message, place.at("message"))
+        for name, value in scan.when.items():
+            trigger = valued_view(trigger, name, value)
         can_ids.add(trigger.can_id)
-        if trigger.can_id in reader.claims:
+        if trigger.can_id in reader.claims and not scan.when:
             raise place.at("message").error(
                 f"frames of '{trigger.name}' are of several messages (by 'when'), so none of them ends a scan; "
                 "expected another message, or another way to close a scan"
             )
-        if trigger.can_id not in reader.routes:
+        if trigger.can_id in reader.routes and settings.objects.pages is not None and not scan.when:
+            raise place.at("message").error(
+                f"'{trigger.name}' comes with each page of a scan, so it ends none; expected a message beside the "
+                "objects', or another way to close a scan"
+            )
+        if trigger.can_id not in reader.routes or scan.when:
             mark_monitor = bind_frame_monitor(
                 [trigger], scan.protection, place.at("protection"), cycle_time=settings.cycle_time
             )
@@ -82,6 +90,15 @@ def bind_sensor(
         )
         if mark_monitor is not None and len(headers) > 1:
             raise place.at("protection").error("only a single header can be protected; leave it out for several")
+    mark_claims: dict[int, Claim] = {}
+    if isinstance(scan, TriggerScan | HeaderScan) and scan.when:
+        marks = [header.message for header in headers] + ([] if trigger is None else [trigger])
+        mark_claims = {mark.can_id: _mark_claim(mark, scan.when, reader, place) for mark in marks}
+    stamp = None
+    if settings.time_stamp is not None:
+        marks = [header.message for header in headers] + ([] if trigger is None else [trigger])
+        stamp = bind_time_stamp(settings.time_stamp, reader, marks, database, location.at("time_stamp"))
+        can_ids.add(stamp.message.can_id)
     return BoundSensor(
         index,
         name,
@@ -96,7 +113,29 @@ def bind_sensor(
         bind_frame_monitors(reader, settings, location),
         mark_monitor,
         _bind_look(settings.looks, reader, _marks(headers, trigger, settings.looks), location.at("looks")),
+        stamp,
+        mark_claims,
     )
+
+
+def _mark_claim(mark: MessageSpec, when: Mapping[str, int], reader: ObjectReader, location: SettingLocation) -> Claim:
+    """Bind the value by which a frame is a header or trigger.
+
+    Raises:
+        ConfigError: the message has no such signal, it cannot have the value, or objects' messages of the same
+            identifier have that value too, or none.
+
+    """
+    ((name, value),) = when.items()
+    place = location.at("when", name)
+    signal = find_signal(mark, name, place)
+    low, high = sendable_values(signal)
+    if not low <= value <= high:
+        raise place.error(f"'{name}' cannot be {value}, it holds {low:g} to {high:g}")
+    claims = reader.claims.get(mark.can_id, ())
+    if mark.can_id in reader.routes and (not claims or any(claim.value == value for claim in claims)):
+        raise place.error(f"frames of '{mark.name}' are the objects' too; give their messages another value by 'when'")
+    return Claim(mark.length, compile_field_reader(mark, signal), value, 0, 0)
 
 
 def _marks(

@@ -27,6 +27,8 @@ UNITS: Final[dict[str, tuple[Dimension, float]]] = {
     **dict.fromkeys(("1/m", "m^-1", "rad/m"), ("curvature", 1.0)),
     **dict.fromkeys(("s", "second"), ("time", 1.0)),
     "ms": ("time", 1e-3),
+    **dict.fromkeys(("us", "µs", "μs"), ("time", 1e-6)),
+    "ns": ("time", 1e-9),
     **dict.fromkeys(("%", "percent"), ("number", 0.01)),
     **dict.fromkeys(("1", "-", "count"), ("number", 1.0)),
 }

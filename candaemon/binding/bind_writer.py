@@ -175,7 +175,7 @@ class _WrittenLayout:
         """Whether its id signal counts messages otherwise than the objects are counted."""
         layout = self.layout
         return layout.id_signal is not None and (
-            bool(layout.keys) or (layout.first, layout.step) != (0, 1) or self.points > 1
+            bool(layout.keys) or (layout.first, layout.step) != (0, 1) or self.points > 1 or layout.page is not None
         )
 
     def written(self, signal: SignalSpec) -> _WrittenSignal:
@@ -364,6 +364,8 @@ def _add_counters_and_identity(
             written[layout.index].identities.append(signal.name)
     for each in written:
         id_signal = each.layout.id_signal
+        if each.layout.page is not None:
+            each.written(each.layout.page.signal)
         if id_signal is not None:
             each.written(id_signal)
         if id_signal is not None and not each.numbers_places and id_signal.name not in each.identities:
@@ -415,6 +417,8 @@ def _layout_writer(
         )
     others = [point_name(name, point) for point in range(1, points) for name in compress(names, of_point)]
     check_alike(written.layout, [*names, *others], location.at("objects"))
+    page = written.layout.page
+    on_page = MOST_SLOTS if page is None else page.places
     mine = None
     if len(messages) != len(every_message):
         mine = np.zeros(len(every_message), np.bool_)
@@ -440,7 +444,11 @@ def _layout_writer(
         of_point=of_point.nonzero()[0],
         place=None
         if id_signal is None or not written.numbers_places
-        else (names.index(id_signal.name), np.array([written.layout.key(place) for place in range(MOST_SLOTS)])),
+        else (
+            names.index(id_signal.name),
+            np.array([written.layout.key(place % on_page) for place in range(MOST_SLOTS)]),
+        ),
+        page=None if page is None else (names.index(page.signal.name), np.array(page.values(MOST_SLOTS))),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from candaemon.config.buses import BusSettings
@@ -14,8 +14,8 @@ from candaemon.config.sensors import SensorSettings
 from candaemon.config.settings import Config
 from candaemon.dbc.single_codec import Decoder
 from candaemon.dbc.types import Database, MessageSpec
-from candaemon.objects.reader import ObjectReader
-from candaemon.objects.scan_messages import LookReader, ScanHeader, StatusWriter
+from candaemon.objects.reader import Claim, ObjectReader
+from candaemon.objects.scan_messages import LookReader, ScanHeader, StatusWriter, TimeStampField
 from candaemon.objects.signals import SignalBinding
 from candaemon.objects.writer import ObjectWriter
 from candaemon.protection.checksums import FrameProtector
@@ -66,6 +66,8 @@ class BoundSensor:
         monitors: per layout, what its frames must be to be used, None where anything will do.
         mark_monitor: the same of the header or the trigger, where it is no message of the objects'.
         look: what says which look a scan is, None where all are alike.
+        stamp: what says when a scan was measured, None where its frames' arrival does.
+        mark_claims: of headers or a trigger of which a value in the frame says that it is one, by CAN id.
 
     """
 
@@ -82,6 +84,14 @@ class BoundSensor:
     monitors: tuple[FrameMonitorSettings | None, ...]
     mark_monitor: FrameMonitorSettings | None
     look: LookReader | None = None
+    stamp: TimeStampField | None = None
+    mark_claims: Mapping[int, Claim] = field(default_factory=dict)
+
+    def claimed_values(self, can_id: int) -> tuple[int, ...]:
+        """Return the values of a signal by which frames of an identifier are the sensor's; none where all are."""
+        mark = self.mark_claims.get(can_id)
+        values = [claim.value for claim in self.reader.claims.get(can_id, ())]
+        return tuple(values if mark is None else [*values, mark.value])
 
     @property
     def protectors(self) -> tuple[FrameProtector | None, ...]:

@@ -54,8 +54,8 @@ def check_identifiers(
 
 def _shares(sensor: BoundSensor, can_id: int, sensors: Iterable[BoundSensor]) -> bool:
     """Return whether a value in each frame of an id says which of the sensors on the bus it is of."""
-    claims = [each.reader.claims.get(can_id) for each in sensors if each.bus == sensor.bus and can_id in each.can_ids]
-    values = [claim.value for of_sensor in claims for claim in of_sensor or ()]
+    claims = [each.claimed_values(can_id) for each in sensors if each.bus == sensor.bus and can_id in each.can_ids]
+    values = [value for of_sensor in claims for value in of_sensor]
     return all(claims) and len(set(values)) == len(values)
 
 

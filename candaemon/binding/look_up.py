@@ -11,7 +11,7 @@ from candaemon.config.sensors import ObjectFormat, ObjectMessage
 from candaemon.dbc.bits import same_layout, sendable_values
 from candaemon.dbc.types import Database, MessageSpec, SignalSpec, near_names
 from candaemon.errors import ConfigError
-from candaemon.objects.message_layout import MessageLayout
+from candaemon.objects.message_layout import MessageLayout, Page
 
 
 def find_message(database: Database, name: str, location: SettingLocation) -> MessageSpec:
@@ -98,7 +98,7 @@ def _layout(
     names: Collection[str],
 ) -> MessageLayout:
     """Find one of an object's messages, for every place."""
-    places = range(1 if form.multiplexed else form.places)
+    places = range(1 if form.multiplexed else form.places_on_page)
     numbers = [form.first + form.step * place for place in places]
     found = [find_message(database, entry.named(number), location) for number in numbers]
     id_signal, keys = None, dict[int, int]()
@@ -128,9 +128,16 @@ def _layout(
                 f"message '{message.name}' has no signal '{lacking[0]}' for slot {numbers[place]}; "
                 f"{near_names(lacking[0], [each.name for each in message.signals])}"
             )
-    return MessageLayout(
-        index, entry.message, messages, entry.optional, id_signal, keys, form.first, form.step, selector
+    page = None
+    if form.pages is not None:
+        signal = find_signal(messages[0], form.pages.signal, location.beside("pages").at("signal"))
+        page = Page(signal, form.pages.first, form.pages.step, form.pages.count, form.places_on_page)
+    layout = MessageLayout(
+        index, entry.message, messages, entry.optional, id_signal, keys, form.first, form.step, selector, page
     )
+    if page is not None:
+        check_alike(layout, [page.signal.name], location)
+    return layout
 
 
 def find_in_layouts(

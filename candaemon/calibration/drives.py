@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -18,6 +19,9 @@ from candaemon.calibration.window import WindowReader
 from candaemon.calibration.windows import REACH, WindowsState, added, estimate
 
 _MOST_PASSES: Final = 6
+_WALK_PASSES: Final = 4
+_SETTLED: Final = 1.05
+"""Growth of the walk from pass to pass, at which it is found."""
 MEASURED: Final = ("range", "azimuth", "x", "y", "range_rate", "vx", "vy")
 RANGES: Final = ((0.0, 40.0), (40.0, 80.0), (80.0, float("inf")))
 """m, of which the noise is told apart."""
@@ -78,12 +82,41 @@ def _with_noise(
     count: int,
     windows: Sequence[tuple[GatheredWindow, Readings, Floats]],
 ) -> SensorFindings:
-    """Return the findings with the noise of what stands, seen with the estimate."""
-    cycle = sensor.settings.cycle_time
-    names: list[str] = [str(name) for name in MEASURED if name in sensor.reader.quantities]
-    samples = {name: [NoiseSamples(cycle) for _ in range(len(RANGES) + 1)] for name in (*names, "along", "across")}
+    """Return the findings with the noise of what stands, seen with the estimate.
+
+    What walks is told from what drives by how far it walks, so the walk is found in several passes.
+    """
+    names = [str(name) for name in MEASURED if name in sensor.reader.quantities]
+    walk = 0.0, 0.0
+    for _ in range(_WALK_PASSES):
+        samples = _samples(sensor.settings.cycle_time, equations, found, windows, walk)
+        parts = {name: noise_parts(samples[name][0]) for name in ("along", "across")}
+        before, walk = walk, (_walk(parts["along"]), _walk(parts["across"]))
+        if all(now <= _SETTLED * then for now, then in zip(walk, before, strict=True)):
+            break
+    noise = {name: noise_parts(samples[name][0]) for name in names}
+    by_range = {name: [noise_parts(each) for each in samples[name][1:]] for name in names}
+    return SensorFindings(found, count, noise, by_range, (parts["along"], parts["across"]))
+
+
+def _walk(parts: NoiseParts | None) -> float:
+    """Return the walk of what may have one, m²/s."""
+    return 0.0 if parts is None else parts.walk
+
+
+def _samples(
+    cycle: float,
+    equations: WindowReader,
+    found: Estimate,
+    windows: Sequence[tuple[GatheredWindow, Readings, Floats]],
+    walk: tuple[float, float],
+) -> defaultdict[str, list[NoiseSamples]]:
+    """Return the differences of residuals by quantity: all of them, and those of each of `RANGES`."""
+    samples: defaultdict[str, list[NoiseSamples]] = defaultdict(
+        lambda: [NoiseSamples(cycle) for _ in range(len(RANGES) + 1)]
+    )
     for window, read, stamped in windows:
-        standing = equations.residuals(read, stamped, window.path, found)
+        standing = equations.residuals(read, stamped, window.path, found, walk)
         if standing is None:
             continue
         pairs = residual_pairs(cycle, standing.scan, standing.first, standing.count)
@@ -95,7 +128,4 @@ def _with_noise(
             whole.add(squares, pairs.bounds)
             for k, of in enumerate(parts, 1):
                 of.add(np.where(part == k, squares, np.nan), pairs.bounds)
-    noise = {name: noise_parts(samples[name][0]) for name in names}
-    by_range = {name: [noise_parts(each) for each in samples[name][1:]] for name in names}
-    walk = noise_parts(samples["along"][0]), noise_parts(samples["across"][0])
-    return SensorFindings(found, count, noise, by_range, walk)
+    return samples

@@ -27,6 +27,8 @@ _RANGE_MATTERS: Final = 0.25
 """Share by which the noise of two ranges must differ to be told apart."""
 _LEAST_NOISE: Final = {"range": 0.02, "x": 0.02, "y": 0.02, "azimuth": 0.02, "range_rate": 0.02, "vx": 0.02, "vy": 0.02}
 """m, deg, m/s: less is that of a radar that repeats what it said."""
+_LEAST_WALK: Final = 0.005
+"""m²/s, below which a walk is none."""
 _FILTER_TIME: Final = 0.3
 """s, over which a filter without a walk of its own averages."""
 
@@ -131,15 +133,31 @@ def _noise(sensor: BoundSensor, of: SensorFindings, *, walks: bool) -> Iterator[
             f"{sensor.name}.noise.{key}", unit, configured, rounded, uncertainty, remark, where,
             rounded if differs else None,
         )  # fmt: skip
-    for name, parts in zip(("along", "across"), of.walk, strict=True):
-        walked = None if noise.walk is None else float(getattr(noise.walk, name))
+    yield from _walk(sensor, of, walks=walks)
+
+
+def _walk(sensor: BoundSensor, of: SensorFindings, *, walks: bool) -> Iterator[Finding]:
+    """Yield the rows of the random walk, of which both are proposed or none: they stand together."""
+    given = sensor.settings.noise.walk
+    seen = [parts for parts in of.walk if parts is not None]
+    configured = [None, None] if given is None else [given.along, given.across]
+    is_off = walks and len(seen) == len(configured) and any(map(_walk_differs, seen, configured))
+    for name, parts, value in zip(("along", "across"), of.walk, configured, strict=True):
+        what, where = f"{sensor.name}.noise.walk.{name}", ("sensors", sensor.name, "noise", "walk", name)
         if parts is None:
-            yield Finding(f"{sensor.name}.noise.walk.{name}", "m²/s", walked, None, None)
+            yield Finding(what, "m²/s", value, None, None)
             continue
+        found = float(f"{parts.walk:.3g}")
         yield Finding(
-            f"{sensor.name}.noise.walk.{name}", "m²/s", walked, float(f"{parts.walk:.3g}"),
-            STATED * parts.walk_sd, "" if parts.walk else "none seen",
+            what, "m²/s", value, found, STATED * parts.walk_sd, "" if parts.walk else "none seen", where,
+            found if is_off else None,
         )  # fmt: skip
+
+
+def _walk_differs(parts: NoiseParts, configured: float | None) -> bool:
+    """Return whether a walk differs from the configured one, or from none."""
+    value = configured or 0.0
+    return abs(parts.walk - value) > max(_SAME * value, STATED * parts.walk_sd, _LEAST_WALK)
 
 
 def _walks(settings: Config, sensor: str) -> bool:

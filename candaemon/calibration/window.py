@@ -9,6 +9,7 @@ equations of the window, to be solved with those of others.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import radians
 from typing import Final
@@ -35,7 +36,9 @@ _SHARE: Final = 0.3
 _HUBER: Final = 2.0
 """Standard deviations from which on a residual counts linearly."""
 _LARGEST_SHARE: Final = 0.5
-"""Of what a scan says of own turning, above which a speed's residual says nothing of its noise."""
+"""Of what a scan says of a shared error, above which a residual says nothing of its own."""
+_AS_STRAIGHT: Final = 0.03
+"""m across from one scan to the next, which rounding may make of none."""
 _JUMP: Final = 3.0
 """m over ground from scan to scan, from which on it is another object."""
 
@@ -144,7 +147,9 @@ class WindowReader:
             _add(information, score, rows, residual, weight)
         return WindowEquations(information, score, len(sizes), len(residual))
 
-    def residuals(self, readings: Readings, times_ns: Floats, path: EgoPath, at: Estimate) -> StandingResiduals | None:
+    def residuals(
+        self, readings: Readings, times_ns: Floats, path: EgoPath, at: Estimate, walk: tuple[float, float]
+    ) -> StandingResiduals | None:
         """Return the residuals of what stands; None where nothing that stands is seen.
 
         Args:
@@ -152,25 +157,32 @@ class WindowReader:
             times_ns: as for `equations`.
             path: likewise.
             at: the estimate.
+            walk: of what stands, along and across the line of sight, m²/s: it does not drift faster for that.
         """
-        found = self.standing(readings, times_ns, path, at)
+        found = self.standing(readings, times_ns, path, at, walk)
         if found is None:
             return None
         returns, moments = found
         of, distance = returns.readings, np.abs(returns.readings.place)
-        residuals = {"along": returns.along, "across": returns.across}
+        (across,) = _without_shared([(returns.across, distance, of.across)], of.scan)  # what the ego's heading is off
+        residuals = {"along": returns.along, "across": across}
         if self._polar:
-            residuals |= {"range": returns.along, "azimuth": returns.across / distance}
+            residuals |= {"range": returns.along, "azimuth": across / distance}
         else:
             middle = returns.first + returns.count // 2
             sight = np.repeat(of.place[middle] / distance[middle], returns.count)
-            place = sight * (returns.along + 1j * returns.across)
+            place = sight * (returns.along + 1j * across)
             residuals |= {"x": place.real, "y": place.imag}
         residuals |= self._speed_residuals(of, moments, at)
         return StandingResiduals(of.scan, returns.first, returns.count, distance, residuals)
 
     def standing(
-        self, readings: Readings, times_ns: Floats, path: EgoPath, at: Estimate
+        self,
+        readings: Readings,
+        times_ns: Floats,
+        path: EgoPath,
+        at: Estimate,
+        walk: tuple[float, float] = (0.0, 0.0),
     ) -> tuple[StandingReturns, EgoMoments] | None:
         """Return the returns that stand, and the ego motion at each of their measurements; None: there are none."""
         latency, _, scale, bias = at.mean
@@ -179,16 +191,18 @@ class WindowReader:
             return None
         each = _taken(moments, readings.scan)
         slow = np.abs(readings.place) > _NEAREST
+        if self._identified:
+            slow &= ~_coasted(readings)
         for speeds in readings.sight_speeds:
             residual, rows = self._speed_rows(speeds, readings.place, each, at)
             slow &= np.abs(residual) < _SLOWEST + _GATE * np.hypot(speeds.noise, _expected(rows, at))
         if np.count_nonzero(slow) < _FEWEST:
             return None
         readings, each = readings.take(slow), _taken(each, np.flatnonzero(slow))
-        return self._tracked(readings, each, at)
+        return self._tracked(readings, each, at, walk)
 
     def _tracked(
-        self, readings: Readings, moments: EgoMoments, at: Estimate
+        self, readings: Readings, moments: EgoMoments, at: Estimate, walk: tuple[float, float]
     ) -> tuple[StandingReturns, EgoMoments] | None:
         """Return the measurements by what they are of, without what drifts more than any estimate explains."""
         place = moments.position + np.exp(1j * moments.heading) * self._seen(readings.place, at)
@@ -205,7 +219,7 @@ class WindowReader:
             return None
         rows = order[np.repeat(kept, counts)]
         returns, moments = self._returns(readings.take(rows), _taken(moments, rows), counts[kept], at)
-        still = _stands(returns, at)
+        still = _stands(returns, at, walk)
         if not still.any():
             return None
         rows = np.flatnonzero(np.repeat(still, returns.count))
@@ -273,19 +287,10 @@ class WindowReader:
         found = {each.name: self._speed_rows(each, readings.place, moments, at) for each in readings.speeds}
         residuals = {name: residual for name, (residual, _) in found.items()}
         turned = [each for each in readings.speeds if self._turning and each.name != "range_rate"]
-        information, score = np.zeros((2, 1 + int(readings.scan.max())))
-        levers = {each.name: found[each.name][1][:, BIAS] / each.noise for each in turned}
-        for each in turned:
-            known, lever = np.isfinite(residuals[each.name]), levers[each.name]
-            np.add.at(information, readings.scan[known], lever[known] ** 2)
-            np.add.at(score, readings.scan[known], (lever * residuals[each.name] / each.noise)[known])
-        information = np.maximum(information, 1e-9)
-        for each in turned:
-            lever = levers[each.name]
-            share = lever**2 / information[readings.scan]  # by so much the fit makes the variance smaller
-            rest = residuals[each.name] - lever * each.noise * (score / information)[readings.scan]
-            residuals[each.name] = np.where(share < _LARGEST_SHARE, rest, np.nan) / np.sqrt(1.0 - share.clip(0.0, 0.99))
-        return residuals
+        shared = [(residuals[each.name], found[each.name][1][:, BIAS], each.noise) for each in turned]
+        return residuals | dict(
+            zip((each.name for each in turned), _without_shared(shared, readings.scan), strict=True)
+        )
 
     def _by_identity(self, readings: Readings, moments: EgoMoments, place: ComplexPlane) -> Integers:
         """Return the number of the return that each measurement is of, by the sensor's ids and where they jump."""
@@ -298,6 +303,48 @@ class WindowReader:
         track = np.empty(len(order), np.int64)
         track[order] = np.cumsum(breaks) - 1
         return track
+
+
+def _without_shared(parts: Sequence[tuple[Floats, Floats, Floats]], scan: Indices) -> list[Floats]:
+    """Return residuals without what all of a scan share, as far as they themselves tell it.
+
+    What is left is made larger by as much as the fit made it smaller; NaN where the fit follows one residual.
+
+    Args:
+        parts: residuals of n measurements, how much each has of what is shared, and their noise, (n,) each.
+        scan: number of the scan of each measurement (n,).
+    """
+    information, score = np.zeros((2, 1 + int(scan.max())))
+    for residual, lever, noise in parts:
+        known = np.isfinite(residual)
+        np.add.at(information, scan[known], (lever / noise)[known] ** 2)
+        np.add.at(score, scan[known], (lever / noise**2 * residual)[known])
+    information = np.maximum(information, 1e-9)
+    rest = []
+    for residual, lever, noise in parts:
+        share = (lever / noise) ** 2 / information[scan]
+        left = (residual - lever * (score / information)[scan]) / np.sqrt(np.maximum(1.0 - share, 0.1))
+        rest.append(np.where(share < _LARGEST_SHARE, left, np.nan))
+    return rest
+
+
+def _coasted(readings: Readings) -> Booleans:
+    """Return which measurements only go on along the line of sight at the speed of the scan before, (n,).
+
+    A radar that lost sight of a thing reports it for a while where it would be, and the way across is not in that: what
+    is passed then seems to drift, as if the sensor were turned.
+    """
+    rates = [each.value for each in readings.speeds if each.name == "range_rate"]
+    coasted = np.zeros(len(readings.place), dtype=np.bool_)
+    if not rates:
+        return coasted
+    order = np.lexsort((readings.scan, readings.object_id))
+    later, earlier = order[1:], order[:-1]
+    angle = np.angle(readings.place[later] * readings.place[earlier].conj())
+    same = readings.object_id[later] == readings.object_id[earlier]
+    same &= (rates[0][later] == rates[0][earlier]) & (np.abs(angle) * np.abs(readings.place[later]) < _AS_STRAIGHT)
+    coasted[later[same]] = True
+    return coasted
 
 
 def _by_place(readings: Readings, place: ComplexPlane) -> Integers:
@@ -325,18 +372,24 @@ def _by_place(readings: Readings, place: ComplexPlane) -> Integers:
     return track
 
 
-def _stands(returns: StandingReturns, at: Estimate) -> Booleans:
-    """Return which returns drift no faster than noise and a wrong estimate explain."""
+def _stands(returns: StandingReturns, at: Estimate, walk: tuple[float, float]) -> Booleans:
+    """Return which returns drift no faster than noise, their walk and a wrong estimate explain.
+
+    The slope that is fitted to a random walk of density q over a time T has the variance 6 q / (5 T).
+    """
     seconds = returns.seconds - np.repeat(_means(returns.seconds, returns), returns.count)
     swept = np.maximum(np.add.reduceat(seconds**2, returns.first), 1e-9)
     stands = np.ones(len(returns.first), dtype=np.bool_)
-    for residual, rows, noise in (
-        (returns.along, returns.along_rows, returns.readings.along),
-        (returns.across, returns.across_rows, returns.readings.across),
+    last = returns.first + returns.count - 1
+    length = np.maximum(returns.seconds[last] - returns.seconds[returns.first], 1e-3)
+    for residual, rows, noise, density in (
+        (returns.along, returns.along_rows, returns.readings.along, walk[0]),
+        (returns.across, returns.across_rows, returns.readings.across, walk[1]),
     ):
         drift = np.add.reduceat(seconds * residual, returns.first) / swept
         per = np.add.reduceat(seconds[:, None] * rows, returns.first) / swept[:, None]
         error = np.hypot(_means(noise, returns) / np.sqrt(swept), _expected(per, at))
+        error = np.hypot(error, np.sqrt(1.2 * density / length))
         stands &= np.abs(drift) < _SLOWEST + _GATE * error
     return stands
 

@@ -93,6 +93,25 @@ MOST_SLOTS: Final = 4096
 """Objects that a format can hold."""
 
 
+MOST_PAGES: Final = 64
+"""Pages of a list of objects."""
+
+
+class PageSettings(Settings):
+    """A list longer than its messages: they come again with the next page."""
+
+    signal: DbcName = Field(description="signal of each of the objects' messages that says which page a frame is of")
+    count: int = Field(ge=2, le=MOST_PAGES, description="pages of a full list")
+    first: int = Field(0, ge=0, le=1_000_000, description="the signal's value on the first page")
+    step: int = Field(
+        1,
+        ge=1,
+        le=1_000_000,
+        description="difference of its values on neighbouring pages; where it is the number of a "
+        "page's first object, the objects of a page",
+    )
+
+
 class ObjectFormat(Settings):
     """Where the objects lie in the frames; serves reading and writing alike."""
 
@@ -103,6 +122,9 @@ class ObjectFormat(Settings):
     points: Points = Field(
         (0,),
         description="objects in one message: how many, or a list of what `{point}` stands for in their signals' names",
+    )
+    pages: PageSettings | None = Field(
+        None, description="pages of a list that its messages do not hold at once; `slots` counts the objects of all"
     )
     identity: DbcName | Literal[False] | None = Field(
         None,
@@ -122,9 +144,9 @@ class ObjectFormat(Settings):
     def _slots_are_distinguishable(self) -> ObjectFormat:
         by_name = ["{slot" in entry.message for entry in self.messages]
         for entry, numbered in zip(self.messages, by_name, strict=True):
-            if not numbered and entry.id_signal is None and self.places > 1:
+            if not numbered and entry.id_signal is None and self.places_on_page > 1:
                 raise ValueError(
-                    f"message '{entry.message}' is the same for all {self.places} slots; "
+                    f"message '{entry.message}' is the same for all {self.places_on_page} slots; "
                     "put {slot} into its name or give its id_signal"
                 )
         if any(by_name) and not all(by_name):
@@ -138,6 +160,17 @@ class ObjectFormat(Settings):
                 f"{self.slots} slots are no whole number of messages with {len(self.points)} points each; "
                 "slots counts the objects of all messages"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _pages_fill_the_slots(self) -> ObjectFormat:
+        if self.pages is not None and self.places % self.pages.count:
+            raise ValueError(
+                f"{self.places} messages are no whole number on each of {self.pages.count} pages; "
+                "slots counts the objects of all pages"
+            )
+        if self.pages is not None and any(entry.id_signal is False for entry in self.messages):
+            raise ValueError("id_signal: false counts the frames of a scan, whatever their page; leave pages out")
         return self
 
     @model_validator(mode="after")
@@ -158,6 +191,11 @@ class ObjectFormat(Settings):
         return self.slots // len(self.points)
 
     @property
+    def places_on_page(self) -> int:
+        """Places on a page; all, where there are none."""
+        return self.places // (1 if self.pages is None else self.pages.count)
+
+    @property
     def multiplexed(self) -> bool:
         """Whether all objects share the same messages and an id in the payload distinguishes them."""
         return "{slot" not in self.messages[0].message
@@ -170,11 +208,18 @@ class CounterScan(Settings):
     signal: DbcName = Field(description="counter signal in every object message")
 
 
+_MARK_WHEN: Final = (
+    "signal: value; only frames with that value are meant, others of the identifier are the objects', "
+    "or another sensor's"
+)
+
+
 class TriggerScan(Settings):
     """A scan closes with a certain message."""
 
     close: Literal["trigger"]
     message: DbcName = Field(description="message that ends a scan; one of the objects' or another")
+    when: dict[DbcName, RawValue] = Field(default_factory=dict, max_length=1, description=_MARK_WHEN)
     protection: InputProtectionSettings = Field(
         default_factory=InputProtectionSettings, description="of the message, where it is none of the objects'"
     )
@@ -199,6 +244,7 @@ class HeaderScan(Settings):
 
     close: Literal["header"]
     message: Names = Field(description="header message, or the list of those that a scan has")
+    when: dict[DbcName, RawValue] = Field(default_factory=dict, max_length=1, description=_MARK_WHEN)
     count: Names = Field(
         description="their signal with the number of objects that follow, or signals that add up to it"
     )
@@ -242,7 +288,7 @@ class ObjectSignals(Settings):
         polar = (self.range is not None, self.azimuth is not None)
         if any(cartesian) and any(polar):
             raise ValueError("give a position either as x and y or as range and azimuth, not parts of both")
-        if not all(cartesian) and not all(polar):
+        if not all(cartesian) and self.range is None:
             raise ValueError("no position; give x and y, or range and azimuth")
         if self.range_rate is not None and self.vx is not None:
             raise ValueError("range_rate and vx measure the same; give one")
@@ -252,6 +298,11 @@ class ObjectSignals(Settings):
     def polar(self) -> bool:
         """Whether positions come as range and azimuth."""
         return self.range is not None
+
+    @property
+    def directed(self) -> bool:
+        """Whether it is told in which direction an object is; without, several sensors find its place together."""
+        return self.range is None or self.azimuth is not None
 
 
 class ObjectNoise(Settings):
@@ -299,6 +350,33 @@ class LookSettings(Settings):
     fields_of_view: dict[LookNumber, FieldOfView] = Field(
         min_length=1, max_length=MOST_LOOKS, description="what each look can see, by the signal's value"
     )
+
+
+class TimeStampSettings(Settings):
+    """A signal in which the sensor says when it measured: better than when its frames arrive."""
+
+    signal: DbcName = Field(
+        description="of the scan's header or trigger, of the objects' messages, or MESSAGE.SIGNAL of a message of its "
+        "own that comes once a scan"
+    )
+    kind: Literal["age", "clock"] = Field(
+        description="age: the time since the measurement; clock: the sensor's own clock at the measurement"
+    )
+    unit: Literal["s", "ms", "us", "ns"] | None = Field(None, description="of the signal; default: the DBC's")
+    wrap: float | None = Field(
+        None, ge=0.1, le=4.3e9, description="s after which the clock begins anew; default: what the signal's bits hold"
+    )
+    longest: float = Field(
+        0.25, ge=0.001, le=0.5, description="s, longest delay from the measurement to the arrival that can be"
+    )
+
+    @model_validator(mode="after")
+    def _wraps_if_a_clock(self) -> TimeStampSettings:
+        if self.wrap is not None and self.kind != "clock":
+            raise ValueError(f"wrap is a clock's but kind is {self.kind}; leave one of them out")
+        if self.wrap is not None and self.wrap <= 2 * self.longest:
+            raise ValueError(f"wrap is {self.wrap:g} s, expected more than twice the longest delay, {self.longest:g} s")
+        return self
 
 
 class DetectionSettings(Settings):
@@ -357,6 +435,9 @@ class SensorSettings(Settings):
     timeout: float = Field(0.03, gt=0, le=2, description="s after a scan's first frame until it is closed as it is")
     latency: float = Field(0.0, ge=-0.5, le=0.5, description="s from measurement to the scan's time stamp")
     time_from: Literal["first", "last"] = Field("first", description="which frame of a scan gives its time stamp")
+    time_stamp: TimeStampSettings | None = Field(
+        None, description="signal that gives the instant of the measurement; default: the frames' arrival does"
+    )
     objects: ObjectFormat
     scan: ScanSettings
     signals: ObjectSignals

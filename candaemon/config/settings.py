@@ -19,6 +19,7 @@ from candaemon.config.service import ServiceSettings
 from candaemon.config.supervision import SupervisionSettings
 from candaemon.config.tracker import GroupSettings, TrackerSettings
 from candaemon.config.trust import TrustSettings
+from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.errors import MOST_PROBLEMS
 from candaemon.similar_names import listed_names, meant
 
@@ -116,7 +117,9 @@ class Config(Settings):
                     yield ("buses", bus), f"'{name}' is bus '{owner}' in a log already; give a log_channel of its own"
         yield from self._earth_problems()
         yield from self._group_problems()
+        yield from self._direction_problems()
         yield from self._identity_problems()
+        yield from self._alignment_problems()
 
     def _earth_problems(self) -> Iterator[tuple[Location, str]]:
         """Yield each setting that needs a georeference where none is configured."""
@@ -142,11 +145,60 @@ class Config(Settings):
                     problem = f"sensor '{name}' tells no identity (objects.identity: false), expected nearest"
                     yield (*location, "association", "method"), problem
 
+    def _direction_problems(self) -> Iterator[tuple[Location, str]]:
+        """Yield each sensor that tells too little for its group to place an object, or what its group does not use."""
+        ranging = {name: group for name, group in self.groups.items() if group.fusion == "trilateration"}
+        placed = {sensor for group in ranging.values() for sensor in group.sensors}
+        for name, sensor in self.sensors.items():
+            if not sensor.signals.directed and name not in placed:
+                problem = "no direction; give azimuth, or put the sensor into a group with fusion: trilateration"
+                yield ("sensors", name, "signals"), problem
+            elif not sensor.signals.directed and sensor.signals.range_rate is None:
+                yield ("sensors", name, "signals"), "trilateration needs range_rate too, which tells ghosts apart"
+            elif not sensor.signals.directed and sensor.range_rates == "absolute":
+                problem = "found absolute, but without azimuth nobody knows how much of the own motion it holds"
+                yield ("sensors", name, "range_rates"), f"{problem}, expected relative"
+        for name, group in ranging.items():
+            yield from self._trilateration_problems(name, group)
+
+    def _trilateration_problems(self, name: str, group: GroupSettings) -> Iterator[tuple[Location, str]]:
+        """Yield what keeps the sensors of a group from finding places by their ranges."""
+        for position, sensor in enumerate(group.sensors):
+            if sensor in self.sensors and (signals := self.sensors[sensor].signals).directed:
+                told = "azimuth" if signals.polar else "x and y"
+                problem = f"sensor '{sensor}' tells {told}, which fusion: trilateration does not use, expected range"
+                yield ("groups", name, "sensors", position), f"{problem} and range_rate alone"
+        mounts = {(each.mount.x, each.mount.y) for key, each in self.sensors.items() if key in group.sensors}
+        if len(mounts) < 2:
+            problem = "trilateration needs sensors at two places at least, the farther apart the better"
+            yield ("groups", name, "sensors"), problem
+        if isinstance(group.fused_tracker.estimator, VehicleEstimatorSettings):
+            problem = "found vehicle, but fusion: trilateration is of points, expected one of ca, cv, imm, mlkf …"
+            yield ("groups", name, "tracker", "estimator"), problem
+        if group.tracker.association.method == "id":
+            problem = "found id, but the ids of one sensor say nothing of another's, expected nearest"
+            yield ("groups", name, "tracker", "association", "method"), problem
+
+    def _alignment_problems(self) -> Iterator[tuple[Location, str]]:
+        """Yield what keeps objects of a group's sensors from being interpolated."""
+        for name, group in self.groups.items():
+            if group.align == "prediction":
+                continue
+            if len(group.sensors) < 2:
+                yield ("groups", name, "align"), "found lagrange, but there is one sensor; nothing is to be aligned"
+            for position, sensor in enumerate(group.sensors):
+                location = ("groups", name, "sensors", position)
+                if sensor in self.sensors and not self.sensors[sensor].identified:
+                    problem = f"sensor '{sensor}' tells no identity (objects.identity: false)"
+                    yield location, f"{problem}: align: lagrange cannot say which object was which"
+                elif sensor in self.sensors and self.sensors[sensor].looks is not None:
+                    yield location, f"sensor '{sensor}' sees an object in some of its looks alone, expected no looks"
+
     def _group_problems(self) -> Iterator[tuple[Location, str]]:
         """Yield each sensor of a group that does not exist or is already in another group."""
         group_of: dict[str, str] = {}
         for group, settings in self.groups.items():
-            if settings.fusion != "central" and settings.single_model is None:
+            if settings.fusion in {"federated", "tracks"} and settings.single_model is None:
                 kind, needed = settings.tracker.estimator.kind, "one of ca, cs, ct, cv, jerk, singer"
                 problem = f"found {kind}, but fusion: {settings.fusion} is of one motion model, expected {needed}"
                 yield ("groups", group, "tracker", "estimator"), problem

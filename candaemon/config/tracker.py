@@ -15,12 +15,17 @@ from candaemon.config.estimators import (
     FederatedEstimatorSettings,
     ImmEstimatorSettings,
     IntersectionEstimatorSettings,
+    MlkfEstimatorSettings,
     SingleModelEstimatorSettings,
 )
 from candaemon.config.names import Name
 
 MOST_TRACKS: Final = 4096
 """Reflections that a tracker can be asked to keep."""
+
+
+RANGES_ESTIMATOR: Final = MlkfEstimatorSettings(kind="mlkf")
+"""Of sensors of ranges alone, where the configuration names none."""
 
 
 class TravelSettings(Settings):
@@ -133,10 +138,16 @@ class GroupSettings(Settings):
 
     sensors: tuple[Name, ...] = Field(min_length=1, description="names of the sensors")
     tracker: TrackerSettings = Field(default_factory=TrackerSettings)
-    fusion: Literal["central", "federated", "tracks"] = Field(
+    fusion: Literal["central", "federated", "trilateration", "tracks"] = Field(
         "central",
         description="central: one filter takes all scans; federated: a local filter for each sensor, fused after every "
-        "scan; tracks: by covariance intersection, for sensors that filter by themselves",
+        "scan; trilateration: of sensors that tell ranges and no direction; tracks: by covariance intersection, for "
+        "sensors that filter by themselves",
+    )
+    align: Literal["prediction", "lagrange"] = Field(
+        "prediction",
+        description="prediction: each scan is tracked at its own instant; lagrange: objects of the faster sensors are "
+        "interpolated to the instants of the slowest, which wait for them",
     )
 
     @property
@@ -150,6 +161,10 @@ class GroupSettings(Settings):
     @property
     def fused_tracker(self) -> TrackerSettings:
         """The tracker with the estimator that the mode of fusion needs."""
+        if self.fusion == "trilateration":
+            if "estimator" in self.tracker.model_fields_set:
+                return self.tracker
+            return self.tracker.model_copy(update={"estimator": RANGES_ESTIMATOR})
         single = self.single_model
         if self.fusion == "central" or single is None:
             return self.tracker

@@ -218,6 +218,8 @@ class Daemon:
     def _swap(self, pipeline: Pipeline) -> None:
         """Go on with another pipeline, which takes over what it can of the former one's state, and with its buses."""
         self._process(self.sequence.flush())
+        for cycle in self.pipeline.settle():  # what waits for other sensors would wait for ever
+            self._send(cycle, time.perf_counter(), by_frame=False)
         former, binding = self.pipeline, pipeline.binding
         kept = hand_over(former, pipeline)
         self.buses.change(binding.settings.buses, **_expected(binding))

@@ -24,6 +24,34 @@ def first_point_name(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
+class Page:
+    """Which part of a list longer than its messages a frame is of.
+
+    Attributes:
+        signal: says the page.
+        first, step: its value on the first page, and the difference on neighbouring ones.
+        count: pages.
+        places: on each.
+
+    """
+
+    signal: SignalSpec
+    first: int
+    step: int
+    count: int
+    places: int
+
+    def offset(self, value: int) -> int:
+        """Return how many places are on the pages before the one that a value stands for; −1 where it is none."""
+        page, rest = divmod(value - self.first, self.step)
+        return -1 if rest or not 0 <= page < self.count else page * self.places
+
+    def values(self, places: int) -> list[int]:
+        """Return the signal's value for each of so many places."""
+        return [self.first + self.step * (place // self.places) for place in range(places)]
+
+
+@dataclass(frozen=True, slots=True)
 class MessageLayout:
     """One of the messages that together make an object; every place's message of it is laid out alike.
 
@@ -37,6 +65,7 @@ class MessageLayout:
         keys: place by the value of that signal; empty where `first` and `step` give it.
         first: value of that signal for the first place.
         step: difference of the values of neighbouring places.
+        page: what says on which page of the list a frame is; None: the list has one page, and `messages` are all.
         selector: signal and value that a frame must have to be of this layout; None: every frame of its id is.
 
     """
@@ -50,6 +79,7 @@ class MessageLayout:
     first: int = 0
     step: int = 1
     selector: tuple[SignalSpec, int] | None = None
+    page: Page | None = None
 
     @property
     def shortest(self) -> MessageSpec:

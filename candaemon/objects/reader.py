@@ -118,6 +118,7 @@ class ObjectReader:
     Attributes:
         places: messages that a scan can hold of each of an object's messages: slots, where each holds one object.
         layouts: the messages of an object.
+        paged: whether a value in each frame says on which page of the list it is.
         bindings: the signals that are quantities.
         quantities: their names, in the same order: the rows of `ObjectBatch.values`.
 
@@ -144,6 +145,11 @@ class ObjectReader:
         self._readers = tuple(readers)
         self._pairs, self._identity = tuple(pairs), identity
         self._has_new = any(reader.new for reader in readers)
+        self._pages = [
+            None if each.page is None else (compile_field_reader(each.shortest, each.page.signal), each.page)
+            for each in self.layouts
+        ]
+        self.paged = any(each is not None for each in self._pages)
         self._keys = [
             None if each.id_signal is None else compile_field_reader(each.shortest, each.id_signal)
             for each in self.layouts
@@ -158,6 +164,15 @@ class ObjectReader:
         """Read the place from a payload of a multiplexed format, 0 where there is only one, −1 where it is none."""
         key = self._keys[layout]
         return 0 if key is None else self.layouts[layout].place(key(data))
+
+    def place_of(self, layout: int, place: int, data: bytes) -> int:
+        """Return the place in the whole list of a frame with a place on its page, −1 where there is no such page."""
+        paging = self._pages[layout]
+        if paging is None or place < 0:
+            return place
+        read, page = paging
+        before = page.offset(read(data))
+        return -1 if before < 0 or place >= page.places else before + place
 
     def read(self, columns: Sequence[Column]) -> ObjectBatch:
         """Read the objects of a scan.

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from candaemon.dbc.bits import representable_raw, shift, to_raw
 from candaemon.dbc.single_codec import Encoder
-from candaemon.dbc.types import MessageSpec
+from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.protection.checksums import FrameProtector
 
 
@@ -82,6 +83,47 @@ class LookReader:
 
 
 @dataclass(frozen=True, slots=True)
+class TimeStampField:
+    """The signal that says when a scan was measured; `binding.bind_time_stamp` makes it.
+
+    Attributes:
+        message: that has it; of an object's messages, the shortest.
+        signal: an integer, in every frame of the message.
+        part: index of the objects' layout that has it, None where a single message does.
+        own: whether that message is there for it alone: no header, no trigger, no object's.
+        unit_ns: ns of one unit of the signal.
+        wrap_ns: ns after which a clock begins anew; 0 for an age.
+        read: payload → the signal's value, in its unit.
+
+    """
+
+    message: MessageSpec
+    signal: SignalSpec
+    part: int | None
+    own: bool
+    unit_ns: float
+    wrap_ns: int
+    read: Callable[[bytes], tuple[float, ...] | None]
+
+    def stamp_ns(self, data: bytes) -> int | None:
+        """Read age or clock, ns, from a payload long enough; None where it has none."""
+        values = self.read(data)
+        return None if values is None else round(values[0] * self.unit_ns)
+
+    def written(self, data: bytes, stamp_ns: int) -> bytes:
+        """Return a payload with an age, brought into the signal's range, or a clock's time, which wraps, in it."""
+        signal, low = self.signal, shift(self.message, self.signal)
+        stamp_ns = stamp_ns % self.wrap_ns if self.wrap_ns else stamp_ns
+        least, most = representable_raw(signal)
+        raw = round(min(max(to_raw(signal, stamp_ns / self.unit_ns), least), most))
+        mask = (1 << signal.length) - 1
+        # A longer message of another slot has further bytes: the signal lies as in the shortest.
+        size = self.message.length
+        payload = int.from_bytes(data[:size], signal.byte_order) & ~(mask << low) | (raw & mask) << low
+        return payload.to_bytes(size, signal.byte_order) + data[size:]
+
+
+@dataclass(frozen=True, slots=True)
 class HeaderCount:
     """A signal with the number of a scan's objects, or of some of them.
 
@@ -116,6 +158,7 @@ class ScanHeader:
         says_look: whether it says which look the scan is.
         encode: of the numbers of objects and, where there are such, the measurement counter and the look.
         protector: counter and checksum, None where there are none.
+        fixed: the value, if any, by which a frame is this header, written behind the others.
 
     """
 
@@ -127,6 +170,7 @@ class ScanHeader:
     says_look: bool
     encode: Encoder
     protector: FrameProtector | None
+    fixed: tuple[float, ...] = ()
 
     @property
     def can_id(self) -> int:
@@ -141,10 +185,10 @@ class ScanHeader:
 
     def write(self, count: int, counter: int, look: int = 0) -> tuple[int, bytes]:
         """Write a header: CAN id and payload; a count over the greatest is clipped to it."""
-        values = [each.share(count) for each in self.counts]
+        values: list[float] = [each.share(count) for each in self.counts]
         if self.counter is not None:
             values.append(counter % self.period)
         if self.says_look:
             values.append(look)
-        payload, _ = self.encode(values)
+        payload, _ = self.encode([*values, *self.fixed])
         return self.can_id, payload if self.protector is None else self.protector.seal(self.can_id, payload)

@@ -91,6 +91,7 @@ class LayoutWriter:
             message, then these again for each further point.
         place: row of the signal that says which place a message is of, and its value by place; None where none does,
             or an identity does.
+        page: likewise of the signal that says on which page of the list a message is.
 
     """
 
@@ -107,6 +108,7 @@ class LayoutWriter:
     points: int = 1
     of_point: Indices = field(default_factory=lambda: np.empty(0, np.intp))
     place: tuple[int, Integers] | None = None
+    page: tuple[int, Integers] | None = None
 
     def write(
         self,
@@ -120,7 +122,7 @@ class LayoutWriter:
     ) -> int:
         """Append the frames; return how many values were saturated. Arguments as `ObjectWriter.write`."""
         if self.mine is not None:
-            chosen = np.flatnonzero(self.mine[slot // self.points])
+            chosen = np.flatnonzero(self.mine[slot // self.points % len(self.mine)])
             if not len(chosen):
                 return 0
             slot, occupied, identity = slot[chosen], occupied[chosen], identity[chosen]
@@ -146,12 +148,15 @@ class LayoutWriter:
         if self.place is not None:
             row, of_place = self.place
             table[row] = of_place[slot // self.points]
+        if self.page is not None:
+            row, of_place = self.page
+            table[row] = of_place[slot // self.points]
         for row, wrap in self.counters:
             table[row] = counter % wrap
         if self.points > 1:
             slot, table = self._by_message(slot, table, occupied)
         payloads, saturated = self.encoder.encode(table)
-        ids = np.full(len(slot), self.can_ids[0]) if len(self.can_ids) == 1 else self.can_ids[slot]
+        ids = np.full(len(slot), self.can_ids[0]) if len(self.can_ids) == 1 else self.can_ids[slot % len(self.can_ids)]
         if self.protector is not None:
             if not payloads.flags.writeable:
                 payloads = payloads.copy()

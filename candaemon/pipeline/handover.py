@@ -49,7 +49,7 @@ def hand_over(former: Pipeline, successor: Pipeline) -> Kept:
     """Let a fresh pipeline go on where another one ends; that one is of no more use.
 
     Args:
-        former: with all items of its input processed.
+        former: with all items of its input processed, and settled.
         successor: of the other configuration.
     """
     ego_motion = _same_ego(former.binding.ego, successor.binding.ego)

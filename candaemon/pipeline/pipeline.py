@@ -6,11 +6,11 @@ happened on the road happens again from its recording.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from candaemon.binding.bound import Binding
+from candaemon.binding.bound import Binding, BoundSensor
 from candaemon.calibration.calibrator import Calibrator
 from candaemon.ego.factory import make_ego, make_georeferencer
 from candaemon.ego.georeference import Georeferencer
@@ -26,6 +26,7 @@ from candaemon.pipeline.ego_frames import EgoFrames
 from candaemon.pipeline.health import HealthMonitor
 from candaemon.pipeline.output_cycle import OutputCycle
 from candaemon.pipeline.pipeline_state import PipelineState, Schedule
+from candaemon.pipeline.scan_alignment import ScanAlignment, make_alignments
 from candaemon.pipeline.spare_frames import SpareFrames
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.assembly import ScanAssembler
@@ -39,6 +40,7 @@ from candaemon.tracking.groups import TrackerGroups
 from candaemon.tracking.obstacles import Obstacles, concatenated, no_obstacles
 from candaemon.tracking.sensor_trust import SensorTrust
 from candaemon.tracking.stationary import StationaryWatch
+from candaemon.tracking.tracker import Tracker
 
 
 class Pipeline:
@@ -57,16 +59,20 @@ class Pipeline:
         self.ego = make_ego(binding.ego)
         self.georeferencer = make_georeferencer(binding.ego, self.ego)
         self.ego_frames = self._make_ego_frames()
+        # scans → scans of one instant, where a group asks for it
+        self._alignment_of = make_alignments(binding, self.assemblers)
+        self.alignments = list(dict.fromkeys(self._alignment_of.values()))
         # scans → detections → tracks
-        self._mountings = [Mounting(sensor.settings, sensor.reader.quantities) for sensor in binding.sensors]
+        self.mountings = [Mounting(sensor.settings, sensor.reader.quantities) for sensor in binding.sensors]
         self.trust = SensorTrust(
             binding.settings.trust,
             [sensor.settings for sensor in binding.sensors],
-            [binding.lost_after(sensor) for sensor in binding.sensors],
+            [self._judged_after(sensor) for sensor in binding.sensors],
         )
         self.tracker_groups = TrackerGroups(
             binding.settings, {sensor.name: sensor.settings for sensor in binding.sensors}
         )
+        self._ranging = {sensor.index for sensor in binding.sensors if not sensor.settings.signals.directed}
         self.trackers, self._tracker_of = self.tracker_groups.trackers, self.tracker_groups.by_sensor
         self.stationary = StationaryWatch(self.ego.teaching) if self.ego.teaching is not None else None
         # detections of what stands → latency and yaw of the sensors, errors of ego motion
@@ -150,12 +156,15 @@ class Pipeline:
             schedule.coast_due_ns = time_ns + self._startup_ns
         while True:
             assembler = min(self.assemblers, key=_deadline)
+            for alignment in sorted(self.alignments, key=_given_up):
+                if (given_up_ns := alignment.deadline_ns) <= min(time_ns, assembler.deadline_ns):
+                    yield from self._follow(alignment.expire(), given_up_ns)
             if assembler.deadline_ns <= time_ns:
                 closed_ns = assembler.deadline_ns
                 scan = assembler.expire(closed_ns)
                 if scan is not None:
                     yield from self._cycle(scan, closed_ns)
-            elif assembler.deadline_ns == NEVER_NS and schedule.coast_due_ns <= time_ns:
+            elif assembler.deadline_ns == NEVER_NS and schedule.coast_due_ns <= time_ns and not self._is_waiting():
                 yield self._coast(max(schedule.coast_due_ns, time_ns - self._longest_coasting_ns))
             else:
                 break
@@ -168,6 +177,13 @@ class Pipeline:
             scan = assembler.flush()
             if scan is not None:
                 yield from self._cycle(scan, closed_ns)
+        yield from self.settle()
+
+    def settle(self) -> Iterator[Cycle]:
+        """Track the scans that wait for those of other sensors."""
+        for alignment in sorted(self.alignments, key=_given_up):
+            given_up_ns = alignment.deadline_ns
+            yield from self._follow(alignment.expire(), given_up_ns)
 
     @property
     def counts(self) -> PipelineCounts:
@@ -204,6 +220,7 @@ class Pipeline:
             None if self.encoder is None else self.encoder.state,
             self.health.state,
             self.schedule,
+            [alignment.state for alignment in self.alignments],
         )
 
     @state.setter
@@ -227,6 +244,10 @@ class Pipeline:
         _restore(self.encoder, state.encoder)
         self.health.state = state.health
         self.schedule = state.schedule
+        if len(state.alignments) != len(self.alignments):
+            raise ValueError("other groups with align: lagrange than the configuration's")
+        for alignment, remembered in zip(self.alignments, state.alignments, strict=True):
+            alignment.restore(remembered)
 
     @property
     def drops(self) -> int:
@@ -256,37 +277,60 @@ class Pipeline:
     def _cycle(self, scan: Scan, now_ns: int) -> Iterator[Cycle]:
         """Scan → detections → tracks → obstacles → frames."""
         self.health.note_scan(scan.sensor, now_ns)
+        calibrator = self.calibrator
+        corrected = calibrator.corrected(scan) if calibrator is not None and self._corrects else scan
+        alignment = self._alignment_of.get(scan.sensor)
+        ready = [corrected] if alignment is None else alignment.take(corrected, now_ns)
+        used = yield from self._follow(ready, now_ns)
+        if alignment is not None:  # the scans that were tracked are others, or none
+            used = not self.trust.fault(scan.sensor).cuts_off and self.ego.pose(scan.time_ns) is not None
+        if calibrator is not None and used:
+            calibrator.learn(scan)
+
+    def _follow(self, scans: Iterable[Scan], now_ns: int) -> Generator[Cycle, None, bool]:
+        """Track scans one after the other; return whether all were used."""
+        used = True
+        for scan in scans:
+            used &= yield from self._tracked(scan, now_ns)
+        return used
+
+    def _is_waiting(self) -> bool:
+        """Return whether a scan waits for those of other sensors: it is about to show where things are."""
+        return any(alignment.deadline_ns != NEVER_NS for alignment in self.alignments)
+
+    def _tracked(self, scan: Scan, now_ns: int) -> Generator[Cycle, None, bool]:
+        """Track a scan; return whether it was used."""
         self.trust.watch(now_ns)
         self.schedule.coast_due_ns = now_ns + self._coast_after_ns
-        calibrator, stamped, yaw = self.calibrator, scan, 0.0
-        if calibrator is not None and self._corrects:
-            scan, yaw = calibrator.corrected(scan), calibrator.yaw(scan.sensor)
+        calibrator = self.calibrator if self._corrects else None
         # where the vehicle was, and how it moved, at the measurement
         pose = self.ego.pose(scan.time_ns)
         if pose is None:
             self._counts.without_ego += 1
             yield self._report(no_obstacles(scan.time_ns), _unknown_pose(scan.time_ns), now_ns, None, None)
-            return
+            return False
         # sensor axes → local frame
-        detections = self._mountings[scan.sensor].detections(scan, pose, yaw)
+        yaw = calibrator.yaw(scan.sensor) if calibrator is not None else 0.0
+        detections = self.mountings[scan.sensor].detections(scan, pose, yaw)
         # raw innovations → how far the sensor can be trusted
         tracker = self._tracker_of[scan.sensor]
         trusted = self.trust.judged(scan, detections, tracker, pose, now_ns)
         if trusted is None:
             yield self._report(self._track(None, None, pose), pose, now_ns, None, None)
-            return
+            return False
         # association, update, initiation and deletion in the sensor's group; the other groups are predicted
         obstacles = self._track(tracker, trusted, pose)
+        if scan.sensor in self._ranging and isinstance(tracker, Tracker) and tracker.detections is not None:
+            trusted = tracker.detections  # ranges, where the tracker has placed them
         # obstacles → slots → signals → frames
         yield self._report(obstacles, pose, now_ns, trusted, tracker)
         # what stands still shows what the sensors of ego motion read wrongly
         if self.stationary is not None:
             returns = self.stationary.returns(trusted, tracker, obstacles, pose)
             if returns is not None:
-                misled = calibrator is not None and self._corrects and calibrator.is_turned(scan.sensor)
+                misled = calibrator is not None and calibrator.is_turned(scan.sensor)
                 self.ego.learn(replace(returns, drifts=()) if misled else returns)
-        if calibrator is not None:
-            calibrator.learn(stamped)
+        return True
 
     def _coast(self, now_ns: int) -> Cycle:
         """Report where the obstacles should be, every sensor being silent."""
@@ -341,7 +385,9 @@ class Pipeline:
         """Find the next instant at which something happens without a frame."""
         schedule = self.schedule
         opening_ns = time_ns + self._shortest_timeout_ns  # a scan that opens from here on is due no sooner
-        first_ns = min(each.deadline_ns for each in self.assemblers)
+        first_ns = min(map(_deadline, self.assemblers))
+        for alignment in self.alignments:
+            first_ns = min(first_ns, alignment.deadline_ns)
         # while a scan is open nothing coasts: it is about to show where things are
         schedule.deadline_ns = min(opening_ns, schedule.coast_due_ns if first_ns == NEVER_NS else first_ns)
 
@@ -351,6 +397,12 @@ class Pipeline:
         if not settings.calibration.enabled or self.binding.ego is None:
             return None
         return Calibrator(settings.calibration, self.binding.sensors, self.ego, settings.ego)
+
+    def _judged_after(self, sensor: BoundSensor) -> float:
+        """Return the s after which a sensor is silent that is tracked as often as its group's slowest."""
+        alignment = self._alignment_of.get(sensor.index)
+        slowest = self.binding.sensors[sensor.index if alignment is None else alignment.slowest]
+        return max(self.binding.lost_after(sensor), self.binding.lost_after(slowest))
 
     def _make_ego_frames(self) -> dict[int, EgoFrames]:
         """Return who receives the frames of ego motion, by CAN id."""
@@ -404,3 +456,7 @@ def _restore(stage: Any, state: object) -> None:
 
 def _deadline(assembler: ScanAssembler) -> int:
     return assembler.deadline_ns
+
+
+def _given_up(alignment: ScanAlignment) -> int:
+    return alignment.deadline_ns

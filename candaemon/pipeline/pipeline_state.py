@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from candaemon.calibration.calibrator import CalibratorState
 from candaemon.ego.georeference import GeoreferencerState
@@ -14,6 +14,7 @@ from candaemon.pipeline.cycle import PipelineCounts
 from candaemon.pipeline.ego_frames import EgoFramesState
 from candaemon.pipeline.health import HealthState
 from candaemon.pipeline.output_cycle import OutputCycleState
+from candaemon.pipeline.scan_alignment import AlignmentState
 from candaemon.radar.assembly import AssemblerState
 from candaemon.tracking.groups import TrackersState
 from candaemon.tracking.sensor_trust import TrustState
@@ -51,6 +52,7 @@ class PipelineState:
         encoder: of the output; None where there is none.
         health: of the sensors and of what was dropped.
         schedule: of what happens without a frame.
+        alignments: of the groups whose scans are brought to one instant.
     """
 
     counts: PipelineCounts
@@ -66,3 +68,4 @@ class PipelineState:
     encoder: OutputEncoderState | None
     health: HealthState
     schedule: Schedule
+    alignments: list[AlignmentState] = field(default_factory=list)

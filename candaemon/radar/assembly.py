@@ -34,6 +34,7 @@ from candaemon.objects.scan_messages import LookReader
 from candaemon.protection.monitor import FrameMonitor, FrameMonitorState
 from candaemon.radar.claimed_frames import ClaimedFrames, ClaimedRoute, Route
 from candaemon.radar.frame_validity import FrameValidity, FrameValidityState
+from candaemon.radar.measurement_time import MeasurementTime, TimeStampState
 from candaemon.radar.plausibility import ObjectPlausibilityState, count_keys
 from candaemon.radar.scan import Scan, ScanCounts
 from candaemon.radar.selection import Selection
@@ -67,6 +68,7 @@ class AssemblerState:
         headers: objects that each of its headers announces; −1 before it, empty where there are none.
         measurement: the latest header's measurement counter; −1 where there is none.
         look: of the open scan, where its header or trigger says it; −1 before.
+        stamp: of the sensor's own time stamps.
     """
 
     counts: ScanCounts
@@ -88,6 +90,7 @@ class AssemblerState:
     headers: list[int] = field(default_factory=list)
     measurement: int = -1
     look: int = -1
+    stamp: TimeStampState = field(default_factory=TimeStampState)
 
 
 class ScanAssembler(ABC):
@@ -129,7 +132,14 @@ class ScanAssembler(ABC):
         self._slot_list = list(range(reader.places))
         self._in_order = itemgetter(*range(reader.places)) if reader.places > 1 else None
         self._keys = count_keys(sensor)
+        self._mark_claims = sensor.mark_claims
         self._look, self._views = sensor.look, sensor.settings.views
+        stamps, field_ = settings.time_stamp, sensor.stamp
+        self._times = (
+            None
+            if stamps is None or field_ is None
+            else MeasurementTime(stamps, field_, 2 * self._half_cycle_ns, counts)
+        )
         self._state = AssemblerState(
             counts,
             [None if monitor is None else monitor.state for monitor in self._monitors],
@@ -139,6 +149,8 @@ class ScanAssembler(ABC):
             [True] * len(reader.layouts),
             [{} for _ in reader.layouts],
         )
+        if self._times is not None:
+            self._state.stamp = self._times.state
         self.claimed: dict[int, tuple[ClaimedRoute, ...]] = {}
         self.routes: Mapping[int, Route] = self._all_routes()
 
@@ -186,6 +198,8 @@ class ScanAssembler(ABC):
         self._validity.counts, self._validity.state = state.counts, state.validity
         self._selection.counts = self._selection.plausibility.counts = state.counts
         self._selection.plausibility.state = state.plausibility
+        if self._times is not None:
+            self._times.counts, self._times.state = state.counts, state.stamp
 
     @property
     def counts(self) -> ScanCounts:
@@ -209,7 +223,11 @@ class ScanAssembler(ABC):
 
     def _all_routes(self) -> dict[int, Route]:
         plain = [
-            self._alike[part] and self._monitors[part] is None and part in self._required and not self._multiplexed
+            self._alike[part]
+            and self._monitors[part] is None
+            and part in self._required
+            and not self._multiplexed
+            and not self._reader.paged
             for part in range(len(self._lengths))
         ]
         routes: dict[int, Route] = {
@@ -227,7 +245,18 @@ class ScanAssembler(ABC):
                 for claim in claims
             )
             routes[can_id] = (ClaimedFrames(self.claimed[can_id]).receive, 0, 0)
+        if self._times is not None and self._times.stamp.own:
+            routes[self._times.stamp.message.can_id] = (self._receive_stamp, 0, 0)
         return routes
+
+    def _add_mark(self, routes: dict[int, Route], can_id: int, route: Route) -> None:
+        """Add the route of a header or trigger; where a value says that a frame is one, beside the objects'."""
+        claim = self._mark_claims.get(can_id)
+        if claim is None:
+            routes[can_id] = route
+            return
+        self.claimed[can_id] = (*self.claimed.get(can_id, ()), (claim.length, claim.read, claim.value, route))
+        routes[can_id] = (ClaimedFrames(self.claimed[can_id]).receive, 0, 0)
 
     def _admit(self, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:
         """Take a frame that needs more: its own length, a checksum verified, its object read, its part awaited."""
@@ -240,8 +269,10 @@ class ScanAssembler(ABC):
         if monitor is not None and not monitor.admits(can_id, data, time_ns):
             self._validity.refused(time_ns)
             return None
-        if slot < 0:
-            slot = len(state.frames[part]) if self._listed_in_order else self._reader.object_key(part, data)
+        if slot < 0 or self._reader.paged:
+            if slot < 0:
+                slot = len(state.frames[part]) if self._listed_in_order else self._reader.object_key(part, data)
+            slot = self._reader.place_of(part, slot, data)
             if not 0 <= slot < self._keys:
                 state.counts.surplus += 1
                 return None
@@ -346,6 +377,8 @@ class ScanAssembler(ABC):
         counts.incomplete += missing > 0
         self._validity.closed(state.last_ns)
         state.is_open, state.deadline_ns, state.closed_ns, state.look = False, NEVER_NS, state.first_ns, -1
+        if self._times is not None:
+            self._times.begin_next()
         return scan
 
     def _known_look(self, look: LookReader) -> int:
@@ -366,6 +399,22 @@ class ScanAssembler(ABC):
         """Take the look from the scan's header or trigger, where that says it."""
         if self._look is not None and self._look.part is None:
             self._state.look = self._look.read(data)
+
+    def _take_stamp(self, can_id: int, data: bytes, time_ns: int) -> None:
+        """Take the time stamp from the scan's header or trigger, where that has it."""
+        times = self._times
+        if times is not None and times.stamp.part is None and times.stamp.message.can_id == can_id:
+            times.take(data, time_ns)
+
+    def _receive_stamp(self, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:  # noqa: ARG002  # as every receiver
+        """Take the message that is there for the time stamp alone: of the open scan, or of the next one."""
+        times, state = self._times, self._state
+        if times is None or len(data) < times.stamp.message.length:
+            state.counts.short += 1
+            return None
+        state.counts.used += 1
+        times.take_alone(data, time_ns, state.first_ns if state.is_open else None)
+        return None
 
     def _missing(self, stored: int) -> int:
         """Count the objects' frames that did not come; of optional messages only if one came."""
@@ -418,7 +467,14 @@ class ScanAssembler(ABC):
         return Scan(self._time_ns(), self._sensor, none, none, np.empty(0, np.bool_), values, missing)
 
     def _time_ns(self) -> int:
-        return (self._state.last_ns if self._from_last else self._state.first_ns) - self._latency_ns
+        """Return when the scan to be closed was measured."""
+        state, times = self._state, self._times
+        arrival_ns = state.last_ns if self._from_last else state.first_ns
+        if times is None:
+            return arrival_ns - self._latency_ns
+        if times.stamp.part is not None and state.frames[times.stamp.part]:
+            times.take(next(iter(state.frames[times.stamp.part].values())), state.first_ns)
+        return times.measured_ns(state.first_ns, arrival_ns) - self._latency_ns
 
     def _require_fit(self, state: AssemblerState) -> None:
         """Refuse a state of another configuration, or one that no assembler comes to.
@@ -442,6 +498,6 @@ class ScanAssembler(ABC):
             for slot, data in frames.items():
                 if not 0 <= slot < self._keys:
                     raise ValueError(f"slot {slot} of {self._keys}")
-                _, length = self._messages[part][slot if len(self._messages[part]) > 1 else 0]
+                _, length = self._messages[part][slot % len(self._messages[part])]
                 if not length <= len(data) <= LONGEST_PAYLOAD:
                     raise ValueError(f"a frame of {len(data)} bytes, expected {length} to {LONGEST_PAYLOAD}")

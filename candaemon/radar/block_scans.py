@@ -91,8 +91,9 @@ class WholeScans:
 
 def whole_scans(sensor: BoundSensor, assembler: ScanAssembler) -> WholeScans | None:
     """Return what finds the whole scans of a sensor; None where its frames must be looked at one by one."""
+    plain = sensor.look is None and sensor.stamp is None
     several = sensor.reader.places * len(sensor.reader.layouts) > 1
-    if isinstance(assembler, CounterAssembler) and assembler.takes_all_alike and several and sensor.look is None:
+    if isinstance(assembler, CounterAssembler) and assembler.takes_all_alike and several and plain:
         return WholeScans(sensor, assembler)
     return None
 

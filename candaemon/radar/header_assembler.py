@@ -25,9 +25,10 @@ class HeaderAssembler(TimeoutAssembler):
         self._state.headers = [-1] * len(self._headers)
 
     def _all_routes(self) -> dict[int, Route]:
-        return super()._all_routes() | {
-            header.can_id: (self._begin, index, 0) for index, header in enumerate(self._headers)
-        }
+        routes = super()._all_routes()
+        for index, header in enumerate(self._headers):
+            self._add_mark(routes, header.can_id, (self._begin, index, 0))
+        return routes
 
     def _begin(self, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:  # noqa: ARG002  # as every receiver
         """Take a header; part is which."""
@@ -52,6 +53,7 @@ class HeaderAssembler(TimeoutAssembler):
         state.counts.used += 1
         if header.says_look:
             self._take_look(data)
+        self._take_stamp(header.can_id, data, time_ns)
         state.headers[part] = count
         state.last_ns = time_ns
         if min(state.headers) < 0:  # another is to come

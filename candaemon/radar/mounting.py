@@ -22,6 +22,8 @@ from candaemon.radar.scan import Scan
 
 NEAREST: Final = 1e-9
 """m; what is nearer is in no direction."""
+NO_DIRECTION: Final = 1.0
+"""rad, standard deviation of the direction that a sensor of ranges alone does not tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +91,9 @@ class Mounting:
         self._yaw = radians(settings.mount.yaw_deg)
         self._polar = settings.signals.polar
         first, second = ("range", "azimuth") if self._polar else ("x", "y")
-        self._first, self._second = row[first], row[second]
+        self._first, self._second = row[first], row.get(second)
         self._first_variance = (noise.range or noise.x or 0.0) ** 2
-        self._second_variance = (radians(noise.azimuth_deg) if noise.azimuth_deg else noise.y or 0.0) ** 2
+        self._second_variance = (radians(noise.azimuth_deg) if noise.azimuth_deg else noise.y or NO_DIRECTION) ** 2
         self._length, self._width, self._heading = (row.get(name) for name in ("length", "width", "heading"))
         self._range_rate = row.get("range_rate")
         self._range_rate_variance = (noise.range_rate or 0.0) ** 2
@@ -113,7 +115,8 @@ class Mounting:
             turned: by how much the sensor is turned to the left beyond its configured mounting, rad.
         """
         mount, values = self._mount, scan.values
-        a, b = values[self._first], values[self._second]
+        a = values[self._first]
+        b = np.zeros(len(a)) if self._second is None else values[self._second]  # of a range: straight ahead
         yaw = pose.heading + self._yaw + turned
         noise = np.empty((len(a), 2, 2))
         if self._polar:

@@ -66,7 +66,8 @@ class ObjectPlausibility:
         self._speed = settings.max_speed if reader.reports_new and slots <= MOST_SLOTS else None
         self._polar = "range" in reader.quantities
         first, second = ("range", "azimuth") if self._polar else ("x", "y")
-        self._first, self._second = reader.quantities.index(first), reader.quantities.index(second)
+        self._first = reader.quantities.index(first)
+        self._second = reader.quantities.index(second) if second in reader.quantities else None
         self._identified = bool(form.identity)
         self._least_ns = round(sensor.settings.cycle_time * 5e8)
         self.watches: Final = len(self._ranged) > 0 or self._speed is not None
@@ -107,7 +108,8 @@ class ObjectPlausibility:
     ) -> Booleans | None:
         """Return which objects are too far from where they were last accepted, None where none is."""
         state = self.state
-        first, second = values[self._first], values[self._second]
+        first = values[self._first]
+        second = np.zeros(len(first)) if self._second is None else values[self._second]
         place: ComplexPlane = first * np.exp(1j * second) if self._polar else first + 1j * second
         reach = np.maximum(time_ns - state.time_ns.take(slot), self._least_ns) * (speed * 1e-9)
         far = (np.abs(place - state.place.take(slot)) > reach) & ~new

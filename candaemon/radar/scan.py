@@ -66,6 +66,9 @@ class ScanCounts(FrameFaults):
         incomplete: scans with frames missing.
         skipped: scans that never came, by the header's measurement counter.
         unknown_look: scans that are none of the looks configured; nothing is expected in them.
+        unstamped: scans without the sensor's time stamp, where it is configured; their arrival gives their time.
+        odd_stamps: scans whose time stamp cannot be; likewise.
+        unaligned: objects left out at the instant of another sensor's scan because they had not been seen twice yet.
 
     """
 
@@ -87,6 +90,9 @@ class ScanCounts(FrameFaults):
     incomplete: int = 0
     skipped: int = 0
     unknown_look: int = 0
+    unstamped: int = 0
+    odd_stamps: int = 0
+    unaligned: int = 0
 
     @property
     def frames(self) -> int:

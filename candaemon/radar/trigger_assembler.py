@@ -16,14 +16,14 @@ class TriggerAssembler(TimeoutAssembler):
         trigger = sensor.trigger
         assert trigger is not None, "binding gives a trigger with close: trigger"  # noqa: S101  # a promise of binding's
         self._trigger = trigger
-        self._foreign = trigger.can_id not in sensor.reader.routes
+        self._foreign = trigger.can_id not in sensor.reader.routes or trigger.can_id in sensor.mark_claims
         super().__init__(sensor, counts)
         self._straggling_ns = 0
 
     def _all_routes(self) -> dict[int, Route]:
         routes = super()._all_routes()
         if self._foreign:
-            routes[self._trigger.can_id] = (self._mark, 0, 0)
+            self._add_mark(routes, self._trigger.can_id, (self._mark, 0, 0))
         else:
             _, part, slot = routes[self._trigger.can_id]
             routes[self._trigger.can_id] = (self._receive_last, part, slot)
@@ -48,6 +48,7 @@ class TriggerAssembler(TimeoutAssembler):
                 return None
             self._start(time_ns)  # a cycle without objects
         self._take_look(data)
+        self._take_stamp(self._trigger.can_id, data, time_ns)
         state.last_ns = time_ns
         state.counts.used += 1
         return self._close(marked=True)

@@ -71,6 +71,8 @@ def noise_found(raw: Mapping[str, Floats], sensor: int, name: str, settings: Sen
         *quantities,
         ("range rate", "m/s", "rate", noise.range_rate, 1.0),
     ):
+        if quantity == "azimuth" and not settings.signals.directed:
+            continue
         third = np.diff(raw[column][order], 3)[whole] if len(order) > 3 else np.empty(0)
         third = np.abs(third[np.isfinite(third)])
         if not len(third):

@@ -8,11 +8,11 @@ import numpy as np
 
 Purpose = Literal[
     "cycle", "detection", "noise", "drift", "clutter", "slots", "frames", "loss", "own_motion",
-    "reflections", "errors", "ghosts", "swaps", "faults", "failing",
+    "reflections", "errors", "ghosts", "swaps", "faults", "failing", "clock",
 ]  # fmt: skip
 _PURPOSES: tuple[Purpose, ...] = (
     "cycle", "detection", "noise", "drift", "clutter", "slots", "frames", "loss", "own_motion",
-    "reflections", "errors", "ghosts", "swaps", "faults", "failing",
+    "reflections", "errors", "ghosts", "swaps", "faults", "failing", "clock",
 )  # fmt: skip
 
 

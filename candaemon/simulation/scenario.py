@@ -353,6 +353,9 @@ class Transmission(Settings):
     loss: float = Field(0.0, ge=0, lt=1, description="probability that a frame is lost")
     jitter: float = Field(0.0, ge=0, le=0.05, description="s, mean delay of a frame's time stamp")
     latency: float = Field(0.0, ge=0, le=0.5, description="s of a sensor's latency that its configuration does not say")
+    clock_drift: float = Field(
+        2e-5, ge=-1e-3, le=1e-3, description="by which the clocks that sensors stamp their scans with go fast"
+    )
     faults: TransmissionFaults | None = Field(None, description="default: none")
 
 

@@ -8,7 +8,7 @@ from candaemon.arrays import Floats, Indices
 from candaemon.binding.bind_sensor import bind_sensor_writer
 from candaemon.binding.bound import BoundSensor
 from candaemon.binding.location import SettingLocation
-from candaemon.config.sensors import HeaderScan
+from candaemon.config.sensors import HeaderScan, TriggerScan
 from candaemon.frames.frame import Frame
 from candaemon.simulation.faults import FrameLosses
 from candaemon.simulation.message_writer import MessageWriter
@@ -54,11 +54,26 @@ class SensorEncoder:
         self._headers = sensor.headers
         self._last_id = sensor.trigger_id
         self._triggers: dict[int, MessageWriter] = {}
-        if sensor.trigger is not None and sensor.trigger.can_id not in objects:
+        is_marked = sensor.trigger_id in sensor.mark_claims
+        if sensor.trigger is not None and (is_marked or sensor.trigger.can_id not in objects):
+            when = scan.when if isinstance(scan, TriggerScan) else {}
             says = None if sensor.look is None or sensor.look.part is not None else sensor.look.signal
             self._triggers = {
-                look: MessageWriter(sensor.trigger, [], None if says is None else {says: look}) for look in self._looks
+                look: MessageWriter(sensor.trigger, [], {**when, **({} if says is None else {says: look})})
+                for look in self._looks
             }
+        self._stamp, self._claims = sensor.stamp, sensor.mark_claims
+        self._stamped = (
+            frozenset[int]()
+            if sensor.stamp is None
+            else frozenset(message.can_id for message in self._writer.layouts[sensor.stamp.part].messages)
+            if sensor.stamp.part is not None
+            else frozenset({sensor.stamp.message.can_id})
+        )
+        self._monitored = {can_id: sensor.protectors[part] for can_id, (part, _) in objects.items()} | {
+            header.can_id: header.protector for header in sensor.headers
+        }
+        self._clock_start_ns = int(stream(seed, sensor.index, "clock").integers(1 << 40)) if self._stamped else 0
         self._order = stream(seed, sensor.index, "frames")
         self._loss = stream(seed, sensor.index, "loss")
         self._faults = FrameLosses(transmission.faults, stream(seed, sensor.index, "faults"))
@@ -80,6 +95,8 @@ class SensorEncoder:
         look = self._looks[index % len(self._looks)]
         self._writer = self._writers[look]
         sent = self._in_order(self._objects(report, index))
+        if self._stamp is not None and self._stamp.own:
+            sent.insert(0, (self._stamp.message.can_id, bytes(self._stamp.message.length)))
         sent[:0] = [header.write(len(report.slot), index, look) for header in self._headers]
         if self._triggers:
             trigger = self._triggers[look]
@@ -87,12 +104,34 @@ class SensorEncoder:
         times = stamps(measured_ns, len(sent), self._settings, self._transmission, self._order)
         kept = self._loss.random(len(sent)) >= self._transmission.loss
         kept &= ~self._faults.lost(times, whole=True)
+        if self._stamp is not None:
+            sent = self._with_stamps(sent, times, measured_ns)
         bus, fd = self._bus, self._fd
         return [
             Frame(time, bus, can_id, data, can_id in fd)
             for time, (can_id, data), keep in zip(times.tolist(), sent, kept.tolist(), strict=True)
             if keep
         ]
+
+    def _with_stamps(self, sent: list[tuple[int, bytes]], times: Indices, measured_ns: int) -> list[tuple[int, bytes]]:
+        """Write into frames when they were measured, as the sensor tells it."""
+        stamp = self._stamp
+        assert stamp is not None, "asked before"  # noqa: S101  # a promise within this file
+        latency_ns = round(self._settings.latency * 1e9)  # of which the sensor knows nothing
+        clock_ns = self._clock_start_ns + round(measured_ns * (1.0 + self._transmission.clock_drift))
+        # Frames of objects have one stamp, that of the first: a sensor writes them together.
+        first_ns = int(times[0])
+        stamped = []
+        for (can_id, data), time_ns in zip(sent, times.tolist(), strict=True):
+            claim = self._claims.get(can_id)
+            if can_id in self._stamped and (claim is None or claim.read(data) == claim.value):
+                came_ns = time_ns if stamp.part is None else first_ns
+                age_ns = came_ns - measured_ns - latency_ns
+                data = stamp.written(data, clock_ns if stamp.wrap_ns else age_ns)
+                protector = self._monitored.get(can_id)
+                data = data if protector is None else protector.seal(can_id, data)
+            stamped.append((can_id, data))
+        return stamped
 
     def identities(self, report: SlotReport) -> Indices:
         """Return the object id with which each occupied slot is read, shape (n,)."""

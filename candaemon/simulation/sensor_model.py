@@ -353,7 +353,10 @@ class SensorModel:
                 and the components across the line of sight are kept.
         """
         rows = dict(zip(self.quantities, values, strict=True))
-        azimuth = rows["azimuth"] if "azimuth" in rows else np.arctan2(rows["y"], rows["x"])
+        if "azimuth" in rows:
+            azimuth = rows["azimuth"]
+        else:
+            azimuth = np.arctan2(rows["y"], rows["x"]) if "y" in rows else np.angle(motion.position)
         noise = self._draw.standard_normal((2, len(self._owner)))[:, seen]
         peaks = receiver.receive(np.abs(motion.position), motion.quantity("range_rate"), azimuth, noise)
         velocity = rows.get("vx", motion.velocity.real) + 1j * rows.get("vy", motion.velocity.imag)

@@ -167,7 +167,7 @@ class Simulation:
         latency_ns, stamping = round(settings.latency * 1e9), -1 if settings.time_from == "last" else 0
         for time_ns, report, frames in self._scans(sensor, encoder):
             if frames:
-                read_ns = frames[stamping].time_ns - latency_ns
+                read_ns = frames[stamping].time_ns - latency_ns if sensor.stamp is None else time_ns
                 yield Origins(read_ns, time_ns, sensor.index, encoder.identities(report), report.owner + 1)
 
 

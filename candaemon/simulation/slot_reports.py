@@ -106,7 +106,7 @@ class SlotReporter:
         """Extrapolate objects that were missed by their last reported rates."""
         row = {name: k for k, name in enumerate(self.quantities)}
         if "range" in row:
-            azimuth = self._values[row["azimuth"], slot]
+            azimuth = self._values[row["azimuth"], slot] if "azimuth" in row else np.zeros(len(slot))
         else:
             azimuth = np.arctan2(self._values[row["y"], slot], self._values[row["x"], slot])
 

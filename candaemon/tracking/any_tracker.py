@@ -24,6 +24,7 @@ def make_tracker(
     slack_ns: int,
     views: Sequence[SensorView],
     sensors: Mapping[int, SensorSettings] | None = None,
+    ranging: bool = False,
 ) -> AnyTracker:
     """Return the tracker of one filter an obstacle for a `vehicle` estimator, else that of one a reflection.
 
@@ -34,12 +35,13 @@ def make_tracker(
         slack_ns: how long an obstacle may be without a detection and not count as coasting.
         views: what the sensors can see.
         sensors: settings of the sensors by their number; of one left out nothing is learnt, its noise is white.
+        ranging: the sensors tell ranges and no direction.
     """
     if isinstance(settings.estimator, VehicleEstimatorSettings):
         return VehicleTracker(
             settings, sensors or {}, identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views
         )
-    return Tracker(settings, identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views)
+    return Tracker(settings, identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views, ranging=ranging)
 
 
 def set_state(tracker: AnyTracker, state: TrackerState | VehicleTrackerState) -> None:

@@ -43,6 +43,7 @@ class TrackerGroups:
     def __init__(self, config: Config, sensors: Mapping[str, SensorSettings]) -> None:
         self.identities = Identities()
         self.trackers: list[AnyTracker] = []
+        ranging = frozenset(name for name, each in sensors.items() if not each.signals.directed)
         groups = [(group.fused_tracker, frozenset(group.sensors)) for group in config.groups.values()]
         rest = frozenset(sensors).difference(*(names for _, names in groups))
         if rest:
@@ -56,7 +57,13 @@ class TrackerGroups:
             slack_ns = round(1.5 * cycle_time * 1e9) if in_turn else 0
             views = [view for number, each in numbered.items() for view in sensor_views(each, number).values()]
             tracker = make_tracker(
-                settings, self.identities, cycle_time=cycle_time, slack_ns=slack_ns, views=views, sensors=numbered
+                settings,
+                self.identities,
+                cycle_time=cycle_time,
+                slack_ns=slack_ns,
+                views=views,
+                sensors=numbered,
+                ranging=names <= ranging,
             )
             self.trackers.append(tracker)
             tracker_of.update(dict.fromkeys(names, tracker))

@@ -43,6 +43,10 @@ _BURST = 0.15  # s, with which the effect of a noisy scan fades
 _BIAS = 0.3  # s, of the mean by which it is off
 _HOLD = 0.4  # s, for which the noise must be greater
 _FADED = 2.0  # times the variance: less is no more than usual
+_REJOINING = 0.5  # s, in which the tracks come to a sensor that is back
+_PARDONED = log(40.0)  # of the variance; tracks of the other sensors alone are off by no more
+_FOR_PARDON = 1.0  # s of usual noise before each pardon: who is noisy and drops out again and again gets none
+_SOON = 1.0  # s after its return, in which a sensor is compared for the first time
 _LEAST_SPEED = 0.5  # m/s; slower, nothing changes from scan to scan, and the same objects may be true
 _AGREES = 0.6  # of the limits of a bias, within which a sensor is right again
 
@@ -99,6 +103,9 @@ class SensorTrustState:
         short, long: means of the logarithm of its normalised squared innovations, of late and all along.
         burst: factor on the variance left of its latest noisy scans.
         along, across: mean by which its objects are off of late, times the limit.
+        returned_ns: since when it is back, until it is compared; 0: it was.
+        pardon: logarithm of the factor by which its innovations are greater because the tracks had been without it.
+        calm: time with no greater noise since it was last pardoned, s.
         counts: what was noticed.
     """
 
@@ -116,6 +123,9 @@ class SensorTrustState:
     burst: float = 1.0
     along: float = 0.0
     across: float = 0.0
+    returned_ns: int = 0
+    pardon: float = 0.0
+    calm: float = 0.0
     counts: TrustCounts = field(default_factory=TrustCounts)
 
     def validate(self) -> None:
@@ -148,7 +158,7 @@ class SensorTrust:
         self._settings = settings
         self._angle = radians(settings.bias_angle_deg)
         self._silent_ns = [round(each * 1e9) for each in lost_after]
-        self._alone = len(sensors) == 1
+        self._compared = [len(sensors) > 1 and each.signals.directed for each in sensors]
         self._state = TrustState([SensorTrustState() for _ in sensors])
 
     @property
@@ -207,7 +217,7 @@ class SensorTrust:
         if not self._settings.enabled:
             return detections
         self._note_objects(state, scan, pose, now_ns)
-        if not self._alone:
+        if self._compared[scan.sensor]:
             state.burst = max(1.0, state.burst * exp(-dt / _BURST))
             self._compare(state, detections, tracker, dt, now_ns)
         if Fault(state.fault).cuts_off:
@@ -259,7 +269,7 @@ class SensorTrust:
         noise = detections.measurement.noise[found.rows]
         excess = (found.innovation * found.innovation).sum(axis=1) - expected.variance[found.tracks]
         ratio = float(np.median(np.maximum(excess, 0.0) / noise.trace(axis1=1, axis2=2)))
-        level = log(max(ratio / _MEDIAN, _LEAST_RATIO))
+        level = self._without_pardon(state, log(max(ratio / _MEDIAN, _LEAST_RATIO)), dt)
         level = min(level, max(state.long, 0.0) + log(MOST))
         if state.judged >= _LEARNING and level - state.long >= log(self._settings.burst):
             state.burst = max(state.burst, exp(level - state.long))
@@ -268,9 +278,24 @@ class SensorTrust:
         state.short += -expm1(-dt / _SHORT) * (level - state.short)
         if state.fault == Fault.NONE and not state.noisy_ns and state.burst < _FADED:
             state.judged = min(state.judged + dt, _LONG)
+            state.calm += dt if state.pardon < log(_FADED) and state.calm < _LONG else 0.0
             share = min(dt / state.judged, 1.0) if state.judged else 0.0
             state.long += share * (level - state.long)
         self._note_noise(state, now_ns)
+
+    def _without_pardon(self, state: SensorTrustState, level: float, dt: float) -> float:
+        """Return the level of the innovations without what the tracks are off that a sensor comes back to.
+
+        These were led by the others, who may see other ends of the bodies. Taken for its noise, that would keep the
+        sensor from ever leading them back.
+        """
+        state.pardon *= exp(-dt / _REJOINING)
+        greater = max(level - state.long, 0.0)
+        if state.returned_ns:
+            if state.last_ns - state.returned_ns <= _SOON * 1e9:
+                state.pardon = min(greater, _PARDONED)
+            state.returned_ns = 0
+        return level - min(greater, state.pardon)
 
     def _note_noise(self, state: SensorTrustState, now_ns: int) -> None:
         """Notice that a sensor's innovations are greater than they were, and that they are as before."""
@@ -325,11 +350,16 @@ class SensorTrust:
             state.right_ns = state.compared_ns = now_ns
 
     def _found(self, state: SensorTrustState, fault: Fault) -> None:
+        if fault in {Fault.SILENT, Fault.FROZEN} and state.noisy_ns:
+            state.calm = 0.0  # its noise is its own
         state.fault = int(fault)
         name = fault.name.lower()
         setattr(state.counts, name, getattr(state.counts, name) + 1)
 
     def _recovered(self, state: SensorTrustState) -> None:
+        if state.fault != Fault.NOISY and state.calm >= _FOR_PARDON:
+            state.returned_ns, state.calm = state.last_ns, 0.0
+            state.burst, state.noisy_ns, state.short = 1.0, 0, state.long
         state.fault = int(Fault.NONE)
         state.counts.recovered += 1
 

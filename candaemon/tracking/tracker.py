@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from candaemon.tracking.association import nearest_neighbours, pair_nis
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.initiation import TrackInitiation
 from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.range_association import RangeAssociation, UnpairedRanges
 from candaemon.tracking.reflections import align_with_course, hand_over_reference, merge_candidates, split_candidates
 from candaemon.tracking.reporting import report
 from candaemon.tracking.smoother_history import SmootherHistory
@@ -39,11 +40,13 @@ class TrackerState:
         time_ns: the instant that its tracks hold for.
         counts: what it did.
         tracks: the tracks.
+        unpaired: by the numbers of sensors that tell no direction, their ranges that are of no track.
     """
 
     time_ns: int
     counts: TrackerCounts
     tracks: TrackStoreState
+    unpaired: dict[int, UnpairedRanges] = field(default_factory=dict)
 
 
 class Tracker:
@@ -57,9 +60,12 @@ class Tracker:
             scan of the one sensor, the longest cycle where others come between.
         views: what the sensors can see; an obstacle that has left all of them and is not detected ends early. Without
             any, obstacles end by time alone.
+        ranging: the sensors tell ranges and no direction; the place of an object is found by several together.
 
     Attributes:
         settings: as given.
+        detections: those of the latest step as they were taken, placed where the sensor told no direction; None where
+            it had none.
         update: what the latest step's detections updated; None where it had none.
         smoother_history: what a smoother needs of the latest step; None unless `keep_smoother_history` was called.
     """
@@ -72,6 +78,7 @@ class Tracker:
         cycle_time: float = 0.05,
         slack_ns: int = 0,
         views: Sequence[SensorView] = (),
+        ranging: bool = False,
     ) -> None:
         self._tentative_coast = max(settings.lifecycle.tentative_coast, MISSED_SCAN * cycle_time)
         self.settings = settings
@@ -81,7 +88,12 @@ class Tracker:
         self._tracks = TrackStore(settings, identities or Identities())
         self._state = TrackerState(0, TrackerCounts(), self._tracks.state)
         self._dt = 0.0
+        self._ranges: RangeAssociation | None = None
+        if ranging:
+            gate, first_speed = settings.association.gate, settings.lifecycle.first_speed
+            self._ranges = RangeAssociation(views, gate, first_speed, cycle_time)
         self.update: Update | None = None
+        self.detections: Detections | None = None
         self.smoother_history: SmootherHistory | None = None
 
     def __len__(self) -> int:
@@ -100,6 +112,8 @@ class Tracker:
     def state(self, state: TrackerState) -> None:
         if not EARLIEST_NS <= state.time_ns <= LATEST_NS:
             raise ValueError("the tracks' time is out of range")
+        if self._ranges is not None:
+            self._ranges.check(state.unpaired)
         self._tracks.state = state.tracks
         self._state = state
         self.update = None
@@ -117,6 +131,8 @@ class Tracker:
             sensors: number of a sensor from here on, by the number it had.
         """
         self._tracks.renumber_sensors(sensors)
+        unpaired = self._state.unpaired
+        self._state.unpaired = {sensors[of]: ranges for of, ranges in unpaired.items() if of in sensors}
 
     def keep_smoother_history(self) -> None:
         """Give a `smoother_history` after each step from here on; the obstacles reported do not change by it."""
@@ -138,10 +154,14 @@ class Tracker:
         self._predict(pose.time_ns)
         link = self._tracks.smoother_link(self._dt > 0.0) if self._tracks.estimator.linking else None
         if detections is not None:
-            tracks, rows = self._associate(detections)
+            if self._ranges is None:
+                tracks, rows = self._associate(detections)
+            else:
+                detections, tracks, rows = self._place(self._ranges, detections, pose)
             nis = self._update_tracks(tracks, rows, detections, pose)
             initiated, unassociated = self._initiate(rows, detections, pose)
             self._record_update(tracks, rows, nis, initiated, unassociated, detections)
+        self.detections = detections
         self._confirm_and_delete(pose)
         if detections is not None and self.settings.reflections.merge and len(self):
             self._merge_and_split()
@@ -225,6 +245,18 @@ class Tracker:
         )
         return np.concatenate([tracks, more_tracks]), np.concatenate([rows, more_rows])
 
+    def _place(
+        self, ranges: RangeAssociation, detections: Detections, pose: EgoPose
+    ) -> tuple[Detections, Indices, Indices]:
+        """Return the ranges whose place is known, as detections, and rows of tracks and of these that belong together.
+
+        The rest of the detections is where the ranges of two sensors meet: these initiate tracks.
+        """
+        confirmed = self._tracks.obstacles.confirmed[self._tracks.reflections.obstacle]
+        placed = ranges.placed(detections, *self._tracks.states(), confirmed, pose, self._state.unpaired)
+        self.counts.detections += len(detections) - len(placed.detections)  # given, and not used
+        return placed.detections, placed.tracks, np.arange(len(placed.tracks))
+
     def _within_gate(self, tracks: Indices, measurement: Measurement) -> Booleans:
         """Return which detections (m,) lie within the gate of the tracks (m,) that their ids stand for.
 
@@ -306,7 +338,10 @@ class Tracker:
         if len(unassociated):
             tracks, rows = np.concatenate([tracks, initiated]), np.concatenate([rows, unassociated])
             nis = np.concatenate([nis, np.full(len(unassociated), np.nan)])
-        self.update = Update(rows, tracks, nis, detections.measurement.measured[rows])
+        measured = detections.measurement.measured[rows]
+        if self._ranges is not None:
+            measured = measured - 1  # of a place, its distance
+        self.update = Update(rows, tracks, nis, measured)
 
     def _confirm_and_delete(self, pose: EgoPose) -> None:
         """Confirm obstacles detected M times in N scans; delete what is not detected, out of view or too uncertain."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from math import degrees, radians
 
 import numpy as np
 import pytest
 
+from candaemon.arrays import Floats
 from candaemon.calibration.calibrator import MOST_HELD, Calibrator
 from candaemon.calibration.parameters import BIAS, LATENCY, SCALE, YAW, Estimate
 from candaemon.calibration.readings import MOST_OBJECTS, SensorReader
@@ -146,3 +148,27 @@ def test_speeds_that_the_sensor_makes_absolute_are_left_out() -> None:
     assert SensorReader(absolute, quantities).relative == ()
     assert SensorReader(absolute, quantities).locates
     assert not SensorReader(absolute, ("range", "range_rate")).locates
+
+
+def _coasting(of: Iterator[Scan], names: tuple[str, ...], cycle: float) -> Iterator[Scan]:
+    """Yield scans of what is to the left; half a second of each second is what the radar believes, not what it sees."""
+    distance, angle, speed = (names.index(each) for each in ("range", "azimuth", "range_rate"))
+    believed: dict[int, Floats] = {}
+    for number, scan in enumerate(of):
+        rows = np.flatnonzero(scan.values[angle] > 0.0)
+        values, ids = scan.values[:, rows].copy(), scan.object_id[rows]
+        for column, each in enumerate(ids.tolist()):
+            if number % 20 >= 10 and each in believed:
+                values[:, column] = believed[each]
+                values[distance, column] += cycle * believed[each][speed]
+            believed[each] = values[:, column].copy()
+        yield Scan(scan.time_ns, scan.sensor, ids, ids, np.zeros(len(ids), np.bool_), values)
+
+
+def test_what_a_radar_reports_without_seeing_it_does_not_turn_it() -> None:
+    sensor, drive = binding("demo").sensors[0], Drive()
+    calibrator = Calibrator(CalibrationSettings(), [sensor], drive, binding("demo").settings.ego)
+    for scan in _coasting(scans(sensor, drive, 20.0), sensor.reader.quantities, sensor.settings.cycle_time):
+        calibrator.learn(scan)
+    assert calibrator.state.sensors[0].windows.windows >= 10
+    assert abs(degrees(calibrator.state.sensors[0].mean[YAW])) < 0.3

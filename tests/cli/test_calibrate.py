@@ -119,6 +119,24 @@ def test_a_static_ego_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("radar", ["demo", "toyota_rav4", "tesla_continental"])
+def test_a_walk_is_found_and_proposed_to_a_filter_that_knows_of_it(tmp_path: Path, radar: str) -> None:
+    walks = "{own_filter: {white: 0.1, walk: 0.2, walk_along: 0.05, slides: 0}, correlation: {near: 0, far: 0}}"
+    log = _drive(tmp_path, radar, seed=3, seconds=30, more=f", traffic: {walks}")
+    config = _patched(tmp_path, radar, {})
+    tree = yaml.safe_load(config.read_text(encoding="utf-8"))
+    tree["tracker"] = {"estimator": {"kind": "vehicle"}}
+    config.write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
+    changes = _patch(tmp_path, config, log)
+    (sensor,) = changes["sensors"].values()
+    assert sensor["noise"]["walk"]["across"] == pytest.approx(0.2, rel=0.2)
+    assert sensor["noise"]["walk"]["along"] == pytest.approx(0.05, rel=0.2)
+    _merge(tree, changes)
+    config.write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
+    assert _patch(tmp_path, config, log) == {}
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(not DRIVE.exists(), reason="the recorded drive is not here")
 def test_what_the_recorded_drive_proposes_meets_its_bounds(tmp_path: Path) -> None:
     changes = _patch(tmp_path, CONFIGS / "toyota_rav4.yaml", DRIVE)

@@ -52,6 +52,7 @@ SLOT_SIGNALS = {
     "B": ["Id", "Vy", "Ax", "Ay"],
     "C": ["Id", "SdX", "SdY", "SdVx", "SdVy", "Existence", "Age", "Sensors"],
     "D": ["Heading", "YawRate", "Length", "Width", "Class", "ClassLikelihood", "CenterDx", "CenterDy"],
+    "E": ["Lead", "TimeToCollision", "SeenBy"],
 }
 PROTECTION = [("Crc", 0, 8), ("CrcHigh", 8, 8), ("Counter", 16, 8)]
 
@@ -114,7 +115,7 @@ def test_ranges_fit_the_bits(name: str, ours: dict[str, Database]) -> None:
 def test_slots_are_complete(ours: dict[str, Database]) -> None:
     expected = {f"OBSTACLE_{slot:02d}_{letter}" for slot in range(SLOTS) for letter in SLOT_SIGNALS}
     assert {message.name for message in ours["obstacles"].messages} == expected | {"OBSTACLE_STATUS"}
-    expected = {f"OBSTACLE_{slot:02d}" for slot in range(SLOTS)}
+    expected = {f"OBSTACLE_{slot:02d}{part}" for slot in range(SLOTS) for part in ("", "_E")}
     assert {message.name for message in ours["obstacles_fd"].messages} == expected | {"OBSTACLE_STATUS"}
 
 
@@ -138,7 +139,8 @@ def test_frame_formats(ours: dict[str, Database]) -> None:
     assert {(message.length, message.is_fd) for message in ours["obstacles"].messages} == {(8, False)}
     fd = ours["obstacles_fd"]
     assert all(message.is_fd for message in fd.messages)
-    assert {message.length for message in fd.messages if message.name != "OBSTACLE_STATUS"} == {48}
+    assert {message.length for message in fd.messages if re.fullmatch(r"OBSTACLE_\d+", message.name)} == {48}
+    assert {message.length for message in fd.messages if message.name.endswith("_E")} == {8}
 
 
 def test_urgent_frames_win_arbitration(ours: dict[str, Database]) -> None:
@@ -203,7 +205,8 @@ def test_value_tables(ours: dict[str, Database]) -> None:
 
 def test_fd_frames_say_the_same_at_least_as_finely(ours: dict[str, Database]) -> None:
     classic = {s.name: s for letter in SLOT_SIGNALS for s in slot_message(ours["obstacles"], 0, letter).signals}
-    fd = {s.name: s for s in ours["obstacles_fd"].get_message_by_name("OBSTACLE_00").signals}
+    parts = [ours["obstacles_fd"].get_message_by_name(f"OBSTACLE_00{part}") for part in ("_E", "")]
+    fd = {s.name: s for message in parts for s in message.signals}
     assert set(fd) == set(classic) | {"Latitude", "Longitude"}
     for name, signal in ((name, fd[name]) for name in classic):
         assert signal.unit == classic[name].unit

@@ -105,6 +105,28 @@ def test_an_obstacle_is_what_the_dbc_says() -> None:
     assert found["OBSTACLE_01_A"]["State"] == 2
 
 
+@pytest.mark.parametrize("config", ["surround", "radar_lidar"])
+def test_the_optional_message_tells_who_leads_when_it_is_reached_and_who_of_many_saw_it(config: str) -> None:
+    """The vehicle drives at 20 m/s; what is beside the path is never reached, and comes last."""
+    mask = 1 << 11 | 1 << 4 | 1
+    seen = obstacles(
+        4, x=[30.0, 50.0, 90.0, 20.0], y=[0.0, 0.0, 0.5, 5.0], vx=[10.0, 0.0, 25.0, 0.0], sensors=[mask, 1, 1 << 31, 2]
+    )  # fmt: skip
+    encoder = OutputEncoder(output(config))
+    encoded = encoder.encode(seen, STATUS, POSE)
+    found = decoded(encoded, "obstacles.dbc")
+    parts = [found[f"OBSTACLE_{slot:02d}_E"] for slot in range(4)]
+    assert [part["Lead"] for part in parts] == [1, 0, 0, 0]
+    assert [part["TimeToCollision"] for part in parts] == pytest.approx([3.0, 2.5, 25.5, 25.5])
+    assert [part["SeenBy"] for part in parts] == [mask, 1, 0, 2]
+    assert [found[f"OBSTACLE_{slot:02d}_C"]["Sensors"] for slot in range(4)] == [mask & 15, 1, 0, 2]
+
+
+def test_who_does_not_map_the_optional_message_sends_as_before() -> None:
+    frames = OutputEncoder(output("esr_ins")).encode(obstacles(2), STATUS, POSE)
+    assert not [name for name in decoded(frames, "obstacles.dbc") if name.endswith("_E")]
+
+
 def test_the_status_tells_cycle_slots_and_validity() -> None:
     encoder = OutputEncoder(output("esr_ins"))
     for cycle in range(300):

@@ -178,7 +178,7 @@ def test_a_pickle_is_refused(tmp_path: Path) -> None:
     header = json.loads(dump(Pipeline(of)).partition(b"\n")[0])
     mark = tmp_path / "ran"
     foreign = pickle.dumps(Foreign(mark))
-    with pytest.raises(InputError, match=r"the state cannot be read \(state has 0 fields, expected 13\).*--fresh"):
+    with pytest.raises(InputError, match=r"the state cannot be read \(state has 0 fields, expected 14\).*--fresh"):
         restore(Pipeline(of), written(header, foreign))
     with pytest.raises(InputError, match="found 'candaemon state 1', expected 'candaemon state 2'; use --fresh"):
         restore(Pipeline(of), written(header | {"format": "candaemon state 1"}, foreign))

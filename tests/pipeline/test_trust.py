@@ -2,51 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
-from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
-from candaemon.config.load import load_config
 from candaemon.errors import ConfigError
+from candaemon.frames.frame import Frame
 from candaemon.pipeline.health import Health
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.simulate import simulate
-from candaemon.tracking.obstacles import TENTATIVE
 from candaemon.tracking.sensor_trust import Fault, SensorTrustState
 from tests.support.bound import binding
-from tests.support.paths import ROOT
+from tests.support.failing_lidar import alone, failing, scenario, squared_errors
 
 RADAR, LIDAR = 0, 1
 FAILURES = (("frozen", 4.0, 5.2), ("biased", 7.0, 8.2), ("silent", 10.0, 10.8), ("noisy", 12.3, 13.2))
 NOTICED_S, USED_AGAIN_S = 2.0, 1.0
-
-
-def scenario(faults: Sequence[Mapping[str, Any]], duration: float, measurement: Mapping[str, Any]) -> Scenario:
-    """Return a drive behind a car that brakes, with one beside on either hand."""
-    braking = ({"until": 5.0}, {"until": 8.0, "acceleration": -1.5}, {"until": 11.0, "acceleration": 1.5})
-    actors = (
-        {"name": "ahead", "start": {"x": 30.0, "y": 0.0, "speed": 15.0}, "segments": braking},
-        {"name": "left", "start": {"x": 20.0, "y": 3.5, "speed": 16.0}},
-        {"name": "right", "start": {"x": 45.0, "y": -3.5, "speed": 14.0}},
-    )
-    told = {"duration": duration, "ego": {"start": {"speed": 15.0}}, "actors": actors, "sensor_faults": tuple(faults)}
-    return Scenario.model_validate(told | {"measurement": dict(measurement)})
-
-
-def failing(*failures: tuple[str, float, float], amount: float | None = None) -> list[dict[str, Any]]:
-    found = []
-    for kind, begin, end in failures:
-        told: dict[str, Any] = {"sensor": "lidar", "kind": kind, "begin": begin, "end": end}
-        found.append(told | ({"amount": 5.0} if kind == "biased" else {} if amount is None else {"amount": amount}))
-    return found
 
 
 def faults(of: Binding, drive: Scenario) -> tuple[list[tuple[float, Fault, float, Health]], Pipeline]:
@@ -108,33 +84,9 @@ def test_a_damaged_state_is_refused() -> None:
         trust.state = state
 
 
-def alone(folder: Path) -> Binding:
-    """Return the configuration with the radar alone."""
-    tree = yaml.safe_load((ROOT / "config" / "radar_lidar.yaml").read_text(encoding="utf-8"))
-    del tree["sensors"]["lidar"]
-    for part in (tree["ego"], tree["output"], *tree["sensors"].values()):
-        part["dbc"] = str(ROOT / "config" / part["dbc"])
-    path = folder / "radar.yaml"
-    path.write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
-    return bind(load_config(path))
-
-
-def errors(of: Binding, drive: Scenario, seed: int) -> Iterator[tuple[float, float]]:
-    """Yield the squared errors of position and velocity of each actor in each cycle from 3 s on."""
-    simulation, pipeline = simulate(drive, of, seed), Pipeline(of)
-    truth = {cycle.time_ns: cycle.columns for cycle in simulation.truth()}
-    times = np.array(sorted(truth))
-    for cycle in pipeline.run(simulation.frames()):
-        found = cycle.reported
-        if found is None or cycle.time_ns * 1e-9 - drive.start_time < 3.0:
-            continue
-        true = truth[int(times[np.abs(times - found.time_ns).argmin()])]
-        for row in range(len(drive.actors)):
-            apart = np.hypot(found.x - true["x"][row], found.y - true["y"][row])
-            nearest = int(np.where(found.state != TENTATIVE, apart, np.inf).argmin())
-            assert apart[nearest] < 4.0
-            velocity = (found.vx[nearest] - true["vx"][row], found.vy[nearest] - true["vy"][row])
-            yield float(apart[nearest]) ** 2, float(np.hypot(*velocity)) ** 2
+def tracked(of: Binding, drive: Scenario, seed: int) -> Iterator[tuple[float, float, float]]:
+    """Yield time and squared errors of a drive."""
+    return squared_errors(Pipeline(of), simulate(drive, of, seed))
 
 
 @pytest.mark.slow
@@ -144,7 +96,37 @@ def test_with_a_failing_lidar_it_is_never_worse_than_the_radar_alone(kind: str, 
     single, drive = alone(tmp_path), scenario(bursts, 12.0, {"traffic": {}})
     plain = drive.model_copy(update={"sensor_faults": ()})
     both, radar = (
-        np.sqrt(np.mean([pair for seed in (1, 2) for pair in errors(of, run, seed)], axis=0))
+        np.sqrt(np.mean([each[1:] for seed in (1, 2) for each in tracked(of, run, seed)], axis=0))
         for of, run in ((binding("radar_lidar"), drive), (single, plain))
     )
     assert (both <= 1.05 * radar).all(), (both, radar)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["silent", "frozen", "biased"])
+def test_a_sensor_is_used_again_where_others_have_led_the_tracks_elsewhere(kind: str) -> None:
+    begin, end = 8.11, 10.61
+    found, _ = faults(binding("radar_lidar"), scenario(failing((kind, begin, end)), end + 2.0, {"traffic": {}}))
+    used = [time for time, _, weight, _ in found if time > end and weight > 0.9]
+    assert used[0] - end < USED_AGAIN_S
+    assert min(weight for time, _, weight, _ in found if used[0] <= time < used[0] + 0.5) > 0.1
+
+
+def test_a_noisy_sensor_that_drops_out_again_and_again_is_not_pardoned() -> None:
+    of, gap = binding("radar_lidar"), 0.16
+    run = scenario(failing(("noisy", 4.0, 8.0), amount=200.0), 8.0, {})
+    pipeline, weights = Pipeline(of), []
+    lidar = of.sensors[LIDAR].bus
+
+    def torn() -> Iterator[Frame]:
+        for frame in simulate(run, of).frames():
+            time = frame.time_ns * 1e-9 - run.start_time
+            if frame.bus != lidar or time < 4.5 or time % 0.5 >= gap:
+                yield frame
+
+    for cycle in pipeline.run(torn()):
+        if cycle.detections is not None and cycle.detections.sensor == LIDAR:
+            time = cycle.time_ns * 1e-9 - run.start_time
+            weights += [pipeline.trust.weight(LIDAR)] if time > 5.5 else []
+    assert weights
+    assert max(weights) < 0.5

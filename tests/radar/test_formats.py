@@ -12,7 +12,7 @@ from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.config.base import MOST_UNKNOWN, ObjectSignalRef
 from candaemon.config.load import load_config
-from candaemon.config.sensors import MOST_HEADERS, MOST_POINTS, MOST_SLOTS, HeaderScan, ObjectFormat
+from candaemon.config.sensors import MOST_HEADERS, MOST_PAGES, MOST_POINTS, MOST_SLOTS, HeaderScan, ObjectFormat
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
@@ -198,6 +198,66 @@ LAYOUTS = {
             "{close: header, message: [HEAD, TAIL], count: [NEAR, TAIL.FAR, FARTHEST], counter: CYCLE}",
         ),
     ),
+    "pages of numbered messages": (
+        "".join(message(200 + k, f"DET_{k}", *point(), number("PAGE", 40, 3), number("CNT", 44, 2)) for k in range(8)),
+        sensor(
+            'messages: ["DET_{slot}"], slots: 24, pages: {signal: PAGE, count: 3, first: 1}',
+            "{close: counter, signal: CNT}",
+        ),
+    ),
+    "pages by the number of their first object": (
+        HEADER + message(200, "OBJECT", *point(), number("INDEX", 40, 3), number("BEGIN", 48, 8)),
+        sensor(
+            "messages: [{message: OBJECT, id_signal: INDEX}], slots: 24, pages: {signal: BEGIN, count: 4, step: 6}",
+            HEADED,
+        ),
+    ),
+    "pages of lists": (
+        HEADER
+        + "".join(
+            message(
+                200 + k,
+                f"LIST_{k}",
+                *point("_0"),
+                *point("_1", 40),
+                *point("_2", 80),
+                number("PAGE", 120, 2),
+                length=16,
+            )
+            for k in range(4)
+        ),
+        sensor(
+            'messages: ["LIST_{slot}"], slots: 24, points: 3, identity: false, pages: {signal: PAGE, count: 2}',
+            HEADED,
+            "_{point}",
+        ),
+    ),
+    "one message a page": (
+        message(200, "OBJECT", *point(), number("PAGE", 40, 5)),
+        sensor("messages: [OBJECT], slots: 20, pages: {signal: PAGE, count: 20}", "{close: timeout}"),
+    ),
+    "a header among the objects": (
+        message(
+            200,
+            "ALL",
+            number("KIND", 60, 4, " M"),
+            number("COUNT", 0, 8, " m1"),
+            number("CYCLE", 8, 8, " m1"),
+            *point(mux=" m2"),
+            number("INDEX", 40, 6, " m2"),
+        ),
+        sensor(
+            "messages: [{message: ALL, id_signal: INDEX, when: {KIND: 2}}], slots: 20",
+            "{close: header, message: ALL, when: {KIND: 1}, count: COUNT, counter: CYCLE}",
+        ),
+    ),
+    "a trigger among the objects": (
+        message(200, "ALL", number("KIND", 60, 4, " M"), *point(mux=" m2"), number("INDEX", 40, 6, " m2")),
+        sensor(
+            "messages: [{message: ALL, id_signal: INDEX, when: {KIND: 2}}], slots: 20",
+            "{close: trigger, message: ALL, when: {KIND: 0}}",
+        ),
+    ),
     "an index from 1": (
         HEADER + message(200, "OBJECT", *point(), number("INDEX", 40, 6)),
         sensor("messages: [{message: OBJECT, id_signal: INDEX}], slots: 20, first: 1", HEADED),
@@ -329,6 +389,12 @@ def test_units_are_of_signals_that_have_none(tmp_path: Path) -> None:
             "id_signal: false, when: {OK: 4}",
             "'OK' cannot be 4, it holds 0 to 3",
         ),
+        ("one message a page", "slots: 20, ", "slots: 30, ", "no whole number on each of 20 pages"),
+        ("one message a page", "signal: PAGE", "signal: SIDE", "no signal 'SIDE'"),
+        ("one message a page", "close: timeout", "close: trigger, message: OBJECT", "comes with each page"),
+        ("a trigger among the objects", "KIND: 0", "KIND: 2", "are the objects' too"),
+        ("a trigger among the objects", "KIND: 0", "KIND: 16", "'KIND' cannot be 16, it holds 0 to 15"),
+        ("a header among the objects", "when: {KIND: 1}", "when: {KINDS: 1}", "no signal 'KINDS'"),
         ("an index from 1", '"-ANG"', "{signal: ANG, form: sin}", "form"),
         ("an index from 1", 'range: "RNG"', "range: {signal: RNG, form: sine}", "'form: sine' is of an angle"),
     ],
@@ -396,3 +462,46 @@ def test_a_scan_that_lost_one_of_its_headers_is_incomplete(tmp_path: Path, lost:
     assert [len(scan.slot) for scan in scans] == [len(scan.slot) for scan in whole]
     assert counts.incomplete == counts.missing == 1
     assert counts.dropped == 0
+
+
+def test_two_sensors_have_headers_of_one_identifier(tmp_path: Path) -> None:
+    dbc = (
+        message(100, "HEAD", number("COUNT", 0, 8), number("CYCLE", 8, 8), number("SIDE", 16, 1))
+        + message(200, "LEFT", *point(), number("INDEX", 40, 6))
+        + message(201, "RIGHT", *point(), number("INDEX", 40, 6))
+    )
+    header = "{close: header, message: HEAD, when: {SIDE: 0}, count: COUNT, counter: CYCLE}"
+    text = sensor("messages: [{message: LEFT, id_signal: INDEX}], slots: 20", header)
+    bound(tmp_path, dbc, text)
+    one = (tmp_path / "vehicle.yaml").read_text(encoding="utf-8")
+    other = one[one.index("  front:") :].replace("front", "rear").replace("LEFT", "RIGHT")
+    both = one.replace("range: 150", "range: 50") + "\n" + other.replace("SIDE: 0", "SIDE: 1")
+    (tmp_path / "vehicle.yaml").write_text(both, encoding="utf-8")
+    binding = bind(load_config(tmp_path / "vehicle.yaml"))
+    frames = list(simulate(Scenario.model_validate(SCENARIO), binding, seed=2).frames())
+    pipeline = Pipeline(binding)
+    scans = [cycle.detections.sensor for cycle in pipeline.run(frames) if cycle.detections is not None]
+    assert [scans.count(sensor) for sensor in (0, 1)] == [pytest.approx(20, abs=1)] * 2
+    assert all(each.counts.dropped == each.counts.missing == each.counts.skipped == 0 for each in pipeline.assemblers)
+    (tmp_path / "vehicle.yaml").write_text(both.replace("SIDE: 1", "SIDE: 0"), encoding="utf-8")
+    with pytest.raises(ConfigError, match="belongs to sensor 'front' already"):
+        bind(load_config(tmp_path / "vehicle.yaml"))
+
+
+def test_a_page_that_is_none_is_counted(tmp_path: Path) -> None:
+    binding = bound(tmp_path, *LAYOUTS["pages of numbered messages"])
+    frames = list(simulate(Scenario.model_validate(SCENARIO), binding, seed=2).frames())
+    stray = frames[0]._replace(data=bytes([*frames[0].data[:5], 7 | frames[0].data[5] & 0x30, *frames[0].data[6:]]))
+    _, counts = read(binding, [stray, *frames])
+    assert counts.surplus == 1
+    assert counts.missing == 0
+
+
+def test_a_list_has_so_many_pages() -> None:
+    def form(pages: int) -> ObjectFormat:
+        entries = {"messages": ["A{slot}"], "slots": 4 * pages, "pages": {"signal": "P", "count": pages}}
+        return ObjectFormat.model_validate(entries)
+
+    assert form(MOST_PAGES).places_on_page == 4
+    with pytest.raises(ValidationError, match=f"less than or equal to {MOST_PAGES}"):
+        form(MOST_PAGES + 1)

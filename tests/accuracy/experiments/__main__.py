@@ -17,6 +17,8 @@ from candaemon.errors import CandaemonError
 from candaemon.evaluation.printing import Section, print_sections
 from tests.accuracy.experiments.finding import Effort, Experiment
 from tests.accuracy.experiments.on_cost import COST
+from tests.accuracy.experiments.on_failing_sensor import FAILING_SENSOR
+from tests.accuracy.experiments.on_late_and_turned import LATE_AND_TURNED
 from tests.accuracy.experiments.on_lidar_and_radar import LIDAR_AND_RADAR
 from tests.accuracy.experiments.on_own_filters import OWN_FILTERS
 from tests.accuracy.experiments.on_recorded_drive import RECORDED_DRIVE
@@ -26,6 +28,8 @@ from tests.accuracy.experiments.on_unidentified import UNIDENTIFIED
 EXPERIMENTS: Mapping[str, Experiment] = {
     "drive": RECORDED_DRIVE,
     "fusion": LIDAR_AND_RADAR,
+    "failing": FAILING_SENSOR,
+    "late": LATE_AND_TURNED,
     "ring": RING,
     "filtered": OWN_FILTERS,
     "identity": UNIDENTIFIED,
