@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from candaemon.binding.bind import bind
 from candaemon.binding.bind_signal import DIMENSIONS, SI_NAMES
 from candaemon.binding.bound import Binding, BoundEgo, BoundOutput, BoundSensor
-from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path
+from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, logs_name
 from candaemon.cli.console import Sheet, log_progress, print_sheets
 from candaemon.config.base import Condition
 from candaemon.config.ego import InsSettings, InsSignals, OdometrySettings
@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from candaemon.playback.replay import Replayed
     from candaemon.wizard.findings import LogFinding
 
+_STAMPS = {"age": "the time since the measurement", "clock": "the sensor's own clock"}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
@@ -57,11 +59,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--log",
         dest="against",
         type=input_path,
+        action="append",
+        default=[],
         metavar="LOG",
-        help="hold the configuration against the first seconds of a log: one line a contradiction, with the cure",
+        help="hold the configuration against the first seconds of a log: one line a contradiction, with the cure; "
+        "repeatable: several are one drive",
     )
     parser.add_argument(
-        "log", type=input_path, nargs="?", metavar="LOG", help=f"what came of ego motion in it: {LOG_FORMATS}"
+        "log",
+        type=input_path,
+        nargs="*",
+        metavar="LOG",
+        help=f"what came of ego motion in it: {LOG_FORMATS}; several are one drive",
     )
 
 
@@ -69,13 +78,13 @@ def execute(arguments: argparse.Namespace) -> None:
     """Load a configuration, open no bus, and print what it does, and what a log holds of its ego motion."""
     binding = bind(load_config(find_config(arguments.config)))
     sheets = list(check_report(binding))
-    if arguments.log is not None:
+    if arguments.log:
         from candaemon.playback.replay import ReplayRequest, replay  # noqa: PLC0415 - only a log needs the pipeline
 
-        with log_progress(arguments.log.name) as progress:
-            replayed = replay(binding, ReplayRequest(arguments.log), progress)
+        with log_progress(logs_name(arguments.log)) as progress:
+            replayed = replay(binding, ReplayRequest(arguments.log[0], further=tuple(arguments.log[1:])), progress)
         sheets[-1:-1] = _ego_in_log(replayed)
-    if arguments.against is not None:
+    if arguments.against:
         from candaemon.wizard.findings import findings  # noqa: PLC0415 - as above
 
         sheets.append(_contradictions(binding, findings(binding, arguments.against)))
@@ -105,7 +114,9 @@ def check_report(binding: Binding) -> Iterator[Sheet]:
         yield from _sensor(binding, sensor)
     yield _tracker("tracker", config.tracker)
     for name, group in config.groups.items():
-        yield _tracker(f"tracker of group {name} ({', '.join(group.sensors)}), {group.fusion}", group.tracker)
+        tracker = group.fused_tracker if group.fusion == "trilateration" else group.tracker
+        mode = group.fusion if group.align == "prediction" else f"{group.fusion}, aligned by interpolation"
+        yield _tracker(f"tracker of group {name} ({', '.join(group.sensors)}), {mode}", tracker)
     if binding.output is not None:
         yield from _output(binding, binding.output)
     yield _warnings(binding.warnings)
@@ -212,6 +223,8 @@ def _sensor(binding: Binding, sensor: BoundSensor) -> Iterator[Sheet]:
         ("plausible", _plausible(sensor)),
         ("tracked by", _group_of(binding, sensor.name)),
     ]
+    if settings.time_stamp is not None:
+        rows.insert(4, ("measured", f"by {settings.time_stamp.signal}, {_STAMPS[settings.time_stamp.kind]}"))
     if settings.looks is not None:
         rows.insert(4, ("looks", _looks(settings.looks)))
     yield Sheet(f"{settings.kind} {sensor.name}", tuple(rows))
@@ -240,6 +253,8 @@ def _format(form: ObjectFormat, parts: Iterable[MessageLayout]) -> Iterator[tupl
     yield "slots", f"{form.slots}" + told
     if len(form.points) > 1:
         yield "points", f"{len(form.points)} in each message"
+    if form.pages is not None:
+        yield "pages", f"{form.pages.count}, by {form.pages.signal}"
     yield "identity", "none" if form.identity is False else form.identity or "the slot"
     yield "valid", _conditions(form.valid) or "always"
     if form.new:

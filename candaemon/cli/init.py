@@ -14,7 +14,7 @@ from candaemon.wizard.draft import GUESS, Ask, Choice, take_guess
 from candaemon.wizard.draft_text import draft_text, relative_path
 from candaemon.wizard.proposal import propose
 from candaemon.wizard.traffic import read_traffic
-from candaemon.wizard.trial import fitted_noise
+from candaemon.wizard.trial import calibrated, fitted_noise
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,7 +23,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "dbc", type=input_path, nargs="+", metavar="DBC", help="DBC files: of the radar, and of the car or its INS"
     )
     parser.add_argument(
-        "--log", type=input_path, metavar="LOG", help=f"a recorded drive, which tells the most: {LOG_FORMATS}"
+        "--log",
+        type=input_path,
+        action="append",
+        default=[],
+        metavar="LOG",
+        help=f"a recorded drive, which tells the most: {LOG_FORMATS}; repeatable: several are one drive",
     )
     parser.add_argument("-o", "--output", type=output_path, metavar="YAML", help="write it there; default: print it")
     parser.add_argument("--yes", action="store_true", help="take the best guess where nothing tells, and ask nothing")
@@ -32,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> None:
     """Find the configuration, ask about guesses on a terminal, and write it."""
     asks = not arguments.yes and sys.stdin.isatty() and sys.stderr.isatty()
-    with Outputs([*arguments.dbc, *([] if arguments.log is None else [arguments.log])]) as outputs:
+    with Outputs([*arguments.dbc, *arguments.log]) as outputs:
         written = None if arguments.output is None else outputs.open(arguments.output)
         text = _configuration(arguments, _ask if asks else take_guess)
         if written is None:
@@ -41,14 +46,14 @@ def execute(arguments: argparse.Namespace) -> None:
             written.stream.write(text.encode("utf-8"))
     count = text.count(f"# {GUESS}")
     name = "CONFIG" if arguments.output is None else str(arguments.output)
-    log = "" if arguments.log is None else f" --log {arguments.log}"
+    log = "".join(f" --log {log}" for log in arguments.log)
     say(f"{count} guesses, marked in it; next: candaemon check {name}{log}")
 
 
 def _configuration(arguments: argparse.Namespace, ask: Ask) -> str:
     """Return the configuration that the files tell, as YAML."""
-    traffic = None if arguments.log is None else read_traffic(arguments.log)
-    proposal = propose(arguments.dbc, traffic, ask)
+    traffic = read_traffic(arguments.log) if arguments.log else None
+    proposal = calibrated(propose(arguments.dbc, traffic, ask))
     folder = Path.cwd() if arguments.output is None else arguments.output.parent
     factor, why = fitted_noise(proposal)
     return draft_text(proposal, relative_path(folder), factor, why)

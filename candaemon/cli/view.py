@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.cli import console
-from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, number, refused, speed, whole_number
+from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, logs_name, number, refused, speed, whole_number
 from candaemon.cli.replay import channel_of_bus
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
@@ -44,9 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "log",
         type=input_path,
-        nargs="?",
+        nargs="*",
         metavar="LOG",
-        help=f"{LOG_FORMATS}; or the folder of a recording; default: the live buses",
+        help=f"{LOG_FORMATS}; several are one drive; or the folder of a recording; default: the live buses",
     )
     parser.add_argument("--speed", type=speed, default=1.0, metavar="X", help="times real time to begin with; of a log")
     parser.add_argument(
@@ -92,8 +92,8 @@ def execute(arguments: argparse.Namespace) -> None:
     address = page_address(arguments)
     binding = bind(load_config(find_config(arguments.config)))
     console.warn(binding.warnings)
-    log: Path | None = arguments.log
-    if log is None:
+    logs: list[Path] = arguments.log
+    if not logs:
         from candaemon.view.live_pictures import LiveListener  # noqa: PLC0415 - the room's libraries are an extra
 
         if arguments.map:
@@ -108,8 +108,8 @@ def execute(arguments: argparse.Namespace) -> None:
     channels = dict(arguments.map)
     show(
         binding,
-        lambda _: pictures_of_log(binding, log, channels),
-        log.name,
+        lambda _: pictures_of_log(binding, logs, channels),
+        logs_name(logs),
         address,
         live=False,
         opens=arguments.open,

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
 from candaemon.binding.bound import Binding
+from candaemon.can_io.drive_reader import DriveReader
 from candaemon.can_io.logs.formats import check_log
-from candaemon.can_io.logs.read import read_log_blocks
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.can_io.reorder import ReorderBuffer
-from candaemon.can_io.stray_times import StrayTimes
+from candaemon.can_io.time_range import WHOLE_DRIVE
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import fingerprint
-from candaemon.playback.recording_files import runs
+from candaemon.playback.recording_files import runs_of
 from candaemon.playback.replay import begun_runs, channel_indices
 from candaemon.view.painter import Painter
 from candaemon.view.picture import Picture
@@ -23,7 +23,7 @@ from candaemon.view.picture import Picture
 
 def pictures_of_log(
     binding: Binding,
-    log: Path,
+    logs: Sequence[Path],
     channels: Mapping[str, str] | None = None,
     progress: Callable[[LogCounts], None] | None = None,
 ) -> Iterator[Picture]:
@@ -31,7 +31,7 @@ def pictures_of_log(
 
     Args:
         binding: the configuration, bound to its DBC files.
-        log: the recorded drive, or a folder: a recording of the service, or consecutive logs.
+        logs: the recorded drive, of one log or several; or a folder: a recording of the service, or consecutive logs.
         channels: additional channel names in the log: channel → bus.
         progress: called once a picture.
 
@@ -39,19 +39,20 @@ def pictures_of_log(
         InputError: there is no such log, or it holds no frame of the configured buses.
     """
     indices, counts = channel_indices(binding, dict(channels or {})), LogCounts()
-    recorded = runs(log, fingerprint(binding), fresh=False)
+    recorded = runs_of(logs, fingerprint(binding))
     for each in chain.from_iterable(run.logs for run in recorded):
         check_log(each)
     for run, pipeline in begun_runs(binding, recorded):
-        painter, strays = Painter(pipeline), StrayTimes()
+        painter = Painter(pipeline)
         sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
-        blocks = chain.from_iterable(read_log_blocks(each, indices, counts) for each in run.logs)
-        cycles = pipeline.run_blocks(sequence.sequenced_blocks(strays.removed(blocks)))
+        reader = DriveReader(indices, counts, WHOLE_DRIVE)
+        blocks = reader.by_time(run.logs) if run.by_time else reader.consecutive(run.logs)
+        cycles = pipeline.run_blocks(sequence.sequenced_blocks(blocks))
         for cycle in chain(cycles, pipeline.finish() if run.ends else ()):
             yield painter.paint(cycle)
             if progress is not None:
                 progress(counts)
-    counts.require_frames(log)
+    counts.require_frames(logs[0])
 
 
 def pictures_of_frames(binding: Binding, frames: Iterable[Frame]) -> Iterator[Picture]:

@@ -175,6 +175,8 @@ def _sensor(
     lines.add(2, f"dbc: {quoted(path_of(sensor.dbc))}")
     lines.add(2, "mount: {x: 3.6}", "the front bumper of most cars, from the rear axle; measure it", guess=True)
     lines.choice(2, "cycle_time", sensor.cycle_time)
+    if sensor.latency is not None:
+        lines.choice(2, "latency", sensor.latency)
     scans = "" if not closing.scans else f"99 % of the scans took {closing.burst * 1e3:.1f} ms or less"
     lines.add(2, f"timeout: {closing.timeout:g}", scans, guess=not closing.scans)
     _objects(lines, sensor)
@@ -183,6 +185,9 @@ def _sensor(
     lines.add(2, "signals:")
     for key, choice in mapped.choices.items():
         lines.choice(3, key, choice)
+    if mapped.over_ground:
+        key = "range_rates" if "range_rate" in mapped.choices else "rates"
+        lines.add(2, f"{key}: absolute", mapped.over_ground)
     _noise(lines, sensor, noise_factor, nis)
     far, wide = mapped.seen
     if mapped.looks is not None:
@@ -217,9 +222,13 @@ def _objects(lines: Lines, sensor: Sensor) -> None:
     for number, part in enumerate(layout.parts):
         keys = [f"message: {quoted(part.template)}"]
         keys += [f"id_signal: {quoted(part.id_name)}"] if part.id_name is not None else []
+        keys += ["id_signal: false"] if layout.unnumbered else []
         keys += ["optional: true"] if number in sensor.optional else []
         lines.add(4, f"- {{{', '.join(keys)}}}")
-    lines.add(3, f"slots: {layout.slots}")
+    if layout.unnumbered:
+        lines.add(3, f"slots: {layout.slots}", "half as many again as any scan of the log has, or more", guess=True)
+    else:
+        lines.add(3, f"slots: {layout.slots}")
     if layout.points:
         lines.add(3, f"points: [{', '.join(map(str, layout.points))}]", "objects in one message")
     if layout.first:
@@ -228,6 +237,8 @@ def _objects(lines: Lines, sensor: Sensor) -> None:
         lines.add(3, f"step: {layout.step}")
     if layout.listed and layout.parts[0].id_name in layout.parts[0].names:
         lines.add(3, f"identity: {quoted(layout.parts[0].id_name)}", "the number in each frame")
+    elif layout.unnumbered:
+        lines.add(3, "identity: false", "the order in which they come is no identity")
     elif mapped.identity is not None:
         name = mapped.identity.value
         lines.add(3, f"identity: {name if name == 'false' else quoted(name)}", mapped.identity.why)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -65,16 +65,16 @@ class LogFinding:
     text: str
 
 
-def findings(binding: Binding, log: Path) -> list[LogFinding]:
-    """Hold a configuration against the first seconds of a log.
+def findings(binding: Binding, logs: Sequence[Path]) -> list[LogFinding]:
+    """Hold a configuration against the first seconds of a log, or of several that are one drive.
 
     Raises:
         InputError: there is no such log, or no frame in it.
     """
     channels = {name: bus.index for bus in binding.buses for name in bus.settings.names_in_logs}
-    traffic = read_traffic(log, channels)
+    traffic = read_traffic(logs, channels)
     found = list(_buses(binding, traffic))
-    trial = try_on(binding, log)
+    trial = try_on(binding, logs)
     found += _own_motion(binding, trial)
     for sensor in binding.sensors:
         if (sensor.bus, *_some_id(sensor, traffic)) not in traffic.streams:

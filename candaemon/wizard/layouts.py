@@ -20,6 +20,8 @@ MOST_LISTED: Final = 1000
 """Messages outside families that are looked at as lists."""
 _FURTHER: Final = {"range_rate", "vx", "vy", "ax", "valid", "new", "width", "length", "score"}
 """Roles of what a second message of an object holds."""
+UNNUMBERED_SLOTS: Final = 64
+"""Objects of a list without numbers, where no log says more."""
 MOST_LAYOUTS: Final = 8
 """Layouts that are looked at: a car has no more radars on its buses."""
 
@@ -54,6 +56,7 @@ class Layout:
         slots, first, step: as a configuration has them.
         why: the evidence in the DBC file.
         listed: whether one identifier carries all objects.
+        unnumbered: whether nothing tells them apart but the order in which they come.
         points: what `{point}` stands for, where a message has several objects.
     """
 
@@ -64,6 +67,7 @@ class Layout:
     why: str
     listed: bool = False
     points: tuple[int, ...] = ()
+    unnumbered: bool = False
 
     @property
     def name(self) -> str:
@@ -237,3 +241,13 @@ def _listed(messages: Sequence[MessageSpec]) -> Iterator[Layout]:
         yield Layout(
             parts, slots, 0, 1, f"{message.name} has a position and the object's number {key.name}", listed=True
         )
+
+
+def find_unnumbered(messages: Sequence[MessageSpec]) -> Iterator[Layout]:
+    """Yield the layouts of messages that carry every object in turn, and nothing that says which."""
+    for message in messages[:MOST_LISTED]:
+        names = tuple(signal.name for signal in message.signals)
+        if has_position(names):
+            part = Part(message.name, (message,), names, message.signals, ((names,),))
+            why = f"{message.name} has a position, and no number"
+            yield Layout((part,), UNNUMBERED_SLOTS, 0, 1, why, listed=True, unnumbered=True)

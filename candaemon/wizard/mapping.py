@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -19,6 +19,7 @@ from candaemon.wizard.object_motion import (
     Slope,
     approach_slope,
     derivative_slope,
+    fitted,
     growth,
     pairs,
     standing_rows,
@@ -57,6 +58,8 @@ class Mapping:
         valid, new: conditions.
         looks: signal that says which look a scan is, and how far and wide (m, deg) each sees; None without looks.
         noise: by key of `noise`.
+        over_ground: the evidence that the speed is one over ground; empty where it is relative. The table has the
+            relative speed in its place then.
         own_filter: whether the radar's errors wander as those of a radar that filters by itself.
         seen: largest distance in m, and half opening angle in deg, that the log holds.
         notes: what contradicts the DBC or cannot be said.
@@ -74,6 +77,7 @@ class Mapping:
     new: tuple[Test, ...] = ()
     looks: tuple[str, dict[int, tuple[float, float]]] | None = None
     noise: dict[str, Choice] = field(default_factory=dict)
+    over_ground: str = ""
     own_filter: str = ""
     seen: tuple[float, float] = (0.0, 0.0)
     notes: list[str] = field(default_factory=list)
@@ -119,9 +123,11 @@ def map_signals(table: ObjectTable, own: OwnMotion | None) -> Mapping | None:
         if role in {"x", "y", "range", "azimuth", "range_rate", "vx", "vy"} and name != far
     ]
     velocity = roles.get("range_rate") or roles.get("vx")
+    table, over_ground = (table, "") if velocity is None or own is None else _made_relative(table, far, velocity, own)
     rate = None if velocity is None else table.values(velocity)
     rough = occupancy(table, far, others, None)
     mapped = Mapping(polar, table, {("range" if polar else "x"): far}, {}, {}, rough, valid=rough.valid)
+    mapped.over_ground = over_ground
     _map_distance(mapped, table, far, own)
     if velocity is not None and rate is not None:
         table = _link(mapped, table, far, aside, velocity)
@@ -142,6 +148,42 @@ def map_signals(table: ObjectTable, own: OwnMotion | None) -> Mapping | None:
     _map_others(mapped, table, roles)
     _measure_noise(mapped, table, own)
     return mapped
+
+
+def _made_relative(table: ObjectTable, far: str, velocity: str, own: OwnMotion) -> tuple[ObjectTable, str]:
+    """Return a table whose speed is relative, and the evidence if it was one over ground; else the table itself.
+
+    The distance changes by the speed then only together with the way that the vehicle goes. What is near the vehicle's
+    own direction counts, as directions are not known yet.
+    """
+    column = table.columns[velocity]
+    place = table.values(far) * _unit_of(table.columns[far])[1]
+    factor = _unit_of(column)[1]
+    held = occupancy(table, far, (), None)
+    of = pairs(table, held)
+    if not len(of):
+        return table, ""
+    gone = own.way_at(table.time[of.last]) - own.way_at(table.time[of.first])
+    moved = place[of.last] - place[of.first]
+    usual = (np.abs(moved) < 4 * np.abs(gone) + 5.0) & (gone > SLOWEST * of.seconds)
+    of, gone, moved = of.rows(usual), gone[usual], moved[usual]
+    if not len(of):
+        return table, ""
+    told = 0.5 * (column.values[of.first] + column.values[of.last]) * factor * of.seconds
+    relative, compensated = fitted(told, moved, of.run), fitted(told, moved + gone, of.run)
+    if relative.correlation**2 > 0.8 * compensated.correlation**2 or abs(compensated.correlation) < 0.9:
+        return table, ""
+    unit = _nearest_speed(abs(compensated.value) * factor)
+    if compensated.sigmas < PROVEN or unit is None:
+        return table, ""
+    scale = float(np.copysign(SPEEDS[unit], compensated.value))
+    columns = dict(table.columns)
+    columns[velocity] = replace(column, values=column.values - own.speed_at(table.time) / scale)
+    why = (
+        f"the distance changes by it and the way driven, correlation {compensated.correlation:+.2f}, "
+        f"by it alone {relative.correlation:+.2f}"
+    )
+    return replace(table, columns=columns), why
 
 
 def _link(mapped: Mapping, table: ObjectTable, far: str, aside: str, velocity: str) -> ObjectTable:
@@ -206,6 +248,11 @@ def _going_on(table: ObjectTable, held: Occupancy, number: Indices, far: str, sp
     good = (number[before] == number[after]) & (step > 0) & (step < 1.6 * table.cycle_time)
     good &= np.abs(values[after] - values[before] - speed[before] * step) < 1.0
     return int(np.count_nonzero(good))
+
+
+def has_place(layout: Layout) -> bool:
+    """Return whether signals are called what a position is called, in units that it may have."""
+    return _position(names_by_role(layout)) is not None
 
 
 def _position(roles: dict[str, str]) -> tuple[str, str, bool] | None:
@@ -410,6 +457,8 @@ def _turn(mapped: Mapping, table: ObjectTable, column: ObjectColumn, own: OwnMot
 def _line_of_sight(mapped: Mapping, table: ObjectTable, roles: dict[str, str], own: OwnMotion | None) -> None:
     """Tell a speed along the line of sight from one along the axis, where a name may mean either."""
     key = next((key for key in ("range_rate", "vx") if key in mapped.columns), None)
+    if mapped.over_ground:  # what stands has no speed then, along whichever line
+        return
     if key is None or own is None or ("vy" in roles and key == "vx"):
         return
     cosine = cosines(mapped, table)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -11,11 +12,16 @@ import numpy as np
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.dbc.types import MessageSpec, SignalSpec
+from candaemon.wizard.families import MOST_SLOTS
 from candaemon.wizard.layouts import Layout, Part
 from candaemon.wizard.traffic import LogTraffic
 
 FEWEST_ROWS: Final = 50
 """Objects of a log, below which it says nothing of a radar."""
+_USUAL_GAPS: Final = 0.99
+"""Share of the gaps between frames that are no interruption of the recording."""
+FEWEST_LISTED: Final = 3
+"""Frames in a burst, that one burst at least has if a message is a list."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +94,12 @@ def object_table(layout: Layout, traffic: LogTraffic) -> ObjectTable | None:
     first = gathered[0]
     if first is None or len(first.time) < FEWEST_ROWS:
         return None
+    if layout.unnumbered:
+        first = _ranked(first)
+        most = int(first.slot.max()) + 1
+        if most < FEWEST_LISTED:
+            return None
+        layout = replace(layout, slots=min(MOST_SLOTS, 2 ** math.ceil(math.log2(1.5 * most))))
     cycle_time = _cycle_time(first)
     if not np.isfinite(cycle_time):
         return None
@@ -126,6 +138,28 @@ def _gathered(part: Part, traffic: LogTraffic, channel: int) -> _Gathered | None
     rows = np.lexsort((order, slot))
     columns = [(name, spec, table[k, rows]) for k, (name, spec) in enumerate(zip(part.names, part.specs, strict=True))]
     return _Gathered(time[rows], slot[rows], order[rows], columns)
+
+
+def _ranked(objects: _Gathered) -> _Gathered:
+    """Return the objects of a list without numbers, by their place in its scan: bursts of frames, with pauses between.
+
+    Pauses and the gaps within bursts are the two groups of gaps between which most of the variance lies (Otsu 1979, "A
+    threshold selection method from gray-level histograms").
+    """
+    rows = np.argsort(objects.order, kind="stable")
+    gaps = np.diff(objects.time[rows])
+    gaps = np.minimum(gaps, np.quantile(gaps, _USUAL_GAPS))
+    ordered = np.sort(gaps)
+    below = np.arange(1, len(ordered))
+    sums = np.cumsum(ordered)[:-1]
+    between = (sums * len(ordered) - below * ordered.sum()) ** 2 / (below * (len(ordered) - below.astype(float)))
+    limit = ordered[int(between.argmax())]
+    begins = np.concatenate([[True], gaps > limit])
+    place = np.arange(len(rows))
+    rank = place - np.maximum.accumulate(np.where(begins, place, 0))
+    rows, rank = rows[np.lexsort((place, rank))], np.sort(rank, kind="stable")
+    columns = [(name, spec, values[rows]) for name, spec, values in objects.columns]
+    return _Gathered(objects.time[rows], rank, objects.order[rows], columns)
 
 
 def _decoded(part: Part, traffic: LogTraffic, channel: int) -> Iterator[tuple[Floats, Indices, Indices, Floats]]:

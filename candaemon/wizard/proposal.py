@@ -17,8 +17,8 @@ from candaemon.errors import ConfigError
 from candaemon.wizard.closing import Closing, find_closing, pairs_of
 from candaemon.wizard.draft import Ask, Choice, take_guess
 from candaemon.wizard.frame_checks import Checksum, find_checksum
-from candaemon.wizard.layouts import Layout, find_layouts
-from candaemon.wizard.mapping import Mapping, map_by_names, map_signals
+from candaemon.wizard.layouts import MOST_LAYOUTS, Layout, find_layouts, find_unnumbered
+from candaemon.wizard.mapping import Mapping, has_place, map_by_names, map_signals
 from candaemon.wizard.object_table import ObjectTable, object_table
 from candaemon.wizard.own_motion import Heard, OwnMotion, find_own_motion, heard_signals, named_signals
 from candaemon.wizard.traffic import LogTraffic
@@ -43,6 +43,7 @@ class Sensor:
         checksum: of its frames, None where none was found.
         pair: signals that must be equal within an object; empty where none need be.
         optional: which of its messages did not come with each object.
+        latency: s; None where no log tells it.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Sensor:
     checksum: Checksum | None
     pair: tuple[str, ...]
     optional: frozenset[int]
+    latency: Choice | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +95,15 @@ def propose(dbcs: Sequence[Path], traffic: LogTraffic | None, ask: Ask = take_gu
         for path, database in databases.items()
         for layout in find_layouts(list(database.messages.values()))
     ]
+    found = (
+        found
+        or [
+            (path, layout)
+            for path, database in databases.items()
+            for layout in find_unnumbered(list(database.messages.values()))
+            if has_place(layout)
+        ][:MOST_LAYOUTS]
+    )
     if not found:
         counted = ", ".join(f"{path.name}: {len(database.messages):,} messages" for path, database in databases.items())
         raise ConfigError(

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from candaemon.arrays import Bytes, Floats, Indices, Integers
+from candaemon.can_io.drive_reader import DriveReader
 from candaemon.can_io.logs.formats import check_log
 from candaemon.can_io.logs.read import read_log_blocks
 from candaemon.can_io.logs.stream import NO_CHANNEL, LogCounts
+from candaemon.can_io.time_range import WHOLE_DRIVE
 from candaemon.dbc.types import MessageSpec
 from candaemon.errors import InputError
 from candaemon.frames.frame_block import FrameBlock, block_of, joined_blocks
@@ -56,18 +59,23 @@ class LogTraffic:
     """A log.
 
     Attributes:
-        log: its file.
+        logs: its files.
         channels: names.
         streams: by channel's index and identifier.
         seconds: duration.
         counts: of the reader.
     """
 
-    log: Path
+    logs: tuple[Path, ...]
     channels: tuple[str, ...]
     streams: Mapping[tuple[int, int], Stream]
     seconds: float
     counts: LogCounts
+
+    @property
+    def log(self) -> Path:
+        """The first of its files."""
+        return self.logs[0]
 
     def channel_of(self, messages: tuple[MessageSpec, ...]) -> int | None:
         """Return the channel on which most frames of some messages are as long as these; None where none came."""
@@ -89,40 +97,42 @@ class LogTraffic:
         return fitting if len(fitting.time) else None
 
 
-def read_traffic(log: Path, buses: Mapping[str, int] | None = None, most: int = MOST_FRAMES) -> LogTraffic:
+def read_traffic(logs: Sequence[Path], buses: Mapping[str, int] | None = None, most: int = MOST_FRAMES) -> LogTraffic:
     """Read a log into arrays.
 
     Args:
-        log: in any format that a replay reads.
+        logs: in any format that a replay reads; several are one drive.
         buses: index by the channel's name; streams are of these indices then. Default: each channel for itself.
         most: frames that are read at most, from its beginning.
 
     Raises:
         InputError: there is no such log, or no data frame in it.
     """
-    check_log(log)
     counts = LogCounts()
-    for _ in read_log_blocks(log, {}, counts):
+    for log in logs:
+        check_log(log)
+    for _ in chain.from_iterable(read_log_blocks(log, {}, counts) for log in logs):
         pass
     channels = tuple(sorted(counts.other_channels))
     if not channels:
-        counts.require_frames(log)
-        raise InputError("not one data frame in it, expected a recorded CAN log", file=log)
+        counts.require_frames(logs[0])
+        raise InputError("not one data frame in it, expected a recorded CAN log", file=logs[0])
     known = {name: index for index, name in enumerate(channels) if name != NO_CHANNEL} or {"*": 0}
     counts, blocks, read = LogCounts(), [], 0
-    for block in read_log_blocks(log, known if buses is None else buses, counts):
+    reader = DriveReader(known if buses is None else buses, counts, WHOLE_DRIVE)
+    for block in reader.by_time(logs):
         blocks.append(block if isinstance(block, FrameBlock) else block_of(block))
         read += len(block)
         if read >= most:
             break
     blocks = [block for block in blocks if len(block)]
     if not blocks:
-        return LogTraffic(log, channels, {}, 0.0, counts)
+        return LogTraffic(tuple(logs), channels, {}, 0.0, counts)
     joined = joined_blocks(blocks)
     joined = joined.rows(np.flatnonzero(joined.bus >= 0))
     if not len(joined):
-        return LogTraffic(log, channels, {}, 0.0, counts)
-    return LogTraffic(log, channels, _streams(joined), float(np.ptp(joined.time_ns)) * 1e-9, counts)
+        return LogTraffic(tuple(logs), channels, {}, 0.0, counts)
+    return LogTraffic(tuple(logs), channels, _streams(joined), float(np.ptp(joined.time_ns)) * 1e-9, counts)
 
 
 def _streams(block: FrameBlock) -> dict[tuple[int, int], Stream]:

@@ -72,7 +72,7 @@ def recorded() -> Drive:
     if not log.exists():
         pytest.skip(f"no recorded drive at {log}")
     binding = bind(load_config(ROOT / "config" / "toyota_rav4_ins.yaml"))
-    stream = pictures_of_log(binding, log)
+    stream = pictures_of_log(binding, [log])
     first = next(stream)
     pictures = (first, *takewhile(lambda picture: picture.time < first.time + DRIVEN_S, stream))
     show = show_of(pictures)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,21 @@ MISTAKES = {
 }
 
 
+STALE = {
+    # name: configuration, its DBC file, what an older edition has elsewhere (a pattern), how, where it is found
+    "place": (
+        "toyota_rav4",
+        "toyota_rav4_radar",
+        r"(SG_ LONG_DIST : )15",
+        r"\g<1>14",
+        "signals.range_rate",
+    ),
+    "scale ahead": ("toyota_rav4", "toyota_rav4_radar", r"(LONG_DIST .*)\(0.01,", r"\1(0.05,", "range_rate"),
+    "scale across": ("toyota_rav4", "toyota_rav4_radar", r"(LAT_DIST .*)\(0.04,", r"\1(0.08,", "signals.y"),
+    "sign": ("esr_ins", "esr", r"(SG_ CAN_TX_TRACK_ANGLE .*@\d)-", r"\1+", "plausibility"),
+}
+
+
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Logs of the survey drive that were simulated so far, by configuration."""
@@ -128,7 +144,21 @@ def test_each_mistake_is_found(
 ) -> None:
     name, right, wrong, where = MISTAKES[mistake]
     path = spoilt(name, right, wrong, tmp_path)
-    found = findings(bind(load_config(path)), log_of(name, logs, tmp_path_factory))
+    found = findings(bind(load_config(path)), [log_of(name, logs, tmp_path_factory)])
+    assert any(where in ".".join(map(str, each.where)) for each in found), [str(each) for each in found]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stale", STALE)
+def test_a_stale_database_is_found(
+    stale: str, logs: dict[str, Path], tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    name, file, right, wrong, where = STALE[stale]
+    dbc = tmp_path / "stale.dbc"
+    text = (ROOT / "dbc" / f"{file}.dbc").read_text(encoding="utf-8")
+    dbc.write_text(re.sub(right, wrong, text), encoding="utf-8")
+    path = spoilt(name, str(ROOT / "dbc" / f"{file}.dbc"), str(dbc), tmp_path)
+    found = findings(bind(load_config(path)), [log_of(name, logs, tmp_path_factory)])
     assert any(where in ".".join(map(str, each.where)) for each in found), [str(each) for each in found]
 
 
@@ -137,7 +167,7 @@ def test_each_mistake_is_found(
 def test_nothing_is_said_of_what_is_right(
     name: str, logs: dict[str, Path], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    assert findings(shipped(name), log_of(name, logs, tmp_path_factory)) == []
+    assert findings(shipped(name), [log_of(name, logs, tmp_path_factory)]) == []
 
 
 @pytest.mark.slow
@@ -145,7 +175,7 @@ def test_nothing_is_said_of_what_is_right(
     ("name", "log"), [("toyota_rav4", "drive.log.gz"), ("toyota_rav4_ins", "drive_with_ins.log.gz")]
 )
 def test_nothing_is_said_of_the_recorded_drive(name: str, log: str, drive: Path) -> None:
-    assert findings(shipped(name), drive / log) == []
+    assert findings(shipped(name), [drive / log]) == []
 
 
 def test_the_command_names_the_line_and_repeats_guesses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

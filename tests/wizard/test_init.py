@@ -69,7 +69,7 @@ def test_shipped_layouts_are_found_from_a_log(name: str, tmp_path: Path) -> None
     assert found.ego is not None
     assert found.ego.settings.kind == of.ego.settings.kind
     assert sensor.settings.cycle_time == pytest.approx(right.settings.cycle_time, rel=0.03)
-    tried, expected = try_on(found, log), try_on(of, log)
+    tried, expected = try_on(found, [log]), try_on(of, [log])
     assert tried.score.nis.mean == pytest.approx(tried.score.nis.expected, rel=0.3)
     scans = expected.pipeline.assemblers[0].counts.scans
     assert tried.pipeline.assemblers[0].counts.scans == pytest.approx(scans, abs=2)

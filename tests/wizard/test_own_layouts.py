@@ -1,0 +1,185 @@
+"""Layouts that no shipped configuration has: `init` is told nothing of them but their DBC file and a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.stream import LogCounts
+from candaemon.cli.main import main
+from candaemon.config.load import load_config
+from candaemon.dbc.types import MessageSpec, SignalSpec
+from candaemon.wizard.layouts import find_unnumbered
+from candaemon.wizard.object_table import FEWEST_LISTED, object_table
+from candaemon.wizard.traffic import LogTraffic, Stream
+from tests.support.paths import ROOT
+from tests.wizard.drives import survey_log
+
+HEAD = """\
+VERSION ""
+NS_ :
+BS_:
+BU_: RADAR CAR
+"""
+YAML = """\
+name: a layout of its own
+buses:
+  radar: {{channel: can1}}
+  ins: {{channel: can2}}
+ego:
+  kind: ins
+  bus: ins
+  dbc: {root}/dbc/oxts.dbc
+  signals:
+    velocity_north: Velocity.VelNorth
+    velocity_east: Velocity.VelEast
+    heading: HeadingPitchRoll.AngleHeading
+    curvature: -TrackSlipCurvature.Curvature
+sensors:
+  front:
+    bus: radar
+    dbc: own.dbc
+    mount: {{x: 3.6}}
+    cycle_time: 0.05
+    timeout: 0.03
+{sensor}
+    field_of_view: {{range: 120, azimuth_deg: 50}}
+"""
+
+
+def drawn_up(folder: Path, dbc: str, sensor: str) -> tuple[Binding, Binding, str]:
+    """Simulate a layout, and let `init` find it; return what is, what was found, and the text of that."""
+    (folder / "own.dbc").write_text(HEAD + dbc, encoding="utf-8")
+    (folder / "own.yaml").write_text(YAML.format(root=ROOT, sensor=sensor), encoding="utf-8")
+    of = bind(load_config(folder / "own.yaml"))
+    log = survey_log(of, folder)
+    path = folder / "found.yaml"
+    dbcs = [folder / "own.dbc", ROOT / "dbc" / "oxts.dbc"]
+    assert main(["init", *map(str, dbcs), "--log", str(log), "--yes", "-o", str(path)]) == 0
+    return of, bind(load_config(path)), path.read_text(encoding="utf-8")
+
+
+def same_signals(of: Binding, found: Binding) -> None:
+    """Require that each quantity comes from its signal, with its unit and sign."""
+    wanted = {each.quantity: (each.signal.name, each.gain) for each in of.sensors[0].reader.bindings}
+    made = {each.quantity: (each.signal.name, each.gain) for each in found.sensors[0].reader.bindings}
+    for quantity, (signal, gain) in wanted.items():
+        assert made[quantity][0] == signal, quantity
+        assert made[quantity][1] == pytest.approx(gain), quantity
+
+
+@pytest.mark.slow
+def test_a_list_without_numbers_is_found(tmp_path: Path) -> None:
+    of, found, text = drawn_up(
+        tmp_path,
+        """
+BO_ 512 LIST_BEGIN: 4 RADAR
+ SG_ AMOUNT : 0|6@1+ (1,0) [0|63] "" CAR
+ SG_ TICK : 8|8@1+ (1,0) [0|255] "" CAR
+
+BO_ 513 ECHO: 8 RADAR
+ SG_ RANGE : 0|14@1+ (0.02,0) [0|327] "m" CAR
+ SG_ ANGLE : 14|12@1- (0.05,0) [-102|102] "" CAR
+ SG_ DOPPLER : 26|13@1- (0.02,0) [-81|81] "m/s" CAR
+""",
+        """\
+    objects: {messages: [{message: ECHO, id_signal: false}], slots: 40, identity: false}
+    scan: {close: header, message: LIST_BEGIN, count: AMOUNT, counter: TICK}
+    signals: {range: RANGE, azimuth: {signal: -ANGLE, unit: deg}, range_rate: -DOPPLER}
+    noise: {range: 0.2, azimuth_deg: 0.4, range_rate: 0.1}""",
+    )
+    same_signals(of, found)
+    objects = found.sensors[0].settings.objects
+    assert objects.messages[0].id_signal is False
+    assert objects.identity is False
+    assert found.sensors[0].settings.scan == of.sensors[0].settings.scan
+    assert found.sensors[0].settings.cycle_time == pytest.approx(0.05, rel=0.02)
+    assert "guess: half as many again" in text
+
+
+def test_a_message_that_comes_alone_is_no_list() -> None:
+    message = MessageSpec("ECHO", 513, 8, (SignalSpec("RANGE", 0, 14), SignalSpec("ANGLE", 14, 12)))
+    (layout,) = find_unnumbered([message])
+    assert layout.unnumbered
+
+    def tabled(burst: int) -> int | None:
+        """Return the slots of a list with so many frames in each of 100 bursts."""
+        time = (np.arange(100)[:, None] * 0.05 + np.arange(burst) * 0.001).ravel()
+        count = len(time)
+        stream = Stream(time, np.arange(count), np.full(count, 8, np.uint8), np.ones((count, 8), np.uint8))
+        traffic = LogTraffic((Path("a.log"),), ("can0",), {(0, 513): stream}, 5.0, LogCounts())
+        table = object_table(layout, traffic)
+        return None if table is None else table.layout.slots
+
+    assert tabled(FEWEST_LISTED) == 8
+    assert tabled(12) == 32
+    assert tabled(FEWEST_LISTED - 1) is None
+
+
+OBJECTS = "".join(
+    f"""
+BO_ {512 + k} OBJ_{k:02d}: 8 RADAR
+ SG_ STATE_{k:02d} : 0|2@1+ (1,0) [0|3] "" CAR
+ SG_ RNG_{k:02d} : 2|14@1+ (0.02,0) [0|327] "m" CAR
+ SG_ AZ_{k:02d} : 16|12@1- (0.05,0) [-102|102] "deg" CAR
+ SG_ RATE_{k:02d} : 28|13@1- (0.02,0) [-81|81] "{{unit}}" CAR
+ SG_ ROLL_{k:02d} : 48|4@1+ (1,0) [0|15] "" CAR
+"""
+    for k in range(20)
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("unit", "sign"), [("m/s", ""), ("m/s", "-")])
+def test_range_rates_over_ground_are_found(tmp_path: Path, unit: str, sign: str) -> None:
+    of, found, text = drawn_up(
+        tmp_path,
+        OBJECTS.replace("{unit}", unit),
+        f"""\
+    objects:
+      messages: ["OBJ_{{slot:02d}}"]
+      slots: 20
+      valid: [{{signal: "STATE_{{slot:02d}}", in: [2]}}]
+      new: [{{signal: "STATE_{{slot:02d}}", in: [1]}}]
+    scan: {{close: counter, signal: "ROLL_{{slot:02d}}"}}
+    latency: 0.08
+    signals: {{range: "RNG_{{slot:02d}}", azimuth: "AZ_{{slot:02d}}", range_rate: "{sign}RATE_{{slot:02d}}"}}
+    range_rates: absolute
+    noise: {{range: 0.2, azimuth_deg: 0.4, range_rate: 0.1}}""".replace("in: [2]", "in: [1, 2]"),
+    )
+    same_signals(of, found)
+    assert found.sensors[0].settings.range_rates == "absolute"
+    assert "the distance changes by it and the way driven" in text
+    assert "s, calibrated on what stands, ±" in text
+    assert found.sensors[0].settings.latency == pytest.approx(0.08, abs=0.02)
+    noise = found.sensors[0].settings.noise
+    assert noise.range == pytest.approx(0.2, rel=0.25)
+    assert noise.azimuth_deg == pytest.approx(0.4, rel=0.25)
+
+
+@pytest.mark.slow
+def test_velocities_over_ground_are_found(tmp_path: Path) -> None:
+    of, found, _ = drawn_up(
+        tmp_path,
+        OBJECTS.replace("RNG_", "LONG_DIST_")
+        .replace("AZ_", "LAT_DIST_")
+        .replace('(0.05,0) [-102|102] "deg"', '(0.05,0) [-102|102] "m"')
+        .replace("RATE_", "LONG_SPEED_")
+        .replace("{unit}", "m/s"),
+        """\
+    objects:
+      messages: ["OBJ_{slot:02d}"]
+      slots: 20
+      valid: [{signal: "STATE_{slot:02d}", in: [1, 2]}]
+      new: [{signal: "STATE_{slot:02d}", in: [1]}]
+    scan: {close: counter, signal: "ROLL_{slot:02d}"}
+    signals: {x: "LONG_DIST_{slot:02d}", y: "-LAT_DIST_{slot:02d}", vx: "LONG_SPEED_{slot:02d}"}
+    rates: absolute
+    noise: {x: 0.2, y: 0.3, vx: 0.1}""",
+    )
+    same_signals(of, found)
+    assert found.sensors[0].settings.rates == "absolute"
