@@ -128,6 +128,17 @@ def _ended_by_signals() -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL)
 
 
+class _Version(argparse.Action):
+    """Shows the version, and whether the filters' kernels are compiled, for which numpy is imported."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Show it and end."""
+        from candaemon.estimation.compiled import description  # noqa: PLC0415 - other commands need no numpy to start
+
+        print(f"candaemon {__version__} ({description()})")
+        parser.exit()
+
+
 def _parsed(argv: list[str], signals: ServiceSignals | None) -> argparse.Namespace:
     """Return the arguments; `execute` is the function of the command, `signals` those that come to a service."""
     parser = _Parser(
@@ -135,7 +146,7 @@ def _parsed(argv: list[str], signals: ServiceSignals | None) -> argparse.Namespa
         description="Radar objects on a CAN bus in, obstacles with a lasting identity out.",
         epilog="Exit code: 0 done, 1 failed, 2 wrong usage or configuration, 128 + N ended by signal N.",
     )
-    parser.add_argument("--version", action="version", version=f"candaemon {__version__}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version, and what computes")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, about in COMMANDS.items():
         command = commands.add_parser(name, help=about, description=about)

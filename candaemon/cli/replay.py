@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
@@ -28,17 +26,16 @@ from candaemon.cli.arguments import (
 )
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
-from candaemon.errors import ConfigError, InputError
+from candaemon.errors import ConfigError
 from candaemon.exports.drive_tables import SUMMARIES, summary_rows
 from candaemon.exports.foxglove_layout import layout
 from candaemon.exports.parquet import SUFFIX, ParquetTable
 from candaemon.files.outputs import Outputs
 from candaemon.playback.recording_files import files_of
 from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
-from candaemon.playback.summary import summarise
+from candaemon.playback.stage_times import StageTimes, rows
+from candaemon.playback.summary import require_used, silent_sensors, summarise
 
-_CHANNELS_NAMED: Final = 10
-"""Channels of a log that a message lists."""
 LONGEST_LAG: Final = 10.0
 """Longest lag of smoothing, s: later measurements hardly change the estimate, and the effort grows with the lag."""
 SHORTEST_LAG: Final = 0.001
@@ -79,7 +76,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--horizons", type=horizons, default=HORIZONS, metavar="S,S", help="of the predictions; default: 0.5,1.0"
     )
-    parser.add_argument("--summary", type=output_path, metavar="JSON", help="figures of the drive, for programs")
+    parser.add_argument(
+        "--summary",
+        type=output_path,
+        metavar="JSON",
+        help="figures of the drive, for programs, scores of the tracks among them",
+    )
     parser.add_argument("--speed", type=speed, metavar="X", help="times real time; default: as fast as it goes")
     parser.add_argument(
         "--smooth",
@@ -87,6 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="smooth the tracks in the tables with so many s of what comes, such as 1; what is sent stays as it is",
     )
+    parser.add_argument("--profile", action="store_true", help="tell where the time goes, by stage")
     add_time_range(parser)
     parser.add_argument(
         "--fresh", action="store_true", help="begin with nothing, even where a recording says what the service knew"
@@ -124,13 +127,15 @@ def execute(arguments: argparse.Namespace) -> None:
         tuple(arguments.log[1:]),
         time_range(arguments),
         arguments.detections,
+        scored=arguments.summary is not None or arguments.parquet is not None,
     )
     name = logs_name(request.logs)
     check_request(request, binding)
+    times = StageTimes() if arguments.profile else None
     with Outputs([*binding.files, *files_of(*request.logs)]) as outputs:
         summary = None if arguments.summary is None else outputs.open(arguments.summary)
         with console.log_progress(name) as progress, ended_input(request.logs):
-            replayed = replay(binding, request, progress, outputs)
+            replayed = replay(binding, request, progress, outputs, times=times)
         figures = summarise(replayed)
         if arguments.layout is not None:
             outputs.open(arguments.layout).stream.write(layout(binding).encode())
@@ -144,26 +149,12 @@ def execute(arguments: argparse.Namespace) -> None:
             console.print_figures(name, figures)
         require_used(request.log, figures)
     console.print_figures(name, figures)
+    if times is not None:
+        cells = rows(times.seconds(), replayed.pipeline.counts.cycles)
+        console.print_sheets([console.Sheet("processor time", cells, ("stage", "s", "share", "µs/cycle"))])
     console.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
     if silent:
         console.warn([f"sensor '{name}': not one usable frame in this log" for name in silent])
-
-
-def silent_sensors(figures: Mapping[str, Any]) -> list[str]:
-    """Return the sensors of which a log has not one usable frame."""
-    return [name for name, counts in figures["sensors"].items() if not counts["used"]]
-
-
-def require_used(log: Path, figures: Mapping[str, Any]) -> None:
-    """Refuse a log without one usable frame of any sensor."""
-    if len(silent_sensors(figures)) < len(figures["sensors"]):
-        return
-    others = ", ".join(list(figures["log"]["other_channels"])[:_CHANNELS_NAMED]) or "none"
-    raise InputError(
-        f"not one usable frame of any sensor ({', '.join(figures['sensors'])}); log channels no bus takes: {others}; "
-        "check each bus's channel, or use --map CHANNEL=BUS; nothing is written",
-        file=log,
-    )
 
 
 def check_request(request: ReplayRequest, binding: Binding) -> None:

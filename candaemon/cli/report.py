@@ -11,7 +11,7 @@ from typing import Any, Final
 from candaemon.binding.bind import bind
 from candaemon.cli import console
 from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, output_path
-from candaemon.cli.replay import channel_of_bus, check_request, require_used
+from candaemon.cli.replay import channel_of_bus, check_request
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.config.yaml_text import LARGEST_FILE
@@ -20,7 +20,7 @@ from candaemon.files.bounded import read_bounded
 from candaemon.files.outputs import Outputs
 from candaemon.playback.recording_files import files_of
 from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
-from candaemon.playback.summary import summarise
+from candaemon.playback.summary import require_used, summarise
 from candaemon.report.drive_page import ReportedDrive, page
 from candaemon.report.drive_record import DriveRecord
 

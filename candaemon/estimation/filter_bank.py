@@ -4,17 +4,26 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.arrays.rows import checked_state
+from candaemon.estimation import compiled
 from candaemon.estimation.estimator_state import EstimatorState, MomentBankState
 from candaemon.estimation.kalman import propagated, symmetrise
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct
-from candaemon.estimation.motion_models import VELOCITY, CoordinatedTurn, CurrentStatistical, MotionModel
+from candaemon.estimation.motion_models import (
+    VELOCITY,
+    CoordinatedTurn,
+    CurrentStatistical,
+    MotionModel,
+    predicted_mean,
+)
 from candaemon.estimation.output_state import REPORTED, OutputState
+from candaemon.estimation.packed_symmetric import PackedSymmetric
 from candaemon.estimation.sensor_noise import SensorNoise, SensorNoiseState
 from candaemon.estimation.smoothing import Link, smoothing_gain
 
@@ -280,7 +289,7 @@ class FilterBank(ABC):
         """
         position = np.zeros((len(rows), 2))
         for j, model in enumerate(self._models):
-            mean, _, _ = model.transition(self.mean[rows, j], horizon, direction)
+            mean = predicted_mean(model, self.mean[rows, j], horizon, direction)
             position += self.probability[rows, j, None] * mean[:, :2]
         return position
 
@@ -378,13 +387,42 @@ def moments(probability: Floats, mean: Floats, covariance: Floats) -> tuple[Floa
         mean: (n, M, D).
         covariance: (n, M, C, C), of the first C ≤ D components; the others are certain within a model.
     """
-    n, m, c = *mean.shape[:2], covariance.shape[-1]
-    overall = np.matmul(probability[:, None, :], mean)
-    deviation = mean - overall
-    combined = np.matmul(np.swapaxes(deviation, 1, 2) * probability[:, None, :], deviation)
-    within = np.matmul(probability[:, None, :], covariance.reshape(n, m, c * c))
-    combined[:, :c, :c] += within.reshape(n, c, c)
-    return overall[:, 0], combined
+    overall, combined = mixture(probability[:, None], mean, covariance)
+    return overall[:, 0], combined[:, 0]
+
+
+def mixture(weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    """Return means (n, J, D) and covariances (n, J, D, D) of J mixtures of the models' estimates.
+
+    Args:
+        weights: of the models in each mixture, (n, J, M).
+        mean: (n, M, D).
+        covariance: (n, M, C, C), of the first C ≤ D components; the others are certain within a model.
+    """
+    if compiled.in_use and mean.shape[2] <= compiled.WIDEST and covariance.strides[-1] == covariance.itemsize:
+        return compiled.kernels.mixture(weights, np.ascontiguousarray(mean), covariance)
+    # Triangles, tracks last: numpy is quickest along the last axis, and there are more tracks than components.
+    n, m, d = mean.shape
+    c, triangle = covariance.shape[-1], _packed(d)
+    if c < d:
+        covariance = np.pad(covariance, ((0, 0), (0, 0), (0, d - c), (0, d - c)))
+    means, w = (np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (mean, weights))
+    within = triangle.pack(covariance.reshape(n * m, d, d)).reshape(triangle.entries, n, m).transpose(2, 0, 1)
+    mixed = w[:, 0, None] * means[0]
+    for i in range(1, m):
+        mixed += w[:, i, None] * means[i]
+    spread = np.zeros((len(mixed), triangle.entries, n))
+    for i in range(m):
+        # Spread around each mixed mean, a sum of squares: second moments less the mean's would cancel, even below zero.
+        part = triangle.product(means[i] - mixed)
+        part += within[i]
+        part *= w[:, i, None]
+        spread += part
+    full = spread.take(triangle.place.ravel(), axis=1).reshape(len(mixed), d, d, n)
+    return np.ascontiguousarray(mixed.transpose(2, 0, 1)), np.ascontiguousarray(full.transpose(3, 0, 1, 2))
+
+
+_packed = lru_cache(PackedSymmetric)
 
 
 def _memories(models: Sequence[MotionModel]) -> list[tuple[int, float]]:

@@ -25,7 +25,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
-from candaemon.estimation.filter_bank import MomentBank
+from candaemon.estimation.filter_bank import MomentBank, mixture
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct, inform
 from candaemon.estimation.motion_models import ACCELERATION, JERK, TURN, MotionModel
@@ -139,15 +139,11 @@ def mix(mean: Floats, covariance: Floats, probability: Floats, switch: Floats) -
     Returns:
         Mixed means, mixed covariances with the means' spread, and the predicted mode probabilities.
     """
-    n, m, d = mean.shape
-    predicted = probability @ switch
+    predicted = probability[:, 0, None] * switch[0]
+    for i in range(1, len(switch)):
+        predicted += probability[:, i, None] * switch[i]
     weights = probability[:, None, :] * switch.T[None] / predicted[:, :, None]
-    mixed = np.matmul(weights, mean)
-    # Spread around each mixed mean, a sum of squares: second moments less the mean's would cancel, even below zero.
-    deviation = mean[:, None] - mixed[:, :, None]
-    spread = np.matmul(weights, covariance.reshape(n, m, d * d)).reshape(n, m, d, d)
-    spread += np.matmul(np.swapaxes(weights[..., None] * deviation, -1, -2), deviation)
-    return mixed, spread, predicted
+    return *mixture(weights, mean, covariance), predicted
 
 
 def posterior(prior: Floats, log_likelihood: Floats) -> Floats:

@@ -16,11 +16,13 @@ Arrays are (…, D) for means and (…, D, D) for covariances.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from candaemon.arrays import Floats
+from candaemon.estimation import compiled
 from candaemon.estimation.psd import factorise
 
 LOG_2PI = float(np.log(2 * np.pi))
@@ -106,19 +108,26 @@ def update_position(mean: Floats, covariance: Floats, position: Floats, noise: F
     Returns:
         The fit before the update, two degrees of freedom.
     """
-    # 64 tracks of six states: 0.25 ms, `update` 1.8 ms (7 times as long).
-    root = inverse_root(
+    if compiled.fit_for(mean, covariance) and position.shape[1] == 1:
+        nis, root = compiled.kernels.update_position(mean, covariance, position, noise)
+        return Fit(nis, -np.log(root) - 0.5 * nis - LOG_2PI)
+    # 64 tracks of six states: 0.25 ms, `update` 1.8 ms (7 times as long); compiled 0.02 ms.
+    first, slope, second = triangular_root(
         covariance[..., 0, 0] + noise[..., 0, 0],
         covariance[..., 0, 1] + noise[..., 0, 1],
         covariance[..., 1, 1] + noise[..., 1, 1],
     )
-    whitened = np.einsum("...ij,...j->...i", root, bounded(position - mean[..., :2]))
-    # G P of the symmetric P: whole rows, which numpy multiplies several times faster than columns.
-    half = np.matmul(root, covariance[..., :2, :])
-    mean += np.einsum("...i,...ij->...j", whitened, half)
-    covariance -= np.matmul(np.swapaxes(half, -1, -2).copy(), half)
-    nis = np.vecdot(whitened, whitened)
-    return Fit(nis, np.log(root[..., 0, 0] * root[..., 1, 1]) - 0.5 * nis - LOG_2PI)
+    innovation = bounded(position - mean[..., :2])
+    x = innovation[..., 0] / first
+    y = (innovation[..., 1] - slope * x) / second
+    half_x = covariance[..., 0, :] / first[..., None]
+    half_y = (covariance[..., 1, :] - slope[..., None] * half_x) / second[..., None]
+    mean += half_x * x[..., None]
+    mean += half_y * y[..., None]
+    covariance -= half_x[..., :, None] * half_x[..., None, :]
+    covariance -= half_y[..., :, None] * half_y[..., None, :]
+    nis = x * x + y * y
+    return Fit(nis, -np.log(first * second) - 0.5 * nis - LOG_2PI)
 
 
 def update_scalar(mean: Floats, covariance: Floats, row: Floats, innovation: Floats, variance: Floats) -> Fit:
@@ -134,11 +143,16 @@ def update_scalar(mean: Floats, covariance: Floats, row: Floats, innovation: Flo
     Returns:
         The fit before the update, one degree of freedom.
     """
-    # 64 tracks of six states: 0.3 ms, `update` 1.1 ms (3.6 times as long).
-    width = row.shape[-1]
-    cross = np.matmul(row[..., None, :], covariance[..., :width, :])[..., 0, :]
-    s = np.maximum(np.vecdot(row, cross[..., :width]), 0.0) + variance
-    s += LOST * np.abs(np.einsum("...i,...i,...ii->...", row, row, covariance[..., :width, :width]))
+    if compiled.fit_for(mean, covariance) and row.ndim == 3:
+        shape = row.shape[:2]
+        every, each = np.broadcast_to(innovation, shape), np.broadcast_to(variance, shape)
+        nis, root = compiled.kernels.update_scalar(mean, covariance, row, every, each)
+        return Fit(nis, -0.5 * (nis + LOG_2PI) - np.log(root))
+    # 64 tracks of six states: 0.3 ms, `update` 1.1 ms (3.6 times as long); compiled 0.02 ms.
+    width = range(row.shape[-1])
+    cross = _summed(row[..., k, None] * covariance[..., k, :] for k in width)
+    s = np.maximum(_summed(row[..., k] * cross[..., k] for k in width), 0.0) + variance
+    s += LOST * np.abs(_summed(row[..., k] * row[..., k] * covariance[..., k, k] for k in width))
     root = np.sqrt(np.maximum(s, LEAST_VARIANCE))
     whitened = bounded(innovation) / root
     half = cross / root[..., None]
@@ -188,11 +202,22 @@ def symmetrise(covariance: Floats) -> None:
 
     They become symmetric, and a component whose variance has fallen below zero counts as known.
     """
-    np.multiply(covariance + np.swapaxes(covariance, -1, -2), 0.5, out=covariance)
+    if compiled.in_use and covariance.flags.c_contiguous:
+        compiled.kernels.halved(covariance.reshape(-1, *covariance.shape[-2:]))
+    else:
+        np.multiply(covariance + np.swapaxes(covariance, -1, -2), 0.5, out=covariance)
     variance = np.einsum("...ii->...i", covariance)
     if variance.min(initial=0.0) < 0.0:
         known = variance < 0.0
         covariance[known[..., :, None] | known[..., None, :]] = 0.0
+
+
+def _summed(terms: Iterable[Floats]) -> Floats:
+    """Return the sum of terms from the first to the last, as the compiled kernels add them up."""
+    first, *further = terms
+    for term in further:
+        first += term
+    return first
 
 
 def times(matrix: Floats, vector: Floats) -> Floats:

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from candaemon.arrays import Floats
+from candaemon.arrays import Booleans, Floats
 from candaemon.estimation.discretisation import Axis, X, Y, decaying_axis, directed, isotropic, white_axis
 
 POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6
@@ -108,8 +108,12 @@ class LinearModel:
         along, across = self.axes(dt)
         f = directed(along.transition, across.transition, direction, mean.shape[1])
         q = directed(along.noise, across.noise, direction, mean.shape[1])
-        predicted = mean @ f[0].T if len(f) == 1 else np.matmul(f, mean[:, :, None])[:, :, 0]
-        return predicted, f, q
+        return _moved(mean, f), f, q
+
+    def predicted_mean(self, mean: Floats, dt: float, direction: Floats) -> Floats:
+        """Predict the mean alone; see the function `predicted_mean`."""
+        along, across = self.axes(dt)
+        return _moved(mean, directed(along.transition, across.transition, direction, mean.shape[1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,8 +193,7 @@ class CurrentStatistical:
         width = mean.shape[1]
         axis = decaying_axis(self.alpha, dt, 2 * self.alpha, order=2)
         f = isotropic(axis.transition, width)
-        predicted = mean @ f.T
-        predicted[:, :6] += (axis.input[:, None] * mean[:, None, ACCELERATION]).reshape(-1, 6)
+        predicted = _driven(mean, axis, f)
         per_axis = np.zeros((2, width, width))
         per_axis[0, X, X] = per_axis[1, Y, Y] = axis.noise
         variance = self.variance(mean[:, ACCELERATION])
@@ -198,6 +201,12 @@ class CurrentStatistical:
             variance = driven_variance(variance, self.floor, fit[:, None])
         q = variance @ per_axis.reshape(2, -1)
         return predicted, f[None], q.reshape(-1, width, width)
+
+    def predicted_mean(self, mean: Floats, dt: float, direction: Floats) -> Floats:
+        """Predict the mean alone; see the function `predicted_mean`."""
+        del direction  # as above
+        axis = decaying_axis(self.alpha, dt, 2 * self.alpha, order=2)
+        return _driven(mean, axis, isotropic(axis.transition, mean.shape[1]))
 
     def variance(self, acceleration: Floats) -> Floats:
         """Return σₐ² of (8) and (20), with the clamp and the floor.
@@ -258,21 +267,12 @@ class CoordinatedTurn:
         is none, the turn rate would count as known but for its noise. See `MotionModel.transition`.
         """
         del direction  # the model is the same in every direction
-        vx, vy, w = mean[:, 2], mean[:, 3], np.clip(mean[:, TURN], -self.limit, self.limit)
-        angle = w * dt
-        small = np.abs(angle) < 1e-4
-        divisor = np.where(small, 1.0, w)
-        sine, cosine = np.sin(angle), np.cos(angle)
-        s = np.where(small, dt * (1 - angle**2 / 6), sine / divisor)
-        c = np.where(small, dt * angle / 2, (1 - cosine) / divisor)
+        turn = _Turn.over(mean[:, TURN], dt, self.limit)
+        vx, vy, angle, small, divisor = mean[:, 2], mean[:, 3], turn.angle, turn.small, turn.divisor
+        sine, cosine, s, c = turn.sine, turn.cosine, turn.s, turn.c
         s_w = np.where(small, -dt * dt * angle / 3, (dt * cosine - s) / divisor)
         c_w = np.where(small, dt * dt / 2, (dt * sine - c) / divisor)
-        predicted = mean.copy()
-        predicted[:, 0] += s * vx - c * vy
-        predicted[:, 1] += c * vx + s * vy
-        predicted[:, 2] = cosine * vx - sine * vy
-        predicted[:, 3] = sine * vx + cosine * vy
-        predicted[:, TURN] = w
+        predicted = turn.turned(mean)
         f = np.zeros((len(mean), mean.shape[1], mean.shape[1]))
         f[:, 0, 0] = f[:, 1, 1] = f[:, TURN, TURN] = 1.0
         f[:, 0, 2] = f[:, 1, 3] = s
@@ -288,3 +288,77 @@ class CoordinatedTurn:
         q = isotropic(axis, mean.shape[1])
         q[TURN, TURN] = self.turn_noise * dt
         return predicted, f, q[None]
+
+    def predicted_mean(self, mean: Floats, dt: float, direction: Floats) -> Floats:
+        """Predict the mean alone; see the function `predicted_mean`."""
+        del direction  # as above
+        return _Turn.over(mean[:, TURN], dt, self.limit).turned(mean)
+
+
+@dataclass(frozen=True, slots=True)
+class _Turn:
+    """Turns of n tracks over a step T, (n,) each.
+
+    Source: Kim and Hong 2004, eq. (9).
+
+    Attributes:
+        rate: ω within its limit, rad/s.
+        angle: ωT.
+        small: whether it is so small that quotients by ω lose their digits.
+        divisor: ω, 1 where it is small.
+        sine, cosine: of the angle.
+        s, c: sin(ωT) / ω and (1 − cos ωT) / ω, s.
+    """
+
+    rate: Floats
+    angle: Floats
+    small: Booleans
+    divisor: Floats
+    sine: Floats
+    cosine: Floats
+    s: Floats
+    c: Floats
+
+    @classmethod
+    def over(cls, turn_rate: Floats, dt: float, limit: float) -> _Turn:
+        """Return the turns over dt, s, at turn rates (n,) up to a limit, rad/s."""
+        w = np.clip(turn_rate, -limit, limit)
+        angle = w * dt
+        small = np.abs(angle) < 1e-4
+        divisor = np.where(small, 1.0, w)
+        sine, cosine = np.sin(angle), np.cos(angle)
+        s = np.where(small, dt * (1 - angle**2 / 6), sine / divisor)
+        c = np.where(small, dt * angle / 2, (1 - cosine) / divisor)
+        return cls(w, angle, small, divisor, sine, cosine, s, c)
+
+    def turned(self, mean: Floats) -> Floats:
+        """Return means (n, D) after the turn."""
+        vx, vy, predicted = mean[:, 2], mean[:, 3], mean.copy()
+        predicted[:, 0] += self.s * vx - self.c * vy
+        predicted[:, 1] += self.c * vx + self.s * vy
+        predicted[:, 2] = self.cosine * vx - self.sine * vy
+        predicted[:, 3] = self.sine * vx + self.cosine * vy
+        predicted[:, TURN] = self.rate
+        return predicted
+
+
+def predicted_mean(model: MotionModel, mean: Floats, dt: float, direction: Floats) -> Floats:
+    """Return the predicted mean (n, D) of a model's `transition` alone, to the last bit."""
+    match model:
+        case LinearModel() | CurrentStatistical() | CoordinatedTurn():  # whose F or Q cost time
+            return model.predicted_mean(mean, dt, direction)
+        case _:
+            return model.transition(mean, dt, direction)[0]
+
+
+def _moved(mean: Floats, transition: Floats) -> Floats:
+    """Return F x of means (n, D) for transitions (n or 1, D, D)."""
+    moved: Floats = mean @ transition[0].T if len(transition) == 1 else np.matmul(transition, mean[:, :, None])[:, :, 0]
+    return moved
+
+
+def _driven(mean: Floats, axis: Axis, transition: Floats) -> Floats:
+    """Return F x + U ā of means (n, D), ā the current acceleration, (17) of Han et al. 2015."""
+    predicted = mean @ transition.T
+    predicted[:, :6] += (axis.input[:, None] * mean[:, None, ACCELERATION]).reshape(-1, 6)
+    return predicted

@@ -30,11 +30,16 @@ class DriveScore:
     Args:
         cycle_times: nominal cycle time of each sensor, s.
         horizons: of the predictions, s.
+        brief: NIS alone, which costs next to nothing; the other scores stay empty.
+
+    Attributes:
+        brief: as given.
     """
 
-    def __init__(self, cycle_times: Sequence[float], horizons: Sequence[float]) -> None:
+    def __init__(self, cycle_times: Sequence[float], horizons: Sequence[float], *, brief: bool = False) -> None:
+        self.brief = brief
         self._runs = ObjectRuns(cycle_times)
-        self._owners: dict[int, dict[int, int]] = {}
+        self._owners: dict[int, tuple[Integers, Integers]] = {}
         self._run_of: dict[tuple[int, int], Integers] = {}
         self._keep = len(cycle_times) * (round((max(horizons) + _MOTION_DELAY) / min(cycle_times)) + 64)
         self.predictions = PredictionScore(horizons, cycle_times)
@@ -44,6 +49,12 @@ class DriveScore:
 
     def add(self, cycle: Cycle) -> None:
         """Update all scores with one cycle."""
+        update = cycle.tracker.update if cycle.tracker is not None and cycle.detections is not None else None
+        if update:
+            known = np.isfinite(update.nis)
+            self.nis.add(update.nis[known], update.degrees_of_freedom[known])
+        if self.brief:
+            return
         obstacles = cycle.obstacles
         sure = obstacles.state > TENTATIVE
         if sure.any():
@@ -55,8 +66,6 @@ class DriveScore:
         detections, obstacles, update = cycle.detections, cycle.obstacles, cycle.tracker and cycle.tracker.update
         if detections is None or not update:
             return
-        known = np.isfinite(update.nis)
-        self.nis.add(update.nis[known], update.degrees_of_freedom[known])
         new = detections.new | self._id_reassigned(cycle) | (not detections.identified)
         run = self._runs.update(detections.sensor, detections.time_ns, detections.object_id, new)
         self._run_of[detections.sensor, detections.time_ns] = run[update.detection]
@@ -82,11 +91,18 @@ class DriveScore:
         changed = np.zeros(0 if detections is None else len(detections), dtype=np.bool_)
         if detections is None or not update:
             return changed
-        owners = dict(zip(obstacles.used_object.tolist(), obstacles.id[obstacles.used_row].tolist(), strict=True))
-        before = self._owners.get(detections.sensor, {})
-        self._owners[detections.sensor] = owners
-        for row, key in zip(update.detection.tolist(), obstacles.used_object.tolist(), strict=True):
-            changed[row] = before.get(key, owners[key]) != owners[key]
+        order = np.argsort(obstacles.used_object, kind="stable")
+        objects, owners = obstacles.used_object[order], obstacles.id[obstacles.used_row][order]
+        last = np.append(objects[1:] != objects[:-1], np.ones(min(len(objects), 1), dtype=np.bool_))
+        objects, owners = objects[last], owners[last]
+        before = self._owners.get(detections.sensor)
+        self._owners[detections.sensor] = (objects, owners)
+        if before is None or not len(before[0]) or not len(objects):
+            return changed
+        known, known_owners = before
+        at = np.minimum(np.searchsorted(known, obstacles.used_object), len(known) - 1)
+        owner = owners[np.searchsorted(objects, obstacles.used_object)]
+        changed[update.detection] = (known[at] == obstacles.used_object) & (known_owners[at] != owner)
         return changed
 
     def add_predictions(self, sensor: int, time_ns: int, horizon: int, x: Floats, y: Floats) -> None:

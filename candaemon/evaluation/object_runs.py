@@ -116,6 +116,11 @@ class RunSums:
     def _insert(self, time_ns: int, run: Integers) -> None:
         """Store further runs, sorted by number."""
         run = np.sort(run)
+        if not len(self._run) or run[0] > self._run[-1]:  # as a rule: numbers increase
+            times, sums = np.full(len(run), time_ns), np.zeros((len(run), self._sums.shape[1]))
+            self._run, self._sums = np.concatenate((self._run, run)), np.concatenate((self._sums, sums))
+            self._first, self._last = np.concatenate((self._first, times)), np.concatenate((self._last, times))
+            return
         at = np.searchsorted(self._run, run)
         self._run = np.insert(self._run, at, run)
         self._first = np.insert(self._first, at, time_ns)

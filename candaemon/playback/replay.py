@@ -45,6 +45,7 @@ from candaemon.pipeline.saved_state import begun, fingerprint
 from candaemon.playback.cycle_smoothing import CycleSmoother
 from candaemon.playback.predictions import PredictionQueue
 from candaemon.playback.recording_files import Run, files_of, runs_of
+from candaemon.playback.stage_times import StageTimes
 from candaemon.printable import printable
 
 logger = logging.getLogger(__name__)
@@ -75,6 +76,8 @@ class ReplayRequest:
         mcap: the drive for Foxglove; None: not written.
         detections: table of what the sensors said and what became of it; None: not written.
         time_range: what of the drive is replayed; with a beginning, the pipeline starts empty.
+        scored: score predictions, standing objects and duplicates too, which costs as much as a filter; False: NIS
+            alone, unless predictions are written.
     """
 
     log: Path
@@ -91,6 +94,7 @@ class ReplayRequest:
     further: tuple[Path, ...] = ()
     time_range: TimeRange = WHOLE_DRIVE
     detections: Path | None = None
+    scored: bool = True
 
     @property
     def logs(self) -> tuple[Path, ...]:
@@ -128,6 +132,7 @@ def replay(
     progress: Callable[[LogCounts], None] | None = None,
     outputs: Outputs | None = None,
     sinks: Sequence[DriveSink] = (),
+    times: StageTimes | None = None,
 ) -> Replayed:
     """Replay a log.
 
@@ -137,6 +142,7 @@ def replay(
         progress: called once a cycle.
         outputs: where the files are written among others, made with all that is read; None: they are all.
         sinks: what else takes the drive.
+        times: takes the time of each stage.
 
     Raises:
         ConfigError: a file would be written over one that is read, or twice.
@@ -145,7 +151,8 @@ def replay(
     started = time.perf_counter()
     channels, counts, steps = channel_indices(binding, request.channels), LogCounts(), ReorderCounts()
     clock, reader = _LogClock(), DriveReader(channels, counts, request.time_range)
-    score = DriveScore([sensor.settings.cycle_time for sensor in binding.sensors], request.horizons)
+    brief = not request.scored and request.predictions is None
+    score = DriveScore([sensor.settings.cycle_time for sensor in binding.sensors], request.horizons, brief=brief)
     is_fresh = request.fresh or request.time_range.begin is not None
     recorded = runs_of(request.logs, fingerprint(binding), fresh=is_fresh)
     for log in chain.from_iterable(run.logs for run in recorded):
@@ -160,7 +167,10 @@ def replay(
             written = _CycleOutputs(binding, pipeline, request, writers, score)
             blocks = reader.by_time(run.logs) if run.by_time else reader.consecutive(run.logs)
             clock.sinks = tuple(sink for sink in writers.sinks if sink.takes_frames)
-            for cycle in _cycles(pipeline, sequence, blocks, clock, request.speed):
+            if times is not None:
+                times.watch_pipeline(pipeline)
+                written.watch(times)
+            for cycle in _cycles(pipeline, sequence, blocks, clock, request.speed, times):
                 written.write(cycle)
                 if progress is not None:
                     progress(counts)
@@ -211,12 +221,20 @@ def _warn(refused: list[tuple[Path, InputError]]) -> None:
 
 
 def _cycles(
-    pipeline: Pipeline, sequence: ReorderBuffer, blocks: Iterable[LogBlock], clock: _LogClock, speed: float | None
+    pipeline: Pipeline,
+    sequence: ReorderBuffer,
+    blocks: Iterable[LogBlock],
+    clock: _LogClock,
+    speed: float | None,
+    times: StageTimes | None,
 ) -> Iterator[Cycle]:
     """Run a log through the pipeline: frame by frame at a given speed, else in blocks; both give the same cycles."""
-    if speed is None:
-        return pipeline.run_blocks(clock.observed(sequence.sequenced_blocks(blocks)))
-    return pipeline.run(clock.paced(sequence.sequenced(frames_of(blocks)), speed))
+    if times is not None:
+        blocks = times.each("read the log", blocks)
+    if speed is not None:
+        return pipeline.run(clock.paced(sequence.sequenced(frames_of(blocks)), speed))
+    ordered = sequence.sequenced_blocks(blocks)
+    return pipeline.run_blocks(clock.observed(ordered if times is None else times.each("order frames", ordered)))
 
 
 class _LogClock:
@@ -325,7 +343,23 @@ class _CycleOutputs:
         self._score = score
         smooth = request.smooth if request.tracks or request.parquet else None
         self._smoother = CycleSmoother(pipeline.trackers, smooth) if smooth is not None else None
-        self._predictions = PredictionQueue(pipeline, request.horizons, writers.predictions, score)
+        self._predictions = (
+            None if score.brief else PredictionQueue(pipeline, request.horizons, writers.predictions, score)
+        )
+
+    def watch(self, times: StageTimes) -> None:
+        """Count what writing and scoring take from here on."""
+        if self._writers.log is not None:
+            times.watch(self._writers.log, {"write": "write frames"})
+        for table in (self._writers.detections, self._writers.tracks, self._writers.predictions):
+            if table is not None:
+                times.watch(table, {"write_cycle": "write tables"})
+        for sink in self._writers.sinks:
+            times.watch(sink, dict.fromkeys(("add_frames", "add_cycle", "add_obstacles"), "write tables"))
+        times.watch(self, {"_write_tracks": "write tables"})
+        times.watch(self._score, {"add": "scores"})
+        if self._predictions is not None:
+            times.watch(self._predictions, {"add": "scores"})
 
     def write(self, cycle: Cycle) -> None:
         """Write and score one cycle."""
@@ -338,11 +372,13 @@ class _CycleOutputs:
             self._writers.detections.write_cycle(cycle.detections.time_ns, columns)
         self._write_tracks([cycle] if self._smoother is None else self._smoother.add(cycle))
         self._score.add(cycle)
-        self._predictions.add(cycle)
+        if self._predictions is not None:
+            self._predictions.add(cycle)
 
     def finish(self) -> None:
         """Report pending predictions and smoothed cycles."""
-        self._predictions.finish()
+        if self._predictions is not None:
+            self._predictions.finish()
         if self._smoother is not None:
             self._write_tracks(self._smoother.finish())
 

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
 from candaemon.calibration.report import ego_figures, sensor_figures
 from candaemon.ego.georeference import Georeferencer
+from candaemon.errors import InputError
+from candaemon.evaluation.drive_score import DriveScore
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.playback.replay import Replayed
+
+_CHANNELS_NAMED: Final = 10
+"""Channels of a log that a message lists."""
 
 
 def summarise(replayed: Replayed) -> dict[str, Any]:
     """Return the summary of a replay, ready for JSON. The keys are stable.
+
+    Without `ReplayRequest.scored` there are no `predictions`, `stationary` and `duplicates`, unless predictions were
+    written.
 
     ==================  ==============================================================================
     `log`               lines by what they are: frames, malformed, remote and error frames, ticks, of other channels,
@@ -46,7 +56,6 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     pipeline, log, score = replayed.pipeline, replayed.log, replayed.score
     binding, counts = pipeline.binding, pipeline.counts
     tracked = [asdict(tracker.counts) for tracker in pipeline.trackers]
-    still = score.stationary.result()
     return {
         "log": {
             "frames": log.frames,
@@ -88,6 +97,20 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             "coverage_95": _rounded(score.nis.coverage),
             "samples": score.nis.samples,
         },
+        **({} if score.brief else _without_truth(score)),
+        "output": {"frames": counts.sent, "saturated": pipeline.saturated},
+        **({} if pipeline.georeferencer is None else {"gnss": _gnss(pipeline.georeferencer)}),
+        "seconds": _rounded((replayed.last_ns - replayed.first_ns) * 1e-9),
+        **_calibration(pipeline),
+        "ego_signals": pipeline.ego_signals,
+        "ego_samples": asdict(pipeline.ego.counts),
+    }
+
+
+def _without_truth(score: DriveScore) -> dict[str, Any]:
+    """Return what later detections, standing objects and neighbours say of the tracks."""
+    still = score.stationary.result()
+    return {
         "predictions": [
             {"horizon": row.horizon, "x": _rounded(row.x), "y": _rounded(row.y), "samples": row.samples}
             for row in score.predictions.result()
@@ -99,13 +122,24 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             "runs": still.runs,
         },
         "duplicates": {"share": _rounded(score.duplicates.share), "samples": score.duplicates.samples},
-        "output": {"frames": counts.sent, "saturated": pipeline.saturated},
-        **({} if pipeline.georeferencer is None else {"gnss": _gnss(pipeline.georeferencer)}),
-        "seconds": _rounded((replayed.last_ns - replayed.first_ns) * 1e-9),
-        **_calibration(pipeline),
-        "ego_signals": pipeline.ego_signals,
-        "ego_samples": asdict(pipeline.ego.counts),
     }
+
+
+def silent_sensors(figures: Mapping[str, Any]) -> list[str]:
+    """Return the sensors of which a log has not one usable frame."""
+    return [name for name, counts in figures["sensors"].items() if not counts["used"]]
+
+
+def require_used(log: Path, figures: Mapping[str, Any]) -> None:
+    """Refuse a log without one usable frame of any sensor."""
+    if len(silent_sensors(figures)) < len(figures["sensors"]):
+        return
+    others = ", ".join(list(figures["log"]["other_channels"])[:_CHANNELS_NAMED]) or "none"
+    raise InputError(
+        f"not one usable frame of any sensor ({', '.join(figures['sensors'])}); log channels no bus takes: {others}; "
+        "check each bus's channel, or use --map CHANNEL=BUS; nothing is written",
+        file=log,
+    )
 
 
 def _calibration(pipeline: Pipeline) -> dict[str, Any]:

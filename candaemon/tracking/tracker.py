@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -69,6 +70,17 @@ class Tracker:
         update: what the latest step's detections updated; None where it had none.
         smoother_history: what a smoother needs of the latest step; None unless `keep_smoother_history` was called.
     """
+
+    STAGES: ClassVar[Mapping[str, str]] = {
+        "_predict": "predict",
+        "_associate": "associate",
+        "_place": "associate",
+        "_update_tracks": "update",
+        "_initiate": "initiate, confirm, delete",
+        "_confirm_and_delete": "initiate, confirm, delete",
+        "_merge_and_split": "merge and split",
+    }
+    """What the parts of a step are called where their time is told."""
 
     def __init__(
         self,

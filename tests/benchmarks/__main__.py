@@ -5,14 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from . import live
+from . import command_times, live
 from .comparisons import CHAINS, GROWTH, PARTS
 from .parts import BATCH, growth
 from .timing import timed
 
 
 def main() -> None:
-    """Measure and print, one line a comparison."""
+    """Measure and print, one line a comparison: the commands first, what they are made of beneath."""
+    with TemporaryDirectory() as folder:
+        command_times.print_comparisons(Path(folder))
     for make in (*CHAINS.values(), *PARTS.values()):
         with TemporaryDirectory() as folder:
             print(timed(make(Path(folder))), flush=True)

@@ -57,6 +57,16 @@ def test_help_and_version(arguments: list[str], capsys: pytest.CaptureFixture[st
     assert "candaemon" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("in_use", "said"), [(True, "(compiled kernels)"), (False, "without compiled kernels)")])
+def test_the_version_says_what_computes(
+    in_use: bool, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("candaemon.estimation.compiled.in_use", in_use)
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert capsys.readouterr().out.strip().endswith(said)
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -198,6 +208,19 @@ def test_map_gives_a_channel_to_a_bus(short: Path, tmp_path: Path, capsys: pytes
     assert figures(capsys.readouterr().out)["cycles.told"] == "80"
     assert main(["replay", "esr_ins", str(log), "--map", "front=rader"]) == 2
     assert "expected one of" in capsys.readouterr().err
+
+
+def test_scores_that_cost_time_are_made_only_where_asked_for(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, outputs, printed = str(short / "drive.log"), [tmp_path / "brief.log", tmp_path / "scored.log"], []
+    for output, asked in zip(outputs, ([], ["--summary", str(tmp_path / "s.json")]), strict=True):
+        assert main(["replay", "esr_ins", log, "-o", str(output), *asked]) == 0
+        printed.append(set(capsys.readouterr().out.splitlines()))
+    brief, scored = printed
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
+    assert brief < scored
+    assert {line.partition(".")[0] for line in scored - brief} == {"predictions", "stationary", "duplicates"}
 
 
 def test_speed_holds_a_replay_back(short: Path) -> None:

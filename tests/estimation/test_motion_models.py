@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 
 from candaemon.arrays import Floats
 from candaemon.estimation.discretisation import decaying_axis, white_axis
-from candaemon.estimation.motion_models import CoordinatedTurn, CurrentStatistical, LinearModel, MotionModel, Singer
+from candaemon.estimation.motion_models import (
+    CoordinatedTurn,
+    CurrentStatistical,
+    LinearModel,
+    MotionModel,
+    Singer,
+    predicted_mean,
+)
 from tests.support.effort import examples
 
 DECAYS = (1e-5, 1e-4, 8e-4, 1e-3, 0.01, 0.099, 0.101, 0.5, 1.0, 2.0, 3.0)
@@ -279,3 +286,22 @@ def test_a_turns_noise() -> None:
     np.testing.assert_allclose(q[0, :4, :4], exact, rtol=1e-12)
     assert q[0, 6, 6] == pytest.approx(0.02)
     assert not q[0, 4:6].any()
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        LinearModel(1, (1.0, 1.0)),
+        LinearModel(2, (5.0, 0.5), decay_time=(None, 2.0)),
+        LinearModel(3, (1.0, 2.0)),
+        Singer(0.5, 1.0),
+        CurrentStatistical(0.5, 10.0, 1.0),
+        CoordinatedTurn(0.01, 0.1, limit=1.0),
+    ],
+)
+def test_a_mean_predicted_alone_is_the_transitions_to_the_last_bit(model: MotionModel) -> None:
+    mean = np.random.default_rng(4).normal(size=(5, 9))
+    mean[0, 6] = 0.0  # does not turn
+    direction = np.concatenate([unit(angle) for angle in range(5)])
+    expected, _, _ = model.transition(mean, 0.5, direction)
+    np.testing.assert_array_equal(predicted_mean(model, mean, 0.5, direction), expected)

@@ -1,0 +1,155 @@
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
+"""The hot loops of the filters, compiled; each does what the numpy function of the same name does, to the last bit.
+
+Every number comes from the same operations in the same order as there: sums run from the first term to the last, and the
+build forbids fused multiply-adds. Logarithms, sines and the like, which libraries round in ways of their own, stay in
+numpy. Nothing is checked here: the callers in `kalman`, `imm` and `filter_bank` give arrays of the right shapes.
+"""
+
+from libc.math cimport fabs, sqrt
+
+import numpy as np
+
+REVISION = 1
+
+cdef double LEAST_VARIANCE = 1e-100
+cdef double LOST = 1e-13
+cdef double FARTHEST = 1e15
+
+
+cdef inline double larger(double a, double b) noexcept nogil:
+    """np.maximum: not a number if one is not."""
+    return a if a > b or a != a else b
+
+
+cdef inline double bounded(double a) noexcept nogil:
+    a = larger(a, -FARTHEST)
+    return a if a < FARTHEST or a != a else FARTHEST
+
+
+def mixture(const double[:, :, :] weights, const double[:, :, ::1] mean, const double[:, :, :, :] covariance):
+    """Return Σ wᵢ x̂ᵢ (n, J, D), and Σ wᵢ (Pᵢ + dᵢ dᵢᵀ) (n, J, D, D), for weights (n, J, M) and upper triangles of P."""
+    cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], d = mean.shape[2], c = covariance.shape[3]
+    cdef Py_ssize_t targets = weights.shape[1], t, i, j, a, b
+    cdef double w, total
+    cdef double off[16]
+    cdef const double* p
+    cdef double* s
+    mixed_array, spread_array = np.empty((n, targets, d)), np.zeros((n, targets, d, d))
+    cdef double[:, :, ::1] mixed = mixed_array
+    cdef double[:, :, :, ::1] spread = spread_array
+    with nogil:
+        for t in range(n):
+            for j in range(targets):
+                for a in range(d):
+                    total = weights[t, j, 0] * mean[t, 0, a]
+                    for i in range(1, m):
+                        total = total + weights[t, j, i] * mean[t, i, a]
+                    mixed[t, j, a] = total
+                for i in range(m):
+                    w = weights[t, j, i]
+                    for a in range(d):
+                        off[a] = mean[t, i, a] - mixed[t, j, a]
+                    for a in range(d):
+                        s = &spread[t, j, a, 0]
+                        if a < c:
+                            p = &covariance[t, i, a, 0]  # whose elements follow one another
+                            for b in range(a, c):
+                                s[b] = s[b] + (off[a] * off[b] + p[b]) * w
+                        for b in range(max(a, c), d):
+                            s[b] = s[b] + off[a] * off[b] * w
+                for a in range(d):
+                    for b in range(a):
+                        spread[t, j, a, b] = spread[t, j, b, a]
+    return mixed_array, spread_array
+
+
+def halved(double[:, :, ::1] covariance):
+    """Make matrices (n, D, D) symmetric in place."""
+    cdef Py_ssize_t n = covariance.shape[0], d = covariance.shape[1], t, a, b
+    cdef double value
+    with nogil:
+        for t in range(n):
+            for a in range(d):
+                for b in range(a, d):
+                    value = (covariance[t, a, b] + covariance[t, b, a]) * 0.5
+                    covariance[t, a, b] = value
+                    covariance[t, b, a] = value
+
+
+def update_position(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    const double[:, :, :] position,
+    const double[:, :, :, :] noise,
+):
+    """Update states (k, M, D) in place with positions (k, 1, 2); return NIS and root of the determinant of S, (k, M)."""
+    cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], d = mean.shape[2], t, j, a, b
+    cdef double xx, xy, yy, first, slope, second, x, y
+    cdef double h[2][16]
+    nis_array, root_array = np.empty((n, m)), np.empty((n, m))
+    cdef double[:, ::1] nis = nis_array, root = root_array
+    with nogil:
+        for t in range(n):
+            for j in range(m):
+                xx = covariance[t, j, 0, 0] + noise[t, 0, 0, 0]
+                xy = covariance[t, j, 0, 1] + noise[t, 0, 0, 1]
+                yy = covariance[t, j, 1, 1] + noise[t, 0, 1, 1]
+                first = sqrt(larger((1.0 + LOST) * xx, LEAST_VARIANCE))
+                slope = xy / first
+                second = sqrt(larger(larger((1.0 + LOST) * yy - slope * slope, LOST * yy), LEAST_VARIANCE))
+                x = bounded(position[t, 0, 0] - mean[t, j, 0]) / first
+                y = (bounded(position[t, 0, 1] - mean[t, j, 1]) - slope * x) / second
+                for a in range(d):
+                    h[0][a] = covariance[t, j, 0, a] / first
+                    h[1][a] = (covariance[t, j, 1, a] - slope * h[0][a]) / second
+                for a in range(d):
+                    mean[t, j, a] = mean[t, j, a] + h[0][a] * x
+                    mean[t, j, a] = mean[t, j, a] + h[1][a] * y
+                    for b in range(d):
+                        covariance[t, j, a, b] = covariance[t, j, a, b] - h[0][a] * h[0][b]
+                        covariance[t, j, a, b] = covariance[t, j, a, b] - h[1][a] * h[1][b]
+                nis[t, j] = x * x + y * y
+                root[t, j] = first * second
+    return nis_array, root_array
+
+
+def update_scalar(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    const double[:, :, :] row,
+    const double[:, :] innovation,
+    const double[:, :] variance,
+):
+    """Update states (k, M, D) in place with a number each, Jacobian (k, M, K); return NIS and root of S, (k, M)."""
+    cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], d = mean.shape[2], width = row.shape[2], t, j, a, b
+    cdef double spread, own, deviation, whitened
+    cdef double h[16]
+    nis_array, root_array = np.empty((n, m)), np.empty((n, m))
+    cdef double[:, ::1] nis = nis_array, root = root_array
+    with nogil:
+        for t in range(n):
+            for j in range(m):
+                for a in range(d):
+                    h[a] = row[t, j, 0] * covariance[t, j, 0, a]
+                for b in range(1, width):
+                    for a in range(d):
+                        h[a] = h[a] + row[t, j, b] * covariance[t, j, b, a]
+                spread = row[t, j, 0] * h[0]
+                own = row[t, j, 0] * row[t, j, 0] * covariance[t, j, 0, 0]
+                for a in range(1, width):
+                    spread = spread + row[t, j, a] * h[a]
+                    own = own + row[t, j, a] * row[t, j, a] * covariance[t, j, a, a]
+                spread = larger(spread, 0.0) + variance[t, j]
+                spread = spread + LOST * fabs(own)
+                deviation = sqrt(larger(spread, LEAST_VARIANCE))
+                whitened = bounded(innovation[t, j]) / deviation
+                for a in range(d):
+                    h[a] = h[a] / deviation
+                for a in range(d):
+                    mean[t, j, a] = mean[t, j, a] + h[a] * whitened
+                    for b in range(d):
+                        covariance[t, j, a, b] = covariance[t, j, a, b] - h[a] * h[b]
+                nis[t, j] = whitened * whitened
+                root[t, j] = deviation
+    return nis_array, root_array

@@ -1,0 +1,39 @@
+"""Whether the compiled kernels are there: `_kernels.pyx`, which the build compiles where it finds a compiler.
+
+What they compute is what numpy computes without them, to the last bit; so nobody has to choose.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from candaemon.arrays import Floats
+
+REVISION: Final = 1
+"""Of the kernels that this code calls: others, left in a checkout by an earlier build, are not used."""
+WIDEST: Final = 16
+"""Components of a state that the kernels have room for."""
+
+__all__ = ("REVISION", "WIDEST", "description", "fit_for", "in_use", "kernels")
+
+try:
+    from candaemon.estimation import _kernels as kernels
+except ImportError:
+    in_use = False
+else:
+    in_use = kernels.REVISION == REVISION
+
+
+def fit_for(mean: Floats, covariance: Floats) -> bool:
+    """Return whether the kernels can be used for states (k, M, D) and their covariances (k, M, D, D)."""
+    return in_use and _held(mean, 3) and _held(covariance, 4) and mean.shape[2] <= WIDEST
+
+
+def description() -> str:
+    """Return which of the two computes, for people."""
+    return "compiled kernels" if in_use else "numpy alone, without compiled kernels"
+
+
+def _held(array: Floats, dimensions: int) -> bool:
+    """Return whether an array lies in memory as the kernels expect it."""
+    return array.ndim == dimensions and array.flags.c_contiguous and array.dtype == float

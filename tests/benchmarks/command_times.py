@@ -1,0 +1,114 @@
+"""The commands as a user runs them: whole processes by their CPU time, in turns with the naive chain."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+import yaml
+
+from .chains import HERE, ROOT, simulated_log
+
+SECONDS = 8.0
+"""Length of the drive, s; a second run over a tenth of a second shows what starting costs."""
+CYCLES = 20
+"""Cycles of a second of the drive."""
+NAIVE = """
+import sys
+from pathlib import Path
+from tests.benchmarks import naive
+from tests.benchmarks.chains import count, naive_cycles
+count(naive_cycles(getattr(naive, sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3])))
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A way of working on a drive, as a process.
+
+    Attributes:
+        name: what is printed.
+        arguments: of Python; `{log}`, `{scenario}` and `{folder}` stand for the drive, its scenario, and its results.
+        against: name of the command whose time is divided by this one's; None: there is none.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    against: str | None = None
+
+    def on(self, log: Path) -> list[str]:
+        """Return the arguments for a drive, whose scenario and folder are named as it is."""
+        meant = {"{log}": log, "{scenario}": log.with_suffix(".yaml"), "{folder}": log.with_suffix("")}
+        found = list(self.arguments)
+        for name, path in meant.items():
+            found = [part.replace(name, str(path)) for part in found]
+        return found
+
+
+def _replay(config: Path | str, *options: str) -> tuple[str, ...]:
+    return ("-m", "candaemon", "replay", str(config), "{log}", "-o", "{folder}/out.log", *options)
+
+
+_SCORED = ("--tracks", "{folder}/t.csv", "--predictions", "{folder}/p.csv", "--summary", "{folder}/s.json")
+_SIMULATED = ("-o", "{folder}/simulated.log", "--truth", "{folder}/truth.csv")
+_REDUCED, _FULL = HERE / "esr_bench.yaml", ROOT / "config/esr_ins.yaml"
+COMMANDS = (
+    Command("naive chain, CS-KF", ("-c", NAIVE, "CurrentStatistical", "{log}", "{folder}/naive.log")),
+    Command("naive chain, filterpy's IMM", ("-c", NAIVE, "InteractingModels", "{log}", "{folder}/naive.log")),
+    Command("replay -o, CS-KF", _replay(_REDUCED), "naive chain, CS-KF"),
+    Command("replay -o, all defaults", _replay(_FULL), "naive chain, filterpy's IMM"),
+    Command("replay with tables and scores", _replay(_FULL, *_SCORED), "replay -o, all defaults"),
+    Command("simulate", ("-m", "candaemon", "simulate", "{scenario}", str(_FULL), *_SIMULATED)),
+    Command("evaluate", ("-m", "candaemon", "evaluate", "{folder}/t.csv", "{folder}/truth.csv")),
+)
+"""What is timed over a drive; what one command reads, one before has written."""
+START = ("-m", "candaemon", "check", str(_FULL))
+"""What is timed of starting: a configuration that ships, checked."""
+
+
+def cpu_seconds(arguments: Sequence[str]) -> float:
+    """Run Python with arguments; return the CPU time of the process, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    subprocess.run([sys.executable, *arguments], check=True, env=environment, cwd=ROOT, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def drive(log: Path, seconds: float) -> Path:
+    """Simulate a drive, with its scenario and a folder for results beside it; return the log."""
+    log.with_suffix("").mkdir()
+    scenario = yaml.safe_load((ROOT / "config/scenarios/dense.yaml").read_text(encoding="utf-8"))
+    log.with_suffix(".yaml").write_text(yaml.safe_dump(scenario | {"duration": seconds}), encoding="utf-8")
+    return simulated_log(log, seconds)
+
+
+def timed_commands(folder: Path, repeats: int = 3) -> dict[str, float]:
+    """Return the median CPU time of a cycle of each of the commands, µs, without what starting costs."""
+    whole, start = drive(folder / "whole.log", SECONDS), drive(folder / "start.log", 1 / CYCLES)
+    times: dict[str, list[float]] = {each.name: [] for each in COMMANDS}
+    for _ in range(repeats):
+        for each in COMMANDS:
+            long, short = (cpu_seconds(each.on(log)) for log in (whole, start))
+            times[each.name].append((long - short) / (SECONDS * CYCLES - 1) * 1e6)
+    return {name: median(found) for name, found in times.items()}
+
+
+def print_comparisons(folder: Path) -> None:
+    """Time the commands and print a table."""
+    for line in table(timed_commands(folder)):
+        print(line, flush=True)
+    print(f"{'check, a shipped configuration':<32}{median(cpu_seconds(START) for _ in range(3)):>9.2f} s", flush=True)
+
+
+def table(times: dict[str, float]) -> Iterator[str]:
+    """Yield the lines that are printed."""
+    for each in COMMANDS:
+        ratio = "" if each.against is None else f"{times[each.against] / times[each.name]:>7.1f} x {each.against}"
+        yield f"{each.name:<32}{times[each.name]:>9.0f} µs/cycle {ratio}"

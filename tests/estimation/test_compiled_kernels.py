@@ -1,0 +1,111 @@
+"""The compiled kernels give the bits that numpy gives without them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from candaemon.arrays import Floats
+from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
+from candaemon.estimation import compiled
+from candaemon.estimation.filter_bank import FilterBank, mixture, moments
+from candaemon.estimation.kalman import symmetrise, update_position, update_scalar
+from candaemon.estimation.measurement import Measurement
+from candaemon.pipeline.saved_state import dump
+from candaemon.playback.replay import ReplayRequest, replay
+from candaemon.tracking.estimator_factory import make_estimator
+from tests.benchmarks.chains import full_binding, simulated_log
+
+pytestmark = pytest.mark.skipif(not compiled.in_use, reason="the kernels are not compiled: no compiler or no Cython")
+
+TRACKS = 9
+
+
+def both(monkeypatch: pytest.MonkeyPatch, compute: Callable[[], list[Floats]]) -> None:
+    """Compute with the kernels and without, and compare to the last bit."""
+    found = compute()
+    with monkeypatch.context() as patch:
+        patch.setattr(compiled, "in_use", False)
+        expected = compute()
+    for one, other in zip(found, expected, strict=True):
+        assert np.isfinite(one).any()
+        np.testing.assert_array_equal(one.view(np.int64), other.view(np.int64))
+
+
+def states(models: int, width: int) -> tuple[Floats, Floats]:
+    """Return means and covariances, the first one of no rank."""
+    random = np.random.default_rng(models * 10 + width)
+    root = random.normal(size=(TRACKS, models, width, width)) * 10.0 ** random.integers(-3, 3, (TRACKS, models, 1, 1))
+    root[0] = 0.0
+    covariance = root @ np.swapaxes(root, -1, -2)
+    symmetrise(covariance)
+    return random.normal(size=(TRACKS, models, width)), covariance
+
+
+@pytest.mark.parametrize("width", [4, 6, 7, 9])
+@pytest.mark.parametrize("models", [1, 3])
+def test_each_kernel_alone(models: int, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(1)
+    position, noise = random.normal(size=(TRACKS, 1, 2)), np.tile([[0.3, 0.1], [0.1, 0.2]], (TRACKS, 1, 1, 1))
+    noise[0] = 0.0
+    position[1], position[2] = np.nan, 1e200
+    row, innovation = random.normal(size=(TRACKS, models, 4)), random.normal(size=(TRACKS, models))
+    weights = random.random((TRACKS, models + 1, models))
+
+    def computed() -> list[Floats]:
+        mean, covariance = states(models, width)
+        first = update_position(mean, covariance, position, noise)
+        second = update_scalar(mean, covariance, row, innovation, np.full((TRACKS, 1), 0.1))
+        skew = covariance + np.arange(width)
+        symmetrise(skew)
+        fits = [first.nis, first.log_likelihood, second.nis, second.log_likelihood]
+        mixed = mixture(weights, mean, covariance)
+        narrow = moments(weights[:, 0].copy(), mean, covariance[:, :, :4, :4])
+        return [mean, covariance, *fits, skew, *mixed, *narrow]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [ImmEstimatorSettings(), CsEstimatorSettings(kind="cs"), SingerEstimatorSettings(kind="singer")],
+    ids=lambda settings: settings.kind,
+)
+def test_a_filter_over_many_cycles(
+    settings: ImmEstimatorSettings | CsEstimatorSettings | SingerEstimatorSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def computed() -> list[Floats]:
+        random, estimator = np.random.default_rng(2), make_estimator(settings)
+        noise, at_rest = np.tile([[0.06, 0.02], [0.02, 0.3]], (TRACKS, 1, 1)), np.zeros(2)
+        place = random.normal(scale=30.0, size=(TRACKS, 2))
+        estimator.spawn(place, noise, np.zeros((TRACKS, 2)), np.tile(np.eye(2) * 225.0, (TRACKS, 1, 1)))
+        assert isinstance(estimator, FilterBank)
+        out: list[Floats] = []
+        for step in range(50):
+            estimator.predict(0.05, np.tile([0.6, 0.8], (TRACKS, 1)))
+            rows = np.flatnonzero(random.random(TRACKS) < 0.8)
+            rate = np.where(random.random(len(rows)) < 0.2, np.nan, random.normal(size=len(rows)))
+            measured = place[rows] + 0.3 * step + random.normal(scale=0.3, size=(len(rows), 2))
+            measurement = Measurement(measured, noise[rows], at_rest, at_rest, rate, np.full(len(rows), 0.01))
+            nis = estimator.update(rows, measurement)
+            out += [*(each.copy() for each in estimator.combined()), nis, estimator.probability.copy()]
+        return out
+
+    both(monkeypatch, computed)
+
+
+def test_a_replay_and_the_saved_state_at_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log, outputs = simulated_log(tmp_path / "in.log", 3.0), iter((tmp_path / "a.log", tmp_path / "b.log"))
+    binding = full_binding()
+
+    def computed() -> list[Floats]:
+        output = next(outputs)
+        replayed = replay(binding, ReplayRequest(log, output, scored=False))
+        assert replayed.pipeline.counts.sent > 1000
+        written = (output.read_bytes(), dump(replayed.pipeline))
+        return [np.frombuffer(each, dtype=np.uint8).astype(np.float64) for each in written]
+
+    both(monkeypatch, computed)
