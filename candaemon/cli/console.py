@@ -15,6 +15,7 @@ from candaemon.printable import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.progress import Progress
 
     from candaemon.can_io.logs.stream import LogCounts
 
@@ -185,17 +186,7 @@ def log_progress(name: str) -> Iterator[Callable[[LogCounts], None] | None]:
     if not sys.stderr.isatty():
         yield None
         return
-    # a slow import that a pipe does not need
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TaskProgressColumn(),
-        TextColumn("{task.fields[frames]:,} frames"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console(stderr=True), transient=True) as bar:
+    with _bar("{task.fields[frames]:,} frames") as bar:
         task = bar.add_task(printable(name), total=None, frames=0)
 
         def show(counts: LogCounts) -> None:
@@ -217,10 +208,41 @@ def share_progress(name: str) -> Iterator[Callable[[float], None]]:
     if not sys.stderr.isatty():
         yield lambda _share: None
         return
-    # as above
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console(stderr=True), transient=True) as bar:
+    with _bar() as bar:
         task = bar.add_task(printable(name), total=1.0)
         yield lambda share: bar.advance(task, share)
+
+
+@contextmanager
+def counted_progress(name: str, total: float) -> Iterator[Callable[[float, str], None] | None]:
+    """Show the progress of a task of known size with a text beside it, on standard error where that is a terminal.
+
+    Args:
+        name: of the work.
+        total: its size, in any unit.
+
+    Yields:
+        A function to call with how much was done since the last call, and the text; None where nothing is shown.
+    """
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with _bar("{task.fields[said]}") as bar:
+        task = bar.add_task(printable(name), total=total, said="")
+        yield lambda done, said: bar.update(task, advance=done, said=printable(said))
+
+
+def _bar(*told: str) -> Progress:
+    """Return a bar on standard error, with texts of the task between its share and the time left."""
+    # a slow import that a pipe does not need
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    return Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        *(TextColumn(text, markup=False) for text in told),
+        TimeRemainingColumn(),
+        console=console(stderr=True),
+        transient=True,
+    )

@@ -33,6 +33,7 @@ COMMANDS = {
     "install-service": "Write the systemd unit that runs a configuration.",
     "replay": "Replay a recorded drive.",
     "report": "Replay a recorded drive and write a page about it.",
+    "fleet": "Replay many drives into one dataset, report it, and compare two.",
     "view": "Show live buses or a recorded drive in the browser.",
     "watch": "Show the obstacles of live buses in the terminal.",
     "convert": "Write logs of a drive as one log of another format.",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
 from math import isfinite
@@ -18,7 +18,7 @@ from candaemon.printable import printable
 from candaemon.report import drawings
 from candaemon.report.drive_record import DriveRecord
 from candaemon.report.noise_found import noise_found
-from candaemon.report.page_style import SCRIPT, STYLE
+from candaemon.report.page_parts import drawn, table, tile, whole_page
 from candaemon.report.worst_moments import worst_moments
 from candaemon.status.losses import EGO_UNUSABLE_CAUSES, OBJECT_CAUSES, UNUSABLE_CAUSES
 from candaemon.tracking.obstacles import STATE_NAMES
@@ -67,24 +67,7 @@ def page(drive: ReportedDrive) -> str:
         ("Configuration", f"<pre>{escape(printable_lines(drive.config_text))}</pre>"),
         ("All figures", _all(drive.figures)),
     ]
-    anchors = [heading.lower().split(",")[0].replace(" ", "-") for heading, _ in sections]
-    links = " · ".join(
-        f'<a href="#{anchor}">{escape(heading)}</a>' for anchor, (heading, _) in zip(anchors, sections, strict=True)
-    )
-    body = "".join(
-        f'<section id="{anchor}"><h2>{escape(heading)}</h2>{content}</section>'
-        for anchor, (heading, content) in zip(anchors, sections, strict=True)
-    )
-    whole = json.dumps(drive.figures, allow_nan=False, ensure_ascii=False).replace("<", "\\u003c")
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none';style-src 'unsafe-inline';"
-        "script-src 'unsafe-inline'\">"
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>"
-        f"<h1>{escape(title)}</h1><nav>{links}</nav>{body}"
-        f'<script type="application/json" id="summary">{whole}</script><script>{SCRIPT}</script></body></html>\n'
-    )
+    return whole_page(title, sections, "summary", drive.figures)
 
 
 def figure(figures: Mapping[str, Any], key: str, form: str = "{:,.6g}") -> str:
@@ -101,47 +84,29 @@ def printable_lines(text: str) -> str:
     return "\n".join(printable(line, len(line) + 1) for line in text.splitlines())
 
 
-def _tile(value: str, about: str) -> str:
-    return f'<div class="tile"><b>{value}</b><span>{about}</span></div>'
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of cells that are HTML; the first column is text, the others are numbers."""
-    top = "".join(f"<th{' class=n' if k else ''}>{cell}</th>" for k, cell in enumerate(head))
-    lines = (
-        "<tr>" + "".join(f"<td{' class=n' if k else ''}>{cell}</td>" for k, cell in enumerate(row)) + "</tr>"
-        for row in rows
-    )
-    return f"<table><tr>{top}</tr>{''.join(lines)}</table>"
-
-
-def _drawn(svg: str, caption: str) -> str:
-    return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
-
-
 def _glance(drive: ReportedDrive) -> str:
     def shown(key: str, form: str = "{:,}") -> str:
         return figure(drive.figures, key, form)
 
     tiles = [
-        _tile(f"{shown('seconds', '{:.1f}')} s", "duration of the log"),
-        _tile(shown("log.frames"), "frames"),
-        _tile(shown("cycles.told"), "cycles"),
-        _tile(shown("tracks.confirmed"), f"obstacles confirmed, of {shown('tracks.obstacles')} begun"),
-        _tile(
+        tile(f"{shown('seconds', '{:.1f}')} s", "duration of the log"),
+        tile(shown("log.frames"), "frames"),
+        tile(shown("cycles.told"), "cycles"),
+        tile(shown("tracks.confirmed"), f"obstacles confirmed, of {shown('tracks.obstacles')} begun"),
+        tile(
             shown("nis.coverage_95", "{:.1%}"),
             f"of the updates within their 95 % quantile (NIS {shown('nis.mean', '{:.2f}')}, "
             f"expected {shown('nis.expected', '{:.2f}')})",
         ),
         *(
-            _tile(
+            tile(
                 f"{shown(f'predictions.{k}.x', '{:.2f}')} · {shown(f'predictions.{k}.y', '{:.2f}')} m",
                 f"RMSE forward · to the left, {horizon:g} s ahead",
             )
             for k, horizon in enumerate(drive.horizons)
         ),
-        _tile(f"{shown('stationary.speed', '{:.2f}')} m/s", "RMS speed of what stands"),
-        _tile(shown("duplicates.share", "{:.1%}"), "of the samples beside another obstacle"),
+        tile(f"{shown('stationary.speed', '{:.2f}')} m/s", "RMS speed of what stands"),
+        tile(shown("duplicates.share", "{:.1%}"), "of the samples beside another obstacle"),
     ]
     return f'<div class="tiles">{"".join(tiles)}</div>'
 
@@ -152,8 +117,8 @@ def _maps(record: DriveRecord) -> str:
     if more > 0:
         own += f"; {more:,} that lived shorter are not drawn"
     earth = drawings.earth_map(record)
-    on_earth = "" if earth is None else _drawn(earth, "The same on earth (WGS 84), to scale at its middle.")
-    return _drawn(drawings.local_map(record), f"{own}.{_left_out(record)}") + on_earth
+    on_earth = "" if earth is None else drawn(earth, "The same on earth (WGS 84), to scale at its middle.")
+    return drawn(drawings.local_map(record), f"{own}.{_left_out(record)}") + on_earth
 
 
 def _left_out(record: DriveRecord) -> str:
@@ -165,11 +130,11 @@ def _timeline(record: DriveRecord) -> str:
     svg, left = drawings.timeline(record)
     legend = "".join(f'<i class="{name}"></i>{name}' for name in STATE_NAMES)
     more = f" {left:,} that lived shorter are not drawn." if left else ""
-    return _drawn(svg, f"Obstacles that were confirmed, {legend}.{more}")
+    return drawn(svg, f"Obstacles that were confirmed, {legend}.{more}")
 
 
 def _consistency(drive: ReportedDrive) -> str:
-    return _drawn(
+    return drawn(
         drawings.nis_over_time(drive.record),
         "Normalised innovation squared over its degrees of freedom; the band holds 95 % of the means of a "
         f"consistent filter with independent samples. In all: mean {figure(drive.figures, 'nis.mean', '{:.3f}')}, "
@@ -200,7 +165,7 @@ def _predictions(drive: ReportedDrive) -> str:
     )
     charts = [drawings.prediction_errors(drive.record, name, drive.horizons) for name in ("x", "y")]
     head = ("quantity", "RMSE (m)", "within the 95 % band", "samples")
-    return _table(head, rows) + "".join(_drawn(svg, about) for svg in charts)
+    return table(head, rows) + "".join(drawn(svg, about) for svg in charts)
 
 
 def _share(value: float) -> str:
@@ -214,8 +179,8 @@ def _noise(drive: ReportedDrive) -> str:
         for each in noise_found(raw, k, sensor.name, sensor.settings):
             told = [f"{value:.3g}" if isfinite(value) else "–" for value in (each.configured, each.found)]
             rows.append((escape(f"{each.sensor}: {each.quantity} ({each.unit})"), *told, f"{each.samples:,}"))
-    table = _table(("one standard deviation", "configured", "white part found", "samples"), rows)
-    latency = _table(
+    deviations = table(("one standard deviation", "configured", "white part found", "samples"), rows)
+    latency = table(
         ("latency", "configured (s)", "beyond it, found (s)", "± (s)", "turned, found (deg)", "± (deg)"),
         (
             (
@@ -232,8 +197,8 @@ def _noise(drive: ReportedDrive) -> str:
         ),
     )
     return (
-        f"{table}<p>The white part is what changes from scan to scan. What wanders slowly (a filter in the sensor, a "
-        f"reflection on a body) is no part of it, but of what is configured.</p>{latency}"
+        f"{deviations}<p>The white part is what changes from scan to scan. What wanders slowly (a filter in the "
+        f"sensor, a reflection on a body) is no part of it, but of what is configured.</p>{latency}"
     )
 
 
@@ -267,7 +232,7 @@ def _losses(figures: Mapping[str, Any]) -> str:
     if not listed:
         return "<p>Nothing was lost.</p>"
     listed.sort(key=lambda each: -each[0])
-    return _table(("cause", "how many"), [row for _, row in listed])
+    return table(("cause", "how many"), [row for _, row in listed])
 
 
 def _cycle_times(drive: ReportedDrive) -> str:
@@ -279,7 +244,7 @@ def _cycle_times(drive: ReportedDrive) -> str:
             middle, late, most = np.percentile(intervals, [50, 99, 100]) * 1e3
             said = f"median {middle:.1f} ms, 99 % below {late:.1f} ms, longest {most:.1f} ms"
         parts.append(
-            _drawn(svg, f"{escape(sensor.name)}: {said}; configured {sensor.settings.cycle_time * 1e3:g} ms (dashed).")
+            drawn(svg, f"{escape(sensor.name)}: {said}; configured {sensor.settings.cycle_time * 1e3:g} ms (dashed).")
         )
     return "".join(parts)
 
@@ -294,7 +259,7 @@ def _errors(errors: Mapping[str, Any]) -> str:
         for key, value in zip(keys, values.tolist(), strict=True)
         if isfinite(value) and not key.startswith(("options.", "actors."))
     ]
-    return _table(("figure of evaluate", "value"), rows)
+    return table(("figure of evaluate", "value"), rows)
 
 
 def _moments(drive: ReportedDrive) -> str:
@@ -308,7 +273,7 @@ def _moments(drive: ReportedDrive) -> str:
         return "<p>There is none.</p>"
     command = f"candaemon view {printable(str(drive.binding.loaded.path))} {printable(str(drive.log))}"
     return (
-        _table(("what", "obstacle", "at (s)"), rows)
+        table(("what", "obstacle", "at (s)"), rows)
         + f"<p><label class=screen>With <code>{escape(command)}</code> running, "
         f'the buttons show a moment, from a second before it, at <input id="view" value="{VIEW}" size="28"></label></p>'
     )
@@ -320,4 +285,4 @@ def _all(figures: Mapping[str, Any]) -> str:
     if not isinstance(keys, list):
         raise TypeError("rows of a summary are columns")
     rows = [(escape(printable(key)), figure(figures, key, "{}")) for key in keys]
-    return f"<details><summary>All figures of --summary</summary>{_table(('key', 'value'), rows)}</details>"
+    return f"<details><summary>All figures of --summary</summary>{table(('key', 'value'), rows)}</details>"

@@ -291,6 +291,7 @@ def test_all_files_are_written_in_one_way() -> None:
         "recording/event_archive.py": "likewise",
         "cli/standard_streams.py": "the null device",
         "wizard/trial.py": "what is tried and thrown away, in a folder of its own",
+        "fleet/result_store.py": "the lock of a folder of results, which stays empty",
         "daemon/trial_load.py": "which process the kernel ends first",
     }
     writes = re.compile(r"""open\([^)]*["'](?:[wax][bt]?|r[bt]?\+)\+?["']|write_(text|bytes)\(|O_WRONLY|O_RDWR""")

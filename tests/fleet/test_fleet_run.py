@@ -1,0 +1,170 @@
+"""A run without Dask: the bytes of `replay`, going on where it was, and failures that cost nobody else."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+from pathlib import Path
+
+import pytest
+
+from candaemon.cli.main import main
+from candaemon.errors import InputError
+from candaemon.fleet import result_store
+from candaemon.fleet.dataset import records_in, table_files
+from candaemon.fleet.kept_configuration import MOST_BOUND, kept_binding
+from candaemon.fleet.result_store import FolderStore, store_at
+from tests.support.fleets import CONFIG, Inline, run_inline, short_drives, simulated, tables
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("logs")
+    return short_drives(folder / "logs", 3, simulated(folder))
+
+
+@pytest.fixture(scope="module")
+def whole(logs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the results of a run in which nothing went wrong."""
+    folder = tmp_path_factory.mktemp("whole") / "results"
+    assert run_inline(logs, folder).computed == 3
+    return folder
+
+
+@pytest.fixture
+def results(whole: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(whole, tmp_path / "results"))
+
+
+def test_each_result_is_that_of_replay_alone(logs: list[Path], whole: Path, tmp_path: Path) -> None:
+    for log in logs[:2]:
+        assert main(["replay", str(CONFIG), str(log), "--parquet", str(tmp_path / log.stem)]) == 0
+        for table, name in table_files(log.stem).items():
+            assert (whole / name).read_bytes() == (tmp_path / log.stem / f"{table}.parquet").read_bytes()
+
+
+def test_what_is_there_is_not_computed_again(logs: list[Path], results: Path) -> None:
+    again = run_inline(logs, results)
+    assert (again.kept, again.computed) == (3, 0)
+    os.utime(logs[0])  # another stamp, the same content
+    workers = Inline()
+    again = run_inline(logs, results, workers=workers)
+    assert (again.kept, again.computed, again.failed) == (3, 0, {})
+    assert records_in(store_at(str(results)))["d000"].inputs[0]["stamp"].endswith(str(logs[0].stat().st_mtime_ns))
+
+
+def test_a_drive_whose_log_or_results_changed_is_computed(
+    logs: list[Path], whole: Path, results: Path, tmp_path: Path
+) -> None:
+    shutil.rmtree(results / "tracks" / "drive=d001")
+    (results / "records" / "d002.json").write_text("{", encoding="utf-8")
+    again = run_inline(logs, results)
+    assert (again.kept, again.computed) == (1, 2)
+    assert tables(results) == tables(whole)
+    log = tmp_path / "d000.log"
+    log.write_bytes(logs[0].read_bytes()[:-200])
+    assert run_inline([log], results).computed == 1
+    assert tables(results) != tables(whole)
+
+
+def test_another_configuration_is_computed_anew(logs: list[Path], results: Path, tmp_path: Path) -> None:
+    text = CONFIG.read_text(encoding="utf-8").replace("../dbc", str(CONFIG.parents[1] / "dbc"))
+    other = tmp_path / "other.yaml"
+    other.write_text(text, encoding="utf-8")
+    assert run_inline(logs[:1], results, other).computed == 1
+
+
+def test_a_stopped_run_goes_on_to_the_same_dataset(logs: list[Path], whole: Path, tmp_path: Path) -> None:
+    class Stopped(Inline):
+        def outcomes(self, orders, *, alone=False):  # type: ignore[no-untyped-def]
+            yield next(super().outcomes(orders, alone=alone))
+            raise KeyboardInterrupt
+
+    results = tmp_path / "results"
+    with pytest.raises(KeyboardInterrupt):
+        run_inline(logs, results, workers=Stopped())
+    assert len(tables(results)) == 4
+    again = run_inline(logs, results)
+    assert (again.kept, again.computed) == (1, 2)
+    assert tables(results) == tables(whole)
+
+
+def test_a_failed_drive_is_tried_again_and_set_aside(logs: list[Path], whole: Path, tmp_path: Path) -> None:
+    damaged, pipe, bomb = tmp_path / "damaged.log", tmp_path / "pipe.log", tmp_path / "bomb.log.gz"
+    damaged.write_bytes(os.urandom(5000))
+    bomb.write_bytes(b"\x1f\x8b" + os.urandom(5000))
+    os.mkfifo(pipe)
+    results, workers = tmp_path / "results", Inline()
+    ended = run_inline([*logs, damaged, pipe, bomb, tmp_path / "missing.log"], results, workers=workers)
+    assert (ended.computed, sorted(ended.failed)) == (3, ["bomb", "damaged", "missing", "pipe"])
+    assert sorted(workers.alone) == sorted(ended.failed)
+    assert "there is no such log" in ended.failed["missing"]
+    assert "it is no regular file" in ended.failed["pipe"]
+    assert tables(results) == tables(whole)
+    told = json.loads((results / "failed" / "missing.json").read_text(encoding="utf-8"))
+    assert told["reason"] == ended.failed["missing"]
+    shutil.copy(logs[0], tmp_path / "missing.log")
+    mended = run_inline([tmp_path / "missing.log"], results)
+    assert (mended.computed, mended.failed) == (1, {})
+    assert not (results / "failed" / "missing.json").exists()
+
+
+def test_a_full_disk_costs_no_result_that_is_there(logs: list[Path], whole: Path, results: Path) -> None:
+    shutil.rmtree(results / "tracks" / "drive=d001")
+    before = tables(results)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    try:
+        ended = run_inline(logs, results)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert (ended.kept, ended.computed) == (2, 0)
+    assert "too large" in ended.failed["d001"]
+    assert tables(results) == before
+    assert not list((results / ".incoming").iterdir())
+    assert run_inline(logs, results).computed == 1
+    assert tables(results) == tables(whole)
+
+
+def test_results_on_another_file_system_are_the_same(logs: list[Path], whole: Path) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    memory = fsspec.filesystem("memory")
+    for log in logs:
+        memory.pipe_file(f"/logs/{log.name}", log.read_bytes())
+    assert run_inline(["memory://logs/*.log"], "memory://results").computed == 3
+    found = {name: memory.cat_file(f"/results/{name}") for name in tables(whole)}
+    assert found == tables(whole)
+    assert run_inline(["memory://logs"], "memory://results").kept == 3
+    assert not [name for name in memory.find("/results") if name.endswith(".part")]
+
+
+def test_two_runs_do_not_write_to_one_folder(tmp_path: Path) -> None:
+    store = store_at(str(tmp_path))
+    with store.exclusive(), pytest.raises(InputError, match="another run writes here"), store.exclusive():
+        pass
+
+
+def test_what_a_broken_attempt_left_is_removed(tmp_path: Path) -> None:
+    left = tmp_path / ".incoming" / "0" / "tracks.parquet.part"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"half")
+    store = store_at(str(tmp_path))
+    assert store.sizes() == {}
+    with store.exclusive():
+        assert not left.exists()
+
+
+def test_a_result_that_is_read_has_a_longest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = FolderStore(str(tmp_path))
+    store.write("records/a.json", b"1234")
+    monkeypatch.setattr(result_store, "LARGEST_RESULT", 4)
+    assert store.read("records/a.json") == b"1234"
+    monkeypatch.setattr(result_store, "LARGEST_RESULT", 3)
+    with pytest.raises(InputError, match="longer than 3 bytes"):
+        store.read("records/a.json")
+
+
+def test_a_worker_keeps_so_many_configurations() -> None:
+    assert kept_binding.cache_parameters()["maxsize"] == MOST_BOUND
