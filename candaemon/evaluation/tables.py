@@ -613,7 +613,9 @@ def _further_cells(columns: Mapping[str, Sequence[Any] | NDArray[Any]], name: st
 
 def _rounded(values: Floats, decimals: int = _DECIMALS) -> Floats:
     """Round to the written decimals, with −0 as 0 and non-finite values as NaN."""
-    rounded: Floats = values.round(decimals)
+    with np.errstate(over="ignore"):  # scaled for rounding, a value near the largest double is none any more
+        rounded: Floats = values.round(decimals)
+    np.copyto(rounded, values, where=np.isinf(rounded))
     rounded += 0.0
     rounded[~np.isfinite(rounded)] = np.nan
     return rounded
