@@ -61,6 +61,7 @@ class E2eProtector:
         order: which of the profile's data ids is each message's.
 
     Attributes:
+        profile: as given.
         header: what the profile keeps where.
 
     Raises:
@@ -69,6 +70,7 @@ class E2eProtector:
     """
 
     def __init__(self, profile: Profile, messages: Sequence[MessageSpec], order: Sequence[int]) -> None:
+        self.profile: Final = profile
         self.header: Final = HEADERS[profile.profile]
         self._counter_at = profile.offset + self.header.counter_byte
         self._mask = (1 << self.header.counter_bits) - 1
