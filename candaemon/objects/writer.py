@@ -19,6 +19,28 @@ from candaemon.protection.checksums import FrameProtector
 
 QuantityValues: TypeAlias = Mapping[str, Floats | npt.NDArray[np.integer]]
 """Quantity → (m,) values of the slots written."""
+Payloads: TypeAlias = list[tuple[int, bytes]]
+"""CAN id and payload of frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class SlotValues:
+    """What m slots say in one cycle.
+
+    Attributes:
+        slot: (m,) slots, from 0.
+        values: quantity → (m,) in SI and the signals' axes; one left out is written as 0. NaN is unknown where the
+            quantity may be that.
+        occupied: (m,) whether the slot holds an object; an empty one is written so that it reads invalid.
+        counter: what counters and pair signals show, modulo their width; one for all or (m,).
+        new: (m,) whether the object is new in its slot; None: none is.
+    """
+
+    slot: Integers
+    values: QuantityValues
+    occupied: Booleans
+    counter: int | Integers
+    new: Booleans | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +134,7 @@ class LayoutWriter:
 
     def write(
         self,
-        frames: list[tuple[int, bytes]],
+        frames: Payloads,
         slot: Integers,
         values: QuantityValues,
         occupied: Booleans,
@@ -217,7 +239,7 @@ class ObjectWriter:
         counter: int | Integers,
         new: Booleans | None = None,
         identity: Integers | None = None,
-    ) -> list[tuple[int, bytes]]:
+    ) -> Payloads:
         """Write m slots.
 
         Args:
@@ -233,7 +255,7 @@ class ObjectWriter:
             CAN id and payload: the first message of every slot, then the second, and so on.
 
         """
-        frames: list[tuple[int, bytes]] = []
+        frames: Payloads = []
         if not len(slot):
             return frames
         identity = slot if identity is None else identity
@@ -245,6 +267,46 @@ class ObjectWriter:
         for writer in self._writers:
             self.saturated += writer.write(frames, slot, values, occupied, counter, new, identity)
         return frames
+
+    @property
+    def frames_a_slot(self) -> int | None:
+        """How many frames `write` makes of each slot; None where that depends on the slots."""
+        if self.points > 1 or any(writer.mine is not None for writer in self._writers):
+            return None
+        return len(self._writers)
+
+    def write_cycles(self, cycles: Sequence[SlotValues]) -> list[Payloads]:
+        """Write the slots of several cycles at once, each message in the array operations that one cycle takes.
+
+        Args:
+            cycles: what the slots say, cycle by cycle; all with the same quantities.
+
+        Returns:
+            The frames of each cycle, as `write` gives them.
+
+        """
+        of_slot = self.frames_a_slot
+        if of_slot is None or len(cycles) == 1:
+            return [
+                self.write(each.slot, each.values, each.occupied, counter=each.counter, new=each.new) for each in cycles
+            ]
+        joined = self.write(
+            np.concatenate([each.slot for each in cycles]),
+            {name: np.concatenate([each.values[name] for each in cycles]) for name in cycles[0].values},
+            np.concatenate([each.occupied for each in cycles]),
+            counter=np.concatenate([np.broadcast_to(each.counter, each.slot.shape) for each in cycles]),
+            new=np.concatenate([_none_new(each) if each.new is None else each.new for each in cycles]),
+        )
+        count = len(joined) // of_slot
+        ends = np.cumsum([len(each.slot) for each in cycles]).tolist()
+        return [
+            [
+                frame
+                for layout in range(of_slot)
+                for frame in joined[layout * count + end - len(each.slot) : layout * count + end]
+            ]
+            for each, end in zip(cycles, ends, strict=True)
+        ]
 
     def _whole_messages(
         self,
@@ -280,6 +342,10 @@ class ObjectWriter:
             None if new is None else spread(new),
             everywhere,
         )
+
+
+def _none_new(cycle: SlotValues) -> Booleans:
+    return np.zeros(len(cycle.slot), np.bool_)
 
 
 @lru_cache

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
-from typing import Final, TypeAlias, TypeVar
+from typing import Final, TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from candaemon.binding.bind_writer import MAY_BE_UNKNOWN
 from candaemon.binding.bound import BoundOutput
 from candaemon.ego.georeference import Georeference
 from candaemon.ego.pose import EgoPose
+from candaemon.objects.writer import Payloads, SlotValues
 from candaemon.output.quantities import EgoAcceleration, EgoAccelerationState, MountView
 from candaemon.output.slots import OFF_PATH, SlotColumns, SlotEncoding, SlotState
 from candaemon.tracking.obstacles import TENTATIVE, Obstacles
@@ -24,6 +26,8 @@ Value = TypeVar("Value", bound=np.generic)
 
 FARTHEST: Final = 1e5
 """m and m/s; an obstacle beyond this limit, or with a NaN, is not sent."""
+TOGETHER: Final = 16
+"""Cycles that are written at once where nobody asks for their frames before: arrays of one cycle are short."""
 OF_FRAME: Final = frozenset({"id", "counter"})
 """Quantities outside the table of floats: identities stay integers, the counter belongs to the frame."""
 
@@ -65,6 +69,48 @@ class OutputEncoderState:
     saturated: int = 0
 
 
+class PlannedPayloads(Sequence[tuple[int, bytes]]):
+    """CAN id and payload of a cycle's frames, written when somebody asks for them, with those of other cycles.
+
+    Args:
+        encoder: that writes them.
+        status: of the status message, as it is; none where none is sent.
+        count: how many they are.
+    """
+
+    __slots__ = ("_count", "_encoder", "_status", "_written")
+
+    def __init__(self, encoder: OutputEncoder, status: Payloads, count: int) -> None:
+        self._encoder, self._status, self._count = encoder, status, count
+        self._written: Payloads | None = None
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> tuple[int, bytes]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Payloads: ...
+
+    def __getitem__(self, index: int | slice) -> tuple[int, bytes] | Payloads:
+        return self._all()[index]
+
+    def __iter__(self) -> Iterator[tuple[int, bytes]]:
+        return iter(self._all())
+
+    def _all(self) -> Payloads:
+        if self._written is None:
+            self._encoder.write_planned()
+        assert self._written is not None  # noqa: S101 # what is planned is written
+        return self._written
+
+    def complete(self, slots: Payloads) -> None:
+        """Take the payloads of the slots."""
+        self._written = self._status + slots
+        self._count = len(self._written)
+
+
 class OutputEncoder:
     """Obstacles → slots → frames, cycle by cycle.
 
@@ -95,6 +141,7 @@ class OutputEncoder:
         self._sends_id = "id" in settings.signals
         self._slots = SlotEncoding(output.writer.slots, send_all=self._all, send_freed=not self._listed)
         sent = np.zeros(output.writer.slots, np.int64)
+        self._planned: list[tuple[SlotValues, PlannedPayloads]] = []
         self._state = OutputEncoderState(self._slots.state, sent, self._ego_acceleration.state)
 
     @property
@@ -104,23 +151,32 @@ class OutputEncoder:
         Raises:
             ValueError: a state that is set does not fit the configuration.
         """
+        self.write_planned()
         return self._state
 
     @state.setter
     def state(self, state: OutputEncoderState) -> None:
         if state.sent.shape != self._state.sent.shape:
             raise ValueError(f"{len(state.sent)} output slots, expected {len(self._state.sent)}")
+        self.write_planned()
         self._state, self._slots.state, self._ego_acceleration.state = state, state.slots, state.ego_acceleration
 
     @property
     def saturated(self) -> int:
         """Number of values so far that were out of their signal's range and were saturated."""
+        self.write_planned()
         return self._state.saturated
 
     def encode(
         self, obstacles: Obstacles, status: OutputStatus, pose: EgoPose, georeference: Georeference | None = None
-    ) -> list[tuple[int, bytes]]:
-        """Encode one cycle.
+    ) -> Payloads:
+        """Encode one cycle at once; arguments as `plan`."""
+        return list(self.plan(obstacles, status, pose, georeference))
+
+    def plan(
+        self, obstacles: Obstacles, status: OutputStatus, pose: EgoPose, georeference: Georeference | None = None
+    ) -> PlannedPayloads:
+        """Decide what one cycle sends; it is written when it is asked for, or when `TOGETHER` cycles wait.
 
         Args:
             obstacles: of the cycle.
@@ -131,20 +187,34 @@ class OutputEncoder:
         Returns:
             CAN id and payload: the status, then the first message of every slot in order, then the second, and so on.
         """
-        state, writer = self._state, self._writer
+        state = self._state
         rows = self._sendable(obstacles)
         slots = self._slots.assign(obstacles.id[rows], partial(self._urgency, obstacles, rows))
         held = len(slots.order)
         state.unreported = self._reportable(obstacles) - held
-        frames = [] if self._status is None else [self._write_status(status, held, slots)]
+        told = [] if self._status is None else [self._write_status(status, held, slots)]
         acceleration = self._ego_acceleration.update(pose) if self._relative else 0j
         view = MountView(obstacles, rows, self._mount, pose, acceleration, georeference, self._half_width)
         columns = self._columns(view, obstacles.id[rows], slots)
-        saturated = writer.saturated  # the writer counts all of its callers
-        frames += writer.write(slots.sent, columns, slots.occupied, counter=self._count(slots), new=slots.new)
-        state.saturated += writer.saturated - saturated
+        of_slot = self._writer.frames_a_slot
+        payloads = PlannedPayloads(self, told, len(told) + (of_slot or 0) * len(slots.sent))
+        planned = SlotValues(slots.sent, columns, slots.occupied, self._count(slots), slots.new)
+        self._planned.append((planned, payloads))
+        if len(self._planned) == TOGETHER or of_slot is None:
+            self.write_planned()
         state.cycle += 1
-        return frames
+        return payloads
+
+    def write_planned(self) -> None:
+        """Write the cycles that nobody has asked for yet."""
+        if not self._planned:
+            return
+        cycles, self._planned = self._planned, []
+        writer, before = self._writer, self._writer.saturated  # the writer counts all of its callers
+        written = writer.write_cycles([values for values, _ in cycles])
+        self._state.saturated += writer.saturated - before
+        for (_, payloads), slots in zip(cycles, written, strict=True):
+            payloads.complete(slots)
 
     def _count(self, slots: SlotColumns) -> int | Integers:
         """Return the counter values of this cycle's frames."""

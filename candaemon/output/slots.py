@@ -179,7 +179,9 @@ class SlotEncoding:
         order = np.argsort(slots)[np.count_nonzero(slots < 0) :]
         held = slots[order]
         sent = self._sent(held, assigned.freed)
-        occupied = np.isin(sent, held, assume_unique=True)
+        is_held = np.zeros(len(self._every_slot), np.bool_)
+        is_held[held] = True
+        occupied = is_held[sent]
         new = np.zeros(len(sent), np.bool_)
         new[occupied] = np.array(assigned.new, np.bool_)[order]
         lasting = len(order) == len(ids) and not assigned.freed and not any(assigned.new)

@@ -368,7 +368,7 @@ class Pipeline:
         output = self.binding.output
         if self.encoder is not None and output is not None:
             status = self._status(pose, now_ns) if output.status is not None else OutputStatus()
-            payloads = self.encoder.encode(reported, status, pose, georeference)
+            payloads = self.encoder.plan(reported, status, pose, georeference)
             frames = FrameBatch(now_ns, output.bus, payloads, output.fd_ids)
         self._counts.sent += len(frames)
         return Cycle(now_ns, obstacles, frames, pose, detections, tracker, georeference, reported)

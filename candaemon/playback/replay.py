@@ -39,6 +39,7 @@ from candaemon.exports.parquet import SUFFIX, ParquetDrive, ParquetTable
 from candaemon.files.outputs import Outputs, make_folder
 from candaemon.frames.frame import Frame, Tick
 from candaemon.frames.frame_block import FrameBlock
+from candaemon.output.encoder import TOGETHER
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import begun, fingerprint
@@ -343,6 +344,8 @@ class _CycleOutputs:
         self._score = score
         smooth = request.smooth if request.tracks or request.parquet else None
         self._smoother = CycleSmoother(pipeline.trackers, smooth) if smooth is not None else None
+        self._waiting: list[Sequence[Frame]] = []
+        self._together = TOGETHER if request.speed is None else 1
         self._predictions = (
             None if score.brief else PredictionQueue(pipeline, request.horizons, writers.predictions, score)
         )
@@ -363,8 +366,9 @@ class _CycleOutputs:
 
     def write(self, cycle: Cycle) -> None:
         """Write and score one cycle."""
-        if self._writers.log is not None:
-            self._writers.log.write(cycle.frames)
+        self._waiting.append(cycle.frames)
+        if len(self._waiting) >= self._together:
+            self._write_frames()
         for sink in self._writers.sinks:
             sink.add_cycle(cycle, self._pipeline)
         if self._writers.detections is not None and cycle.detections is not None:
@@ -376,11 +380,19 @@ class _CycleOutputs:
             self._predictions.add(cycle)
 
     def finish(self) -> None:
-        """Report pending predictions and smoothed cycles."""
+        """Write the frames that wait; report pending predictions and smoothed cycles."""
+        self._write_frames()
         if self._predictions is not None:
             self._predictions.finish()
         if self._smoother is not None:
             self._write_tracks(self._smoother.finish())
+
+    def _write_frames(self) -> None:
+        """Write the frames of the cycles that wait; what the encoder has only planned is written together."""
+        waiting, self._waiting = self._waiting, []
+        if self._writers.log is not None:
+            for frames in waiting:
+                self._writers.log.write(frames)
 
     def _write_tracks(self, cycles: Iterable[Cycle]) -> None:
         """Write the cycles that an output follows to the tables of obstacles."""

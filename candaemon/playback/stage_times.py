@@ -90,7 +90,7 @@ class StageTimes:
         for calibrator in () if pipeline.calibrator is None else (pipeline.calibrator,):
             self.watch(calibrator, {"learn": "calibration", "corrected": "calibration"})
         if pipeline.encoder is not None:
-            self.watch(pipeline.encoder, {"encode": "encode"})
+            self.watch(pipeline.encoder, {"plan": "encode", "write_planned": "encode"})
         pipeline.counts = pipeline.counts  # frames are routed anew, to the methods that are timed
 
     def _timed(self, stage: str, function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:

@@ -20,7 +20,13 @@ from candaemon.tracking.identities import Identities
 from candaemon.tracking.initiation import TrackInitiation
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.range_association import RangeAssociation, UnpairedRanges
-from candaemon.tracking.reflections import align_with_course, hand_over_reference, merge_candidates, split_candidates
+from candaemon.tracking.reflections import (
+    RigidMotion,
+    align_with_course,
+    hand_over_reference,
+    merge_candidates,
+    split_candidates,
+)
 from candaemon.tracking.reporting import report
 from candaemon.tracking.smoother_history import SmootherHistory
 from candaemon.tracking.track_store import TrackStore, TrackStoreState
@@ -176,8 +182,9 @@ class Tracker:
         self.detections = detections
         self._confirm_and_delete(pose)
         if detections is not None and self.settings.reflections.merge and len(self):
-            self._merge_and_split()
-        motion = self._tracks.motion()
+            motion = self._merge_and_split()
+        else:
+            motion = self._tracks.motion()
         align_with_course(self._tracks.obstacles, motion.velocity, self._dt, self.settings.travel)
         if link is not None:
             self.smoother_history = SmootherHistory(self._tracks.obstacles.id, motion.state, motion.covariance, *link)
@@ -392,37 +399,43 @@ class Tracker:
         points = pose.to_vehicle(self._tracks.reference_points())
         return np.asarray(np.any([view.sees(points) for view in self._views], axis=0))
 
-    def _merge_and_split(self) -> None:
-        """Hand over reference points, split what moves apart, merge what moves together."""
+    def _merge_and_split(self) -> RigidMotion:
+        """Hand over reference points, split what moves apart, merge what moves together; return how all move."""
         tracks, settings = self._tracks, self.settings.reflections
         obstacles, reflections = tracks.obstacles, tracks.reflections
         mean, _ = tracks.states()
         hand_over_reference(obstacles, reflections, mean, self._state.time_ns, settings)
-        splitting = split_candidates(obstacles, reflections, mean, tracks.motion(), settings)
+        motion = tracks.motion()
+        splitting = split_candidates(obstacles, reflections, mean, motion, settings)
         if splitting.any():
             detected = reflections.last_ns == self._state.time_ns
             before = len(obstacles)
             tracks.split(np.flatnonzero(splitting & detected))
             self.counts.obstacles += len(obstacles) - before
             self._delete(splitting & ~detected, np.zeros(len(obstacles), dtype=np.bool_))
-        if len(obstacles) > 1:
-            self._merge()
+            motion = tracks.motion()
+        if len(obstacles) > 1 and self._merge(motion):
+            motion = tracks.motion()
+        return motion
 
-    def _merge(self) -> None:
-        """Merge the younger of two obstacles that stay alongside each other into the older."""
+    def _merge(self, motion: RigidMotion) -> bool:
+        """Merge the younger of two obstacles that stay alongside each other into the older; return whether any was."""
         tracks, settings = self._tracks, self.settings.reflections
         obstacles = tracks.obstacles
-        older = merge_candidates(obstacles, tracks.motion(), settings)
-        obstacles.alongside_ns = np.where(older >= 0, obstacles.alongside_ns + int(self._dt * 1e9), 0)
-        merging = np.flatnonzero((older >= 0) & (obstacles.alongside_ns >= int(settings.merge_time * 1e9)))
+        older = merge_candidates(obstacles, motion, settings)
+        alongside = older >= 0
+        obstacles.alongside_ns = np.where(alongside, obstacles.alongside_ns + int(self._dt * 1e9), 0)
+        merging = np.flatnonzero(alongside & (obstacles.alongside_ns >= int(settings.merge_time * 1e9)))
+        if not len(merging):
+            return False
         merged = np.zeros(len(obstacles), dtype=np.bool_)
         for young, old in zip(merging.tolist(), older[merging].tolist(), strict=True):
             if not merged[old]:
                 tracks.merge(young, old)
                 merged[young] = True
-        if merged.any():
-            self.counts.merged += int(merged.sum())
-            self._delete(np.zeros(len(tracks.reflections), dtype=np.bool_), merged)
+        self.counts.merged += int(merged.sum())
+        self._delete(np.zeros(len(tracks.reflections), dtype=np.bool_), merged)
+        return True
 
     def _delete(self, lost: Booleans, ended: Booleans) -> None:
         """Delete reflections and obstacles; the latest update keeps the rows that are left."""

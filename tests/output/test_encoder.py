@@ -24,7 +24,7 @@ from candaemon.config.sensors import Mount
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.frames.bodies import CLASSES
 from candaemon.output.decoder import OutputDecoder
-from candaemon.output.encoder import OutputEncoder, OutputStatus
+from candaemon.output.encoder import TOGETHER, OutputEncoder, OutputStatus
 from candaemon.output.quantities import EgoAcceleration, MountView
 from candaemon.protection.checksums import crc8_sae_j1850
 from candaemon.radar.assembler_factory import make_assembler
@@ -407,6 +407,36 @@ def test_deviations_turn_with_the_mount() -> None:
     assert [view.quantity(name, polar=False)[0] for name in ("sx", "sy", "svx", "svy")] == pytest.approx(
         [0.2, 0.5, 0, 1]
     )
+
+
+@pytest.mark.parametrize("config", ["esr_ins", "esr_ins_fd", "ars408_to_esr", "esr_to_ars408", "surround"])
+def test_cycles_written_together_are_those_written_one_by_one(config: str) -> None:
+    bound, random = output(config), np.random.default_rng(7)
+    one_by_one, together = OutputEncoder(bound), OutputEncoder(bound)
+    alive, youngest = list(range(1, 40)), 39
+    planned, expected = [], []
+    for cycle in range(2 * TOGETHER + 5):
+        alive = [each for each in alive if random.random() > 0.05]
+        youngest += (born := int(random.integers(0, 4)))
+        alive += range(youngest - born + 1, youngest + 1)
+        x, y, vx, vy = random.uniform(-300, 300, (4, len(alive)))
+        seen = obstacles(len(alive), id=alive, x=x, y=y, vx=vx, vy=vy, heading=np.where(x > 0, vx, np.nan))
+        status = OutputStatus(ego=2, health=cycle % 3, drops=cycle)
+        expected.append(one_by_one.encode(seen, status, POSE))
+        planned.append(together.plan(seen, status, POSE))
+        assert len(planned[-1]) == len(expected[-1])
+        if cycle == TOGETHER + 3:  # somebody asks for a cycle in the middle of those that wait
+            assert planned[-2][:3] == expected[-2][:3]
+    assert [list(each) for each in planned] == expected
+    assert together.saturated == one_by_one.saturated > 0
+
+
+def test_a_state_holds_what_was_planned_before() -> None:
+    planning, following = OutputEncoder(output("esr_ins")), OutputEncoder(output("esr_ins"))
+    payloads = planning.plan(obstacles(3, vx=[1e3, 0.0, 0.0]), STATUS, POSE)
+    following.state = planning.state
+    assert following.saturated == planning.saturated > 0
+    assert len(payloads) == len(list(payloads)) == 13
 
 
 def test_own_acceleration_follows_a_braking_turning_vehicle() -> None:

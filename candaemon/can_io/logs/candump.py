@@ -399,7 +399,7 @@ def _batch_text(frames: FrameBatch, channels: Sequence[str]) -> bytes:
     if not frames:
         return b""
     stamp, fd_ids = _stamp(frames.time_ns, channels[frames.bus]), frames.fd_ids
-    can_ids, payloads = tuple([can_id for can_id, _ in frames.payloads]), [data for _, data in frames.payloads]
+    can_ids, payloads = zip(*frames.payloads, strict=True)
     if not fd_ids and set(map(len, payloads)) == {8}:
         heads = _heads(can_ids, len(stamp.encode()))
         if heads is not None:
