@@ -6,11 +6,11 @@ build forbids fused multiply-adds. Logarithms, sines and the like, which librari
 numpy. Nothing is checked here: the callers in `kalman`, `imm` and `filter_bank` give arrays of the right shapes.
 """
 
-from libc.math cimport fabs, sqrt
+from libc.math cimport fabs, isfinite, sqrt
 
 import numpy as np
 
-REVISION = 1
+REVISION = 2
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -153,3 +153,79 @@ def update_scalar(
                 nis[t, j] = whitened * whitened
                 root[t, j] = deviation
     return nis_array, root_array
+
+
+def take_position(double[:, ::1] columns, const double[:, :] position, const double[:, :, :] noise):
+    """Update columns [mean, triangle of P, …] (29, n) in place with positions (n, 2); return the NIS (n,)."""
+    cdef Py_ssize_t n = columns.shape[1], t, a, b, entry
+    cdef double xx, xy, yy, first, slope, second, x, y, value
+    cdef double h[2][6]
+    nis_array = np.empty(n)
+    cdef double[::1] nis = nis_array
+    with nogil:
+        for t in range(n):
+            xx = columns[6, t] + noise[t, 0, 0]
+            xy = columns[7, t] + noise[t, 0, 1]
+            yy = columns[12, t] + noise[t, 1, 1]
+            first = sqrt(larger((1.0 + LOST) * xx, LEAST_VARIANCE))
+            slope = xy / first
+            second = sqrt(larger(larger((1.0 + LOST) * yy - slope * slope, LOST * yy), LEAST_VARIANCE))
+            x = bounded(position[t, 0] - columns[0, t]) / first
+            y = (bounded(position[t, 1] - columns[1, t]) - slope * x) / second
+            for a in range(6):
+                h[0][a] = columns[6 + a, t] / first
+                value = columns[7, t] if a == 0 else columns[11 + a, t]
+                h[1][a] = (value - slope * h[0][a]) / second
+            entry = 6
+            for a in range(6):
+                columns[a, t] = columns[a, t] + h[0][a] * x
+                columns[a, t] = columns[a, t] + h[1][a] * y
+                for b in range(a, 6):
+                    columns[entry, t] = columns[entry, t] - h[0][a] * h[0][b]
+                    columns[entry, t] = columns[entry, t] - h[1][a] * h[1][b]
+                    entry += 1
+            nis[t] = x * x + y * y
+    return nis_array
+
+
+def take_speed(
+    double[:, ::1] columns, const double[:, :] row, const double[:] innovation, const double[:] variance
+):
+    """Update columns (29, n) in place with a speed each, Jacobian (4, n); return the NIS (n,), 0 where it is NaN."""
+    cdef Py_ssize_t n = columns.shape[1], t, a, b, entry
+    cdef double spread, own, deviation, whitened, measured
+    cdef double r[4]
+    cdef double h[6]
+    cdef Py_ssize_t[4] begin = [6, 11, 15, 18]  # row a of the triangle lies from begin[a] + a on
+    nis_array = np.empty(n)
+    cdef double[::1] nis = nis_array
+    with nogil:
+        for t in range(n):
+            measured = innovation[t]
+            for a in range(4):
+                r[a] = row[a, t]
+            if not isfinite(measured):
+                measured = r[0] = r[1] = r[2] = r[3] = 0.0
+            for a in range(6):
+                h[a] = columns[begin[0] + a, t] * r[0]
+                for b in range(1, 4):
+                    h[a] = h[a] + (columns[begin[b] + a, t] if b <= a else columns[begin[a] + b, t]) * r[b]
+            spread = r[0] * h[0]
+            own = r[0] * r[0] * columns[begin[0], t]
+            for a in range(1, 4):
+                spread = spread + r[a] * h[a]
+                own = own + r[a] * r[a] * columns[begin[a] + a, t]
+            spread = larger(spread, 0.0) + variance[t]
+            spread = spread + LOST * fabs(own)
+            deviation = sqrt(larger(spread, LEAST_VARIANCE))
+            whitened = bounded(measured) / deviation
+            for a in range(6):
+                h[a] = h[a] / deviation
+            entry = 6
+            for a in range(6):
+                columns[a, t] = columns[a, t] + h[a] * whitened
+                for b in range(a, 6):
+                    columns[entry, t] = columns[entry, t] - h[a] * h[b]
+                    entry += 1
+            nis[t] = whitened * whitened
+    return nis_array

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.estimation import compiled
 from candaemon.estimation.axis_filter import axis_matrices
 from candaemon.estimation.discretisation import X, Y, isotropic
 from candaemon.estimation.estimator_state import PlaneFilterState
@@ -189,6 +190,8 @@ def _prediction(mean_transition: Floats, transition: Floats, noise: Floats) -> F
 
 def _take_position(state: Floats, position: Floats, noise: Floats) -> Floats:
     """Update columns with measured positions (n, 2), as `kalman.update_position` does; return the NIS (n,)."""
+    if compiled.in_use and state.flags.c_contiguous:
+        return compiled.kernels.take_position(state, position, noise)
     mean, covariance = state[_MEAN], state[_COVARIANCE]
     first, slope, second = triangular_root(
         covariance[_XX] + noise[:, 0, 0], covariance[_XY] + noise[:, 0, 1], covariance[_YY] + noise[:, 1, 1]
@@ -214,6 +217,8 @@ def _take_speed(state: Floats, row: Floats, innovation: Floats, variance: Floats
 
     Where it was not measured (NaN), nothing changes and it fits perfectly.
     """
+    if compiled.in_use and state.flags.c_contiguous:
+        return compiled.kernels.take_speed(state, row, innovation, variance)
     known = np.isfinite(innovation)
     if not known.all():
         row, innovation = np.where(known, row, 0.0), np.where(known, innovation, 0.0)

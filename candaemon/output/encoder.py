@@ -17,7 +17,7 @@ from candaemon.binding.bound import BoundOutput
 from candaemon.ego.georeference import Georeference
 from candaemon.ego.pose import EgoPose
 from candaemon.objects.writer import Payloads, SlotValues
-from candaemon.output.quantities import EgoAcceleration, EgoAccelerationState, MountView
+from candaemon.output.quantities import EgoAcceleration, EgoAccelerationState, MountView, finder
 from candaemon.output.slots import OFF_PATH, SlotColumns, SlotEncoding, SlotState
 from candaemon.tracking.obstacles import TENTATIVE, Obstacles
 
@@ -134,7 +134,8 @@ class OutputEncoder:
         self._all = (settings.send == "all" or several) and not self._listed
         self._names = tuple(name for name in settings.signals if name not in OF_FRAME)
         self._may_be_unknown = [row for row, name in enumerate(self._names) if name in MAY_BE_UNKNOWN]
-        self._polar = "range" in settings.signals
+        polar = "range" in settings.signals
+        self._finders = [finder(name, polar=polar) for name in self._names]
         self._counts_cycles = "counter" in settings.signals
         self._relative = "rel_ax" in settings.signals
         self._ego_acceleration = EgoAcceleration()
@@ -188,10 +189,11 @@ class OutputEncoder:
             CAN id and payload: the status, then the first message of every slot in order, then the second, and so on.
         """
         state = self._state
-        rows = self._sendable(obstacles)
+        requested = None if self._tentative else obstacles.state != TENTATIVE
+        rows = _sendable(obstacles, requested)
         slots = self._slots.assign(obstacles.id[rows], partial(self._urgency, obstacles, rows))
         held = len(slots.order)
-        state.unreported = self._reportable(obstacles) - held
+        state.unreported = (len(obstacles) if requested is None else int(np.count_nonzero(requested))) - held
         told = [] if self._status is None else [self._write_status(status, held, slots)]
         acceleration = self._ego_acceleration.update(pose) if self._relative else 0j
         view = MountView(obstacles, rows, self._mount, pose, acceleration, georeference, self._half_width)
@@ -229,19 +231,6 @@ class OutputEncoder:
         sent[slots.sent] = counted + 1
         return counted
 
-    def _reportable(self, obstacles: Obstacles) -> int:
-        """Count the obstacles whose state is to be sent."""
-        return len(obstacles) if self._tentative else int(np.count_nonzero(obstacles.state != TENTATIVE))
-
-    def _sendable(self, obstacles: Obstacles) -> Indices | slice:
-        """Return the rows that can be sent: of the configured states, with position and velocity in bounds."""
-        motion = np.array([obstacles.x, obstacles.y, obstacles.vx, obstacles.vy])
-        requested = None if self._tentative else obstacles.state != TENTATIVE
-        if np.vdot(motion, motion) < FARTHEST**2:  # then every value is in bounds
-            return slice(None) if requested is None else requested.nonzero()[0]
-        good = (np.abs(motion) < FARTHEST).all(axis=0)  # NaN is not
-        return np.flatnonzero(good if requested is None else good & requested)
-
     def _urgency(self, obstacles: Obstacles, rows: Indices | slice) -> Floats:
         x, y = obstacles.x[rows], obstacles.y[rows]
         in_path = (x > 0) & (np.abs(y) <= self._half_width)
@@ -250,7 +239,7 @@ class OutputEncoder:
     def _columns(self, view: MountView, ids: Integers, slots: SlotColumns) -> Columns:
         """Return each quantity of the slots sent: of the obstacle where occupied, 0 elsewhere; NaN where unknown."""
         with np.errstate(invalid="ignore", over="ignore"):  # what is no number is replaced below
-            table = np.array([view.quantity(name, polar=self._polar) for name in self._names], np.float64)
+            table = np.array([find(view) for find in self._finders], np.float64)
         table = table.take(slots.order, axis=-1)
         if not isfinite(np.vdot(table, table)):
             filler = np.zeros((len(self._names), 1))
@@ -285,3 +274,12 @@ def _spread(values: NDArray[Value], occupied: Booleans) -> NDArray[Value]:
     full = np.zeros((*values.shape[:-1], len(occupied)), values.dtype)
     full[..., occupied] = values
     return full
+
+
+def _sendable(obstacles: Obstacles, requested: Booleans | None) -> Indices | slice:
+    """Return the rows that can be sent: of those requested, with position and velocity in bounds."""
+    motion = np.array([obstacles.x, obstacles.y, obstacles.vx, obstacles.vy])
+    if np.vdot(motion, motion) < FARTHEST**2:  # then every value is in bounds
+        return slice(None) if requested is None else requested.nonzero()[0]
+    good = (np.abs(motion) < FARTHEST).all(axis=0)  # NaN is not
+    return np.flatnonzero(good if requested is None else good & requested)

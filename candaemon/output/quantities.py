@@ -6,9 +6,10 @@ Plane vectors are complex numbers, x + iy: a rotation is a multiplication.
 from __future__ import annotations
 
 from cmath import exp, phase
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import radians
+from operator import methodcaller
 from typing import Final, Generic, TypeVar
 
 import numpy as np
@@ -121,60 +122,7 @@ class MountView:
             name: the quantity.
             polar: `rel_ax` is along the line of sight, not along x.
         """
-        match name:
-            case "x":
-                return self.position.real
-            case "y":
-                return self.position.imag
-            case "vx":
-                return self.velocity.real
-            case "vy":
-                return self.velocity.imag
-            case "ax":
-                return self.acceleration.real
-            case "ay":
-                return self.acceleration.imag
-            case "range":
-                return self.distance
-            case "azimuth":
-                return np.arctan2(self.position.imag, self.position.real)
-            case "range_rate":
-                return self._along(self.relative_velocity)
-            case "rel_vx":
-                return self.rate.real
-            case "rel_vy":
-                return self.rate.imag
-            case "rel_ax":
-                relative = self.acceleration - self._acceleration * self._rotation
-                return self._along(relative) if polar else relative.real
-            case "sx" | "sy" | "svx" | "svy":
-                return self._deviation(name)
-            case "latitude":
-                return self.earth[0]
-            case "longitude":
-                return self.earth[1]
-            case "heading":
-                return self._relative_heading
-            case "center_x":
-                return self.center.real
-            case "center_y":
-                return self.center.imag
-            case "center_dx":
-                return self.center.real - self.position.real
-            case "center_dy":
-                return self.center.imag - self.position.imag
-            case "class":
-                return self._take("kind")
-            case "class_likelihood":
-                return self._take("kind_likelihood")
-            case "lead":
-                return self._lead
-            case "time_to_collision":
-                return self._time_to_collision
-            case "state":
-                return self._take("state") + 1  # 0 on the wire is an empty slot
-            case _:
-                return self._take(name)
+        return finder(name, polar=polar)(self)
 
     @_CachedProperty
     def position(self) -> ComplexPlane:
@@ -206,6 +154,11 @@ class MountView:
         return self._rotated(self._plane("ax", "ay"))
 
     @_CachedProperty
+    def relative_acceleration(self) -> ComplexPlane:
+        """Accelerations relative to the vehicle in the mount's axes, m/s²."""
+        return self.acceleration - self._acceleration * self._rotation
+
+    @_CachedProperty
     def relative_velocity(self) -> ComplexPlane:
         """Velocities relative to the mount, m/s."""
         mount_velocity = complex(*self._pose.velocity_in_vehicle_axes()) + 1j * self._pose.yaw_rate * self._mount
@@ -219,47 +172,45 @@ class MountView:
     @_CachedProperty
     def earth(self) -> tuple[Floats, Floats]:
         """Latitudes and longitudes, rad; NaN without a georeference."""
-        east, north = self._take("east"), self._take("north")
+        east, north = self.column("east"), self.column("north")
         if self._georeference is None:
             return np.full_like(east, np.nan), np.full_like(north, np.nan)
         return self._georeference.to_earth(east, north)
 
-    @property
-    def _relative_heading(self) -> Floats:
-        """Headings in the mount's axes, −π to π rad."""
-        heading = self._take("heading")
+    def heading(self) -> Floats:
+        """Return the headings in the mount's axes, −π to π rad."""
+        heading = self.column("heading")
         if self._rotation == 1:
             return heading
         return np.asarray(np.remainder(heading - phase(self._rotation.conjugate()) + np.pi, 2 * np.pi) - np.pi)
 
-    @property
-    def _lead(self) -> Floats:
-        """1 for the obstacle that is the next one in the own path, which bends as the vehicle turns; else 0."""
+    def lead(self) -> Floats:
+        """Return 1 for the obstacle that is the next one in the own path, which bends as the vehicle turns; else 0."""
         speed = abs(complex(*self._pose.velocity_in_vehicle_axes()))
         curvature = self._pose.yaw_rate / max(speed, LEAST_SPEED)
-        x, y = self._take("x"), self._take("y")
+        x, y = self.column("x"), self.column("y")
         in_path = (x > 0.0) & (np.abs(y - 0.5 * curvature * x * x) <= self._half_width)
         lead = np.zeros(len(x))
         if in_path.any():
             lead[np.where(in_path, x, np.inf).argmin()] = 1.0
         return lead
 
-    @property
-    def _time_to_collision(self) -> Floats:
-        """Time until an obstacle ahead is reached in the own path if both go on as they do, s; NaN if it is not."""
+    def time_to_collision(self) -> Floats:
+        """Return the s until an obstacle ahead in the own path is reached if both go on as they do; NaN if it is not."""
         position, rate = self.position, self.relative_velocity
         with np.errstate(divide="ignore", invalid="ignore"):
             time = np.where((rate.real < 0.0) & (position.real > 0.0), -position.real / rate.real, np.nan)
             beside = np.abs(position.imag + rate.imag * time)
-        reach = self._half_width + 0.5 * np.nan_to_num(self._take("width"))
+        reach = self._half_width + 0.5 * np.nan_to_num(self.column("width"))
         return np.where(beside <= reach, time, np.nan)
 
-    def _take(self, name: str) -> Floats:
+    def column(self, name: str) -> Floats:
+        """Return a column of the obstacles as it is."""
         column: Floats = getattr(self._obstacles, name)[self._rows]
         return column
 
     def _plane(self, x: str, y: str) -> ComplexPlane:
-        real, imaginary = self._take(x), self._take(y)
+        real, imaginary = self.column(x), self.column(y)
         plane = np.empty(len(real), np.complex128)
         plane.real, plane.imag = real, imaginary
         return plane
@@ -268,15 +219,62 @@ class MountView:
         """Rotate from vehicle axes into the mount's."""
         return vector if self._rotation == 1 else vector * self._rotation
 
-    def _along(self, vector: ComplexPlane) -> Floats:
+    def along(self, vector: ComplexPlane) -> Floats:
         """Return the component along the line of sight, positive away."""
         product: ComplexPlane = np.conj(self.position) * vector
         return product.real / np.maximum(self.distance, NEAREST)
 
-    def _deviation(self, name: str) -> Floats:
+    def deviation(self, name: str) -> Floats:
         """Return a standard deviation along one of the mount's axes, x and y assumed uncorrelated."""
         kind, axis = name[:-1], name[-1]
         if self._rotation == 1:
-            return self._take(name)
+            return self.column(name)
         c, s = (self._rotation.real, self._rotation.imag) if axis == "x" else (self._rotation.imag, self._rotation.real)
-        return np.hypot(c * self._take(f"{kind}x"), s * self._take(f"{kind}y"))
+        return np.hypot(c * self.column(f"{kind}x"), s * self.column(f"{kind}y"))
+
+
+def finder(name: str, *, polar: bool) -> Callable[[MountView], Floats]:
+    """Return what finds a quantity in a view, to be looked up once; arguments as `MountView.quantity`."""
+    if name == "rel_ax":
+        return _relative_acceleration_along if polar else _relative_acceleration
+    return _FINDERS.get(name) or methodcaller("column", name)
+
+
+def _relative_acceleration(view: MountView) -> Floats:
+    return view.relative_acceleration.real
+
+
+def _relative_acceleration_along(view: MountView) -> Floats:
+    return view.along(view.relative_acceleration)
+
+
+_FINDERS: Final[Mapping[str, Callable[[MountView], Floats]]] = {
+    "x": lambda view: view.position.real,
+    "y": lambda view: view.position.imag,
+    "vx": lambda view: view.velocity.real,
+    "vy": lambda view: view.velocity.imag,
+    "ax": lambda view: view.acceleration.real,
+    "ay": lambda view: view.acceleration.imag,
+    "range": lambda view: view.distance,
+    "azimuth": lambda view: np.arctan2(view.position.imag, view.position.real),
+    "range_rate": lambda view: view.along(view.relative_velocity),
+    "rel_vx": lambda view: view.rate.real,
+    "rel_vy": lambda view: view.rate.imag,
+    "sx": methodcaller("deviation", "sx"),
+    "sy": methodcaller("deviation", "sy"),
+    "svx": methodcaller("deviation", "svx"),
+    "svy": methodcaller("deviation", "svy"),
+    "latitude": lambda view: view.earth[0],
+    "longitude": lambda view: view.earth[1],
+    "heading": MountView.heading,
+    "center_x": lambda view: view.center.real,
+    "center_y": lambda view: view.center.imag,
+    "center_dx": lambda view: view.center.real - view.position.real,
+    "center_dy": lambda view: view.center.imag - view.position.imag,
+    "class": methodcaller("column", "kind"),
+    "class_likelihood": methodcaller("column", "kind_likelihood"),
+    "lead": MountView.lead,
+    "time_to_collision": MountView.time_to_collision,
+    "state": lambda view: view.column("state") + 1,  # 0 on the wire is an empty slot
+}
+"""Those that are not columns of the obstacles as they are."""

@@ -119,14 +119,12 @@ class SlotColumns:
         sent: (m,) slots to send, ascending.
         occupied: (m,) whether the slot is held.
         new: (m,) whether the slot was assigned in this cycle.
-        lasting: whether the same obstacles would get the same slots again: none is new, gone or waiting.
     """
 
     order: Indices
     sent: Integers
     occupied: Booleans
     new: Booleans
-    lasting: bool
 
 
 class SlotEncoding:
@@ -145,6 +143,7 @@ class SlotEncoding:
         # the latest cycle's slots, while the same obstacles would get the same again
         self._lasting: SlotColumns | None = None
         self._lasting_ids = b""
+        self._waiting: Indices | None = None  # rows of those that wait for a slot, the others having all
 
     @property
     def state(self) -> SlotState:
@@ -169,11 +168,18 @@ class SlotEncoding:
         key = ids.tobytes()
         columns = self._lasting
         if columns is None or key != self._lasting_ids:
-            columns = self._assigned(ids, urgency())
-            self._lasting, self._lasting_ids = columns if columns.lasting else None, key
-        return columns
+            return self._assigned(ids, key, urgency())
+        if self._waiting is None:
+            return columns
+        urgent = urgency()
+        return self._assigned(ids, key, urgent) if self._is_displaced(columns.order, urgent) else columns
 
-    def _assigned(self, ids: Integers, urgency: Floats) -> SlotColumns:
+    def _is_displaced(self, holding: Indices, urgency: Floats) -> bool:
+        """Return whether the most urgent obstacle that waits gets the slot of the least urgent one that holds one."""
+        most = urgency[self._waiting].min()
+        return bool(most < OFF_PATH and urgency[holding].max() > most + MARGIN)
+
+    def _assigned(self, ids: Integers, key: bytes, urgency: Floats) -> SlotColumns:
         assigned = self._table.assign(ids.tolist(), urgency.tolist())
         slots = np.array(assigned.slot, np.int64)
         order = np.argsort(slots)[np.count_nonzero(slots < 0) :]
@@ -184,8 +190,12 @@ class SlotEncoding:
         occupied = is_held[sent]
         new = np.zeros(len(sent), np.bool_)
         new[occupied] = np.array(assigned.new, np.bool_)[order]
-        lasting = len(order) == len(ids) and not assigned.freed and not any(assigned.new)
-        return SlotColumns(order, sent, occupied, new, lasting)
+        waiting = np.flatnonzero(slots < 0)
+        lasting = not assigned.freed and not any(assigned.new) and (not len(waiting) or not self._table.state.free)
+        columns = SlotColumns(order, sent, occupied, new)
+        self._lasting, self._lasting_ids = columns if lasting else None, key
+        self._waiting = waiting if len(waiting) else None
+        return columns
 
     def _sent(self, held: Integers, freed: list[int]) -> Integers:
         """Return the slots to send, in order."""
