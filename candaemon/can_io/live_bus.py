@@ -64,6 +64,10 @@ _OPENING_S = 0.01
 _RETRY_S = 0.001
 """Time of a short frame at 100 kbit/s: a full transmit queue does not signal when it has room again."""
 
+_STAMPING_S = 1.0
+"""After a bus was opened, within which the kernel may stamp frames when they are read: where nobody asked for stamps
+before, it begins to give them a moment after it was asked."""
+
 _LAST_FRAMES = 1_000_000  # of a bus that is gone: no more come
 _LEFT_FRAMES = 20_000  # of a bus that is not: a flood on it must not hold the others up
 _ERRORS_BEFORE_FRAMES = 2
@@ -113,6 +117,7 @@ class LiveBus:
         self._waiting = TxQueue(settings.send_queue, settings.send_timeout)
         self._delay_s = settings.reopen_first
         self._next_s = 0.0
+        self._stamping_s = 0.0
         self._state_log = BusStateLog(request.name)
 
     @property
@@ -151,7 +156,7 @@ class LiveBus:
             self._next_s = now_s  # the link may be up again: look at once
             self._plan(now_s)
         self.counts.received += len(frames)
-        return frames
+        return as_arrived(frames) if now_s < self._stamping_s else frames
 
     def send(self, frames: Sequence[Frame], now_s: float) -> int:
         """Send frames as far as there is room; the others wait. Return how many went out at once."""
@@ -207,6 +212,7 @@ class LiveBus:
         self._descriptor = port.fileno()
         self._selector.register(self._descriptor, EVENT_READ, self)
         self._next_s = now_s + _CHECK_S
+        self._stamping_s = now_s + _STAMPING_S
         self._plan(now_s)
 
     def _look_at_opening(self, opening: BackgroundOpening, now_s: float) -> None:
@@ -322,6 +328,19 @@ class LiveBus:
         self._selector.unregister(self._descriptor)
         with suppress(*port_errors()):
             port.close()
+
+
+def as_arrived(frames: list[Frame]) -> list[Frame]:
+    """Return frames of one bus, in the order in which they arrived, none stamped later than those behind it.
+
+    One that is later by more than a second is left as it is: the clock was set.
+    """
+    stamped = frames.copy()
+    for k in range(len(frames) - 2, -1, -1):
+        latest_ns = stamped[k + 1].time_ns
+        if latest_ns < stamped[k].time_ns < latest_ns + round(_STAMPING_S * 1e9):
+            stamped[k] = stamped[k]._replace(time_ns=latest_ns)
+    return stamped
 
 
 def _last_frames(port: Port, limit: int) -> list[Frame]:

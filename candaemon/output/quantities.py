@@ -196,7 +196,7 @@ class MountView:
         return lead
 
     def time_to_collision(self) -> Floats:
-        """Return the s until an obstacle ahead in the own path is reached if both go on as they do; NaN if it is not."""
+        """Return the s until an obstacle ahead in the own path is reached if all goes on so; NaN if it is not."""
         position, rate = self.position, self.relative_velocity
         with np.errstate(divide="ignore", invalid="ignore"):
             time = np.where((rate.real < 0.0) & (position.real > 0.0), -position.real / rate.real, np.nan)

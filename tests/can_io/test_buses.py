@@ -39,6 +39,18 @@ def test_frames_of_two_buses_come_in_order_of_time() -> None:
         assert buses.read(0.0) == []
 
 
+def test_frames_that_were_stamped_when_they_were_read_stay_before_those_that_came_after_them() -> None:
+    settings = virtual()
+    with live(settings) as buses, peer(settings) as other:
+        buses.open()
+        for i, stamp in enumerate((1.5004, 1.5005, 1.5001, 1.5002, 9.0, 2.0)):
+            other.send(message(i, stamp))
+        time.sleep(0.3)
+        heard = buses.read(1.0)
+        assert [frame.can_id for frame in heard] == [0, 1, 2, 3, 5, 4]
+        assert [round(frame.time_ns / 1e5) for frame in heard] == [15001, 15001, 15001, 15002, 20000, 90000]
+
+
 def test_sent_frames_are_heard_by_others_only() -> None:
     settings = virtual()
     with live(settings) as buses, peer(settings) as other:
