@@ -16,6 +16,9 @@ from .task import SYSTEM_PATH, BedMissingError, Task
 
 PACKAGES = "user-mode-linux kmod can-utils iproute2"
 """Of Debian, what a guest needs."""
+COMPILER_PACKAGES = "gcc libc6-dev"
+"""What it needs beside them where the processor has larger registers than it knows of."""
+WHOLE_REGISTERS = Path(__file__).with_name("whole_registers.c")
 MEMORY_MB = 1024
 POLL_S = 0.1
 
@@ -53,7 +56,7 @@ def boot(task: Task, init: Path) -> None:
     process_1.chmod(0o755)
     watch(
         [
-            *("linux.uml", f"mem={MEMORY_MB}M", "loglevel=4"),
+            *(*_with_whole_registers(task.folder), "linux.uml", f"mem={MEMORY_MB}M", "loglevel=4"),
             *("rootfstype=hostfs", "rootflags=/", "ro", f"init={process_1}"),
             *("con=null", "con0=null,fd:1", "con1=null", f"uml_dir={task.folder}/uml/"),
         ],
@@ -62,6 +65,25 @@ def boot(task: Task, init: Path) -> None:
     if not (task.folder / "started").exists():
         console = task.console.read_text(encoding="utf-8", errors="replace")[-500:]
         raise BedMissingError(f"user-mode Linux does not start here: {console or 'it says nothing'}")
+
+
+def _with_whole_registers(folder: Path) -> list[str]:
+    """Return what runs user-mode Linux on this machine's processor: nothing, but for one with AMX.
+
+    Args:
+        folder: for the library that is loaded before it.
+
+    Raises:
+        BedMissingError: it needs that library, and there is no compiler.
+    """
+    if "amx_tile" not in Path("/proc/cpuinfo").read_text(encoding="utf-8").split():
+        return []
+    missing = absent("cc")
+    if missing:
+        raise BedMissingError(f"no user-mode Linux on a processor with AMX: no cc; apt-get install {COMPILER_PACKAGES}")
+    library = folder / "whole_registers.so"
+    subprocess.run(["cc", "-O2", "-shared", "-fPIC", "-o", library, WHOLE_REGISTERS], check=True)
+    return ["env", f"LD_PRELOAD={library}"]
 
 
 def watch(words: Sequence[str], task: Task) -> None:
