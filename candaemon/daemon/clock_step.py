@@ -40,3 +40,12 @@ class ClockStepDetector:
             self._set_ns = steady_ns
         self._ahead_ns = ahead_ns
         return self._set_ns is not None and steady_ns - self._set_ns <= _REMEMBERED_NS
+
+    def explains(self, delay_ns: int, now_ns: int) -> bool:
+        """Return whether a delay is none, but a frame that was stamped before the clock was set and used after it.
+
+        Args:
+            delay_ns: from a frame's time stamp until now.
+            now_ns: what the clock says.
+        """
+        return abs(delay_ns) > _SET_NS and self.was_set(now_ns)

@@ -181,7 +181,9 @@ class Daemon:
         latency = math.nan
         if cycle.frames:
             if by_frame:
-                latency = (self._clock() + self.sequence.offset_ns - cycle.time_ns) * 1e-9
+                now_ns = self._clock()
+                delay_ns = now_ns + self.sequence.offset_ns - cycle.time_ns
+                latency = math.nan if self._clock_watch.explains(delay_ns, now_ns) else delay_ns * 1e-9
             if self._sends:
                 self.buses.send(cycle.frames[0].bus, cycle.frames)
         completed = CompletedCycle(cycle, time.perf_counter() - began_s, latency)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from candaemon.daemon.clock_step import ClockStepDetector, since_boot_ns
 from candaemon.daemon.daemon import Daemon
+from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.frames.frame import Frame, Tick
+from candaemon.simulation.scenario import Scenario
+from candaemon.simulation.simulate import simulate
 from tests.support.bound import binding
 
 SECOND_NS = 1_000_000_000
@@ -112,3 +117,40 @@ def test_a_frame_from_the_future_does_not_let_time_pass(turned: Turned) -> None:
     before_ns = turned.taken[-1][0]
     turned.turn(-3600 * SECOND_NS)
     assert turned.taken[-1][0] - before_ns < SECOND_NS
+
+
+class Latencies(Observer):
+    """Keeps the latencies of cycles whose frames were sent."""
+
+    def __init__(self) -> None:
+        self.found: list[float] = []
+
+    def on_cycle(self, completed: CompletedCycle) -> None:
+        if completed.cycle.frames:
+            self.found.append(completed.latency)
+
+
+def test_frames_that_came_before_the_clock_was_set_have_no_latency(monkeypatch: pytest.MonkeyPatch) -> None:
+    of, clocks, told = binding("demo"), Clocks(), Latencies()
+    daemon = Daemon(of, clock=lambda: clocks.now_ns, steady=lambda: clocks.steady_ns, observers=[told])
+    scenario = Scenario.model_validate({"duration": 3.0, "actors": [{"name": "ahead", "start": {"x": 30.0, "y": 0.0}}]})
+    waiting = list(simulate(scenario, of, 1).frames())
+    clocks.now_ns = waiting[0].time_ns
+    set_at_ns = waiting[len(waiting) // 2].time_ns
+
+    def read(_timeout_s: float) -> list[Frame]:
+        clocks.pass_by(TURN_NS)
+        come = [frame for frame in waiting if frame.time_ns <= clocks.now_ns]
+        del waiting[: len(come)]
+        if come and come[-1].time_ns >= set_at_ns:
+            clocks.now_ns += 7200 * SECOND_NS  # while they waited to be used
+        return come
+
+    monkeypatch.setattr(daemon.buses, "read", read)
+    monkeypatch.setattr(daemon.buses, "send", lambda _bus, frames: len(frames))
+    while waiting:
+        daemon.step(0.01)
+    known = [latency for latency in told.found if not math.isnan(latency)]
+    assert len(known) > 20
+    assert len(known) < len(told.found)
+    assert max(known) < 0.1
