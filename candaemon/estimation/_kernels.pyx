@@ -1,16 +1,17 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
-"""The hot loops of the filters, compiled; each does what the numpy function of the same name does, to the last bit.
+"""The hot loops of filters and tables, compiled; each does what the numpy function of the same name does, to the last bit.
 
 Every number comes from the same operations in the same order as there: sums run from the first term to the last, and the
 build forbids fused multiply-adds. Logarithms, sines and the like, which libraries round in ways of their own, stay in
 numpy. Nothing is checked here: the callers in `kalman`, `imm` and `filter_bank` give arrays of the right shapes.
 """
 
-from libc.math cimport fabs, isfinite, sqrt
+from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
+from libc.math cimport fabs, isfinite, llrint, sqrt
 
 import numpy as np
 
-REVISION = 2
+REVISION = 3
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -229,3 +230,44 @@ def take_speed(
                     entry += 1
             nis[t] = whitened * whitened
     return nis_array
+
+
+def number_text(const double[:, :] rounded, int decimals):
+    """Return numbers (n, k), rounded to decimals, as comma-separated text, a line a row; NaN is empty.
+
+    Each in units of its last decimal is below 1e15, where a double still tells one integer from the next.
+    """
+    cdef Py_ssize_t n = rounded.shape[0], width = rounded.shape[1], row, column, at
+    cdef long long count, rest
+    cdef double unit = 1.0
+    cdef int place, digits
+    cdef char figures[24]
+    for place in range(decimals):
+        unit = unit * 10.0
+    text = PyBytes_FromStringAndSize(NULL, n * width * (20 + decimals) + n)
+    cdef char* out = PyBytes_AS_STRING(text)
+    with nogil:
+        at = 0
+        for row in range(n):
+            for column in range(width):
+                if isfinite(rounded[row, column]):
+                    count = llrint(rounded[row, column] * unit)
+                    rest = -count if count < 0 else count
+                    digits = 0
+                    while rest or digits <= decimals:
+                        figures[digits] = <char>(48 + rest % 10)
+                        rest = rest // 10
+                        digits += 1
+                    if count < 0:
+                        out[at] = 45
+                        at += 1
+                    for place in range(digits - 1, -1, -1):
+                        if place == decimals - 1:
+                            out[at] = 46
+                            at += 1
+                        out[at] = figures[place]
+                        at += 1
+                out[at] = 44
+                at += 1
+            out[at - 1] = 10
+    return text[:at]

@@ -48,6 +48,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from decimal import Decimal
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TextIO, TypeVar
@@ -59,6 +60,7 @@ from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.ego.georeference import Georeference
 from candaemon.errors import InputError
 from candaemon.evaluation.detection_columns import DETECTION_COLUMNS, FATES, NO_OBSTACLE, DetectionColumn
+from candaemon.evaluation.number_text import number_rows
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.bodies import BODY, CLASSES
 from candaemon.frames.times import LATEST_NS
@@ -408,9 +410,9 @@ def _objects(text: str) -> str:
 
 
 _DECIMALS = 4
-_FURTHER_DECIMALS = {"latitude": 9, "longitude": 9, "sides": 0}  # 9: a tenth of a millimetre
-_ROW = "%s,%d,%s," + ",".join([f"%.{_DECIMALS}f"] * len(NUMBERS)) + ",%s"
-_PREDICTION = f"%s,%s,%d,%s,%.{_DECIMALS}f,%.{_DECIMALS}f\n"
+_FORMS = {"latitude": 9, "longitude": 9, "sides": 0, "class": -1}
+"""Decimals of the columns that have not `_DECIMALS`, 9 being a tenth of a millimetre; −1: a text."""
+_TEXT_COLUMNS = frozenset({"class"})
 _STATE_NAMES: Mapping[int | str, str] = {**dict(enumerate(STATES)), **{name: name for name in STATES}}
 _CLASS_NAMES: Mapping[int | str, str] = {**dict(enumerate(CLASSES)), **{name: name for name in CLASSES}}
 _ORIGIN_COLUMNS = ("time", "measured", "sensor", "object", "source")
@@ -451,7 +453,7 @@ class TrackWriter(_TableWriter):
     def __init__(self, file: OutputFile, further: Sequence[str] = ()) -> None:
         super().__init__(file, (*COLUMNS, *further))
         self._known = frozenset((*COLUMNS, *further)) - {"time"}
-        self._further = tuple(further)
+        self._parts = [tuple(names) for _, names in groupby(further, key=_FORMS.get)]
 
     def write_cycle(self, time_ns: int, columns: Mapping[str, Sequence[Any] | NDArray[Any]]) -> None:
         """Write the rows of one cycle.
@@ -470,20 +472,15 @@ class TrackWriter(_TableWriter):
         rows = len(columns["id"])
         if not rows:
             return
-        numbers = _rounded(_table(columns, NUMBERS))
-        time = format_time(time_ns)
-        states = [_STATE_NAMES[state] for state in _listed(columns["state"])]
-        objects = [_objects_text(one) for one in columns.get("objects", ("",) * rows)]
-        lines = [
-            _ROW % (time, identity, state, *row, used)
-            for identity, state, row, used in zip(
-                _listed(columns["id"]), states, numbers.tolist(), objects, strict=True
-            )
+        start = format_time(time_ns) + ","
+        cells = [
+            [f"{start}{identity}" for identity in _listed(columns["id"])],
+            [_STATE_NAMES[state] for state in _listed(columns["state"])],
+            number_rows(_table(columns, NUMBERS), _DECIMALS),
+            [_objects_text(one) for one in columns.get("objects", ("",) * rows)],
+            *(_further_cells(columns, names) for names in self._parts),
         ]
-        if self._further:
-            cells = (_further_cells(columns, name) for name in self._further)
-            lines = [",".join(row) for row in zip(lines, *cells, strict=True)]
-        self._text.write(_without_nan("\n".join((*lines, "")), numbers))
+        self._text.write("".join([",".join(row) + "\n" for row in zip(*cells, strict=True)]))
 
 
 class PredictionWriter(_TableWriter):
@@ -521,12 +518,16 @@ class PredictionWriter(_TableWriter):
         if not len(ids):
             return
         time, ahead = format_time(time_ns), str(float(horizon))
-        places = _rounded(np.column_stack((np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))))
-        lines = [
-            _PREDICTION % (time, ahead, identity, used, *place)
-            for identity, used, place in zip(_listed(ids), _listed(objects), places.tolist(), strict=True)
-        ]
-        self._text.write(_without_nan("".join(lines), places))
+        places = np.column_stack((np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)))
+        start = f"{time},{ahead},"
+        self._text.write(
+            "".join(
+                f"{start}{identity},{used},{place}\n"
+                for identity, used, place in zip(
+                    _listed(ids), _listed(objects), number_rows(places, _DECIMALS), strict=True
+                )
+            )
+        )
 
 
 class DetectionWriter(_TableWriter):
@@ -561,8 +562,7 @@ def _detection_cells(values: NDArray[Any] | list[str], column: DetectionColumn) 
         case "flag":
             return ["1" if value else "0" for value in values.tolist()]
         case "number":
-            rounded = _rounded(values.astype(np.float64))
-            return [f"{value:.{_DECIMALS}f}" if not math.isnan(value) else "" for value in rounded.tolist()]
+            return number_rows(values.astype(np.float64)[:, None], _DECIMALS)
         case "text":  # codes
             return [FATES[code] for code in values.tolist()]
     return ["" if value == NO_OBSTACLE else str(value) for value in values.tolist()]
@@ -602,28 +602,11 @@ def _table(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[
     return table
 
 
-def _further_cells(columns: Mapping[str, Sequence[Any] | NDArray[Any]], name: str) -> list[str]:
-    """Return the cells of one of the columns that a table may have."""
-    if name == "class":
-        return [_CLASS_NAMES[kind] for kind in _listed(columns.get(name, (0,) * len(columns["id"])))]
-    decimals = _FURTHER_DECIMALS.get(name, _DECIMALS)
-    values = _rounded(_table(columns, (name,)), decimals)[:, 0]
-    return ["" if value != value else f"{value:.{decimals}f}" for value in values.tolist()]
-
-
-def _rounded(values: Floats, decimals: int = _DECIMALS) -> Floats:
-    """Round to the written decimals, with −0 as 0 and non-finite values as NaN."""
-    with np.errstate(over="ignore"):  # scaled for rounding, a value near the largest double is none any more
-        rounded: Floats = values.round(decimals)
-    np.copyto(rounded, values, where=np.isinf(rounded))
-    rounded += 0.0
-    rounded[~np.isfinite(rounded)] = np.nan
-    return rounded
-
-
-def _without_nan(text: str, values: Floats) -> str:
-    """Replace "nan" by an empty cell; no state's name and no object's text contains those letters."""
-    return text.replace("nan", "") if np.isnan(values).any() else text
+def _further_cells(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[str]) -> list[str]:
+    """Return the cells of some of the columns that a table may have, one of texts or several of one form of numbers."""
+    if names[0] in _TEXT_COLUMNS:
+        return [_CLASS_NAMES[kind] for kind in _listed(columns.get(names[0], (0,) * len(columns["id"])))]
+    return number_rows(_table(columns, names), _FORMS.get(names[0], _DECIMALS))
 
 
 def _objects_text(used: str | Iterable[tuple[int, int]]) -> str:
