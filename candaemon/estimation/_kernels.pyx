@@ -232,12 +232,12 @@ def take_speed(
     return nis_array
 
 
-def number_text(const double[:, :] rounded, int decimals):
-    """Return numbers (n, k), rounded to decimals, as comma-separated text, a line a row; NaN is empty.
+def number_text(const double[:, :] values, int decimals):
+    """Return numbers (n, k), rounded to decimals half to even, as comma-separated text, a line a row; NaN is empty.
 
     Each in units of its last decimal is below 1e15, where a double still tells one integer from the next.
     """
-    cdef Py_ssize_t n = rounded.shape[0], width = rounded.shape[1], row, column, at
+    cdef Py_ssize_t n = values.shape[0], width = values.shape[1], row, column, at
     cdef long long count, rest
     cdef double unit = 1.0
     cdef int place, digits
@@ -250,8 +250,8 @@ def number_text(const double[:, :] rounded, int decimals):
         at = 0
         for row in range(n):
             for column in range(width):
-                if isfinite(rounded[row, column]):
-                    count = llrint(rounded[row, column] * unit)
+                if isfinite(values[row, column]):
+                    count = llrint(values[row, column] * unit)
                     rest = -count if count < 0 else count
                     digits = 0
                     while rest or digits <= decimals:

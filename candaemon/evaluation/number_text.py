@@ -18,15 +18,15 @@ def number_rows(values: Floats, decimals: int) -> list[str]:
 
     The text is that of Python's format `.{decimals}f`.
     """
-    rounded = rounded_to(values, decimals)
-    if compiled.in_use and np.fmax.reduce(np.abs(rounded), axis=None, initial=0.0) < _LARGEST / 10**decimals:
-        return compiled.kernels.number_text(rounded, decimals).decode().split("\n")[:-1]
+    if compiled.in_use and np.fmax.reduce(np.abs(values), axis=None, initial=0.0) < _LARGEST / 10**decimals:
+        return compiled.kernels.number_text(values, decimals).decode().split("\n")[:-1]
+    rounded = _rounded(values, decimals)
     row = ",".join([f"%.{decimals}f"] * values.shape[1])
     lines = [row % tuple(each) for each in rounded.tolist()]
     return [line.replace("nan", "") for line in lines] if np.isnan(rounded).any() else lines
 
 
-def rounded_to(values: Floats, decimals: int) -> Floats:
+def _rounded(values: Floats, decimals: int) -> Floats:
     """Round to decimals, with −0 as 0 and non-finite values as NaN."""
     with np.errstate(over="ignore"):  # scaled for rounding, a value near the largest double is none any more
         rounded: Floats = values.round(decimals)

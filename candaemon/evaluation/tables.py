@@ -520,14 +520,8 @@ class PredictionWriter(_TableWriter):
         time, ahead = format_time(time_ns), str(float(horizon))
         places = np.column_stack((np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)))
         start = f"{time},{ahead},"
-        self._text.write(
-            "".join(
-                f"{start}{identity},{used},{place}\n"
-                for identity, used, place in zip(
-                    _listed(ids), _listed(objects), number_rows(places, _DECIMALS), strict=True
-                )
-            )
-        )
+        rows = zip(_listed(ids), _listed(objects), number_rows(places, _DECIMALS), strict=True)
+        self._text.write("".join([f"{start}{identity},{used},{place}\n" for identity, used, place in rows]))
 
 
 class DetectionWriter(_TableWriter):
@@ -611,7 +605,7 @@ def _further_cells(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: S
 
 def _objects_text(used: str | Iterable[tuple[int, int]]) -> str:
     """Return a row's detections as text."""
-    return used if isinstance(used, str) else ";".join(f"{sensor}:{number}" for sensor, number in used)
+    return used if isinstance(used, str) else ";".join([f"{sensor}:{number}" for sensor, number in used])
 
 
 def track_columns(
