@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Final
 
 from candaemon.status.losses import LOSS_CAUSES
 
@@ -23,6 +23,8 @@ from .live_wire import HERE, ROOT, cycle_time, free_wire, on_wire
 
 CPU, LATENCY, EVENNESS = 0.5, 0.35, 2.0
 """Goals on an idle machine: CPU time and p99 latency by the naive daemon's, and p99 by p50 of candaemon's cycles."""
+FULL_BUS: Final = 8500.0
+"""Frames/s of 8 bytes on a bus of 1 Mbit/s that is full: 111 to 135 bits each."""
 FULL = ROOT / "config/esr_ins.yaml"
 _WARMING_CYCLES = 20
 """Until a daemon that heard nothing for a while has its obstacles back."""
@@ -136,6 +138,7 @@ class Endured:
     """What candaemon alone took.
 
     Attributes:
+        rate: frames/s that it was fed with.
         sent, received: frames.
         lost: frames by cause, of causes that there were.
         cpu: share of one core.
@@ -143,6 +146,7 @@ class Endured:
         longest_delay: by which a frame was sent too late, s.
     """
 
+    rate: float
     sent: int
     received: int
     lost: dict[str, int]
@@ -153,7 +157,9 @@ class Endured:
 
     def __str__(self) -> str:
         return (
-            f"sent {self.sent:,}, received {self.received:,}, lost {_told(self.lost)}; CPU {self.cpu:.0%};"
+            f"live alone, {self.rate:,.0f} frames/s: sent {self.sent:,}, received {self.received:,},"
+            f" lost {_told(self.lost)}; CPU {self.cpu:.0%}, {self.cpu / self.rate * 1e6:.0f} µs a frame:"
+            f" a core for {self.rate / self.cpu / FULL_BUS:.1f} full buses of 1 Mbit/s;"
             f" latency p50 {self.p50 * 1e3:.2f} ms, p99 {self.p99 * 1e3:.2f} ms;"
             f" sent up to {self.longest_delay * 1e3:.0f} ms late"
         )
@@ -177,6 +183,7 @@ def endure(rate: float, seconds: float, folder: Path, *, paused_from: float | No
         report = side.stop()
     (it,) = side.blocks
     return Endured(
+        rate,
         side.fed,
         *_received(report),
         it.cpu_seconds / it.seconds,
@@ -255,10 +262,12 @@ def _pair(pair: tuple[float, float], factor: float, unit: str) -> str:
 
 
 def print_comparisons(blocks: int) -> None:
-    """Measure and print every case, each daemon fed with so many blocks of 2 s."""
+    """Measure and print every case, each daemon fed with so many blocks of 2 s; then candaemon on a full bus."""
     for case in CASES.values():
         with TemporaryDirectory() as folder:
             print(compare(case, Path(folder), blocks=blocks, seconds=2.0), flush=True)
+    with TemporaryDirectory() as folder:
+        print(endure(FULL_BUS, 10.0, Path(folder)), flush=True)
 
 
 def main() -> None:
