@@ -286,7 +286,7 @@ class _RecordFinder:
         if not before_s:
             yield from range(begin, end)
             return
-        for high in (before_s >> 8, (before_s >> 8) + 1):
+        for high in range(before_s >> 8, min((before_s >> 8) + 2, 1 << 24)):  # after the last second comes none
             pattern = high.to_bytes(3, "little" if self._little else "big")
             offset = 1 if self._little else 0
             at = self._window.buffer.find(pattern, begin + offset)
