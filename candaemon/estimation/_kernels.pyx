@@ -1,5 +1,5 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
-"""The hot loops of filters and tables, compiled; each does what the numpy function of the same name does, to the last bit.
+"""The hot loops of filters, tracks and tables, compiled; each does what the numpy function of the same name does, to the last bit.
 
 Every number comes from the same operations in the same order as there: sums run from the first term to the last, and the
 build forbids fused multiply-adds. Logarithms, sines and the like, which libraries round in ways of their own, stay in
@@ -11,7 +11,7 @@ from libc.math cimport fabs, isfinite, llrint, sqrt
 
 import numpy as np
 
-REVISION = 3
+REVISION = 4
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -271,3 +271,22 @@ def number_text(const double[:, :] values, int decimals):
                 at += 1
             out[at - 1] = 10
     return text[:at]
+
+
+def near_pairs(const double[:] x, const double[:] y, double reach):
+    """Return the rows (k,) of points nearer to one another than a reach in x and in y: the later row, the earlier one."""
+    cdef Py_ssize_t n = x.shape[0], later, earlier, count = 0, at = 0
+    with nogil:
+        for later in range(n):
+            for earlier in range(later):
+                count += fabs(x[later] - x[earlier]) < reach and fabs(y[later] - y[earlier]) < reach
+    later_array, earlier_array = np.empty(count, np.intp), np.empty(count, np.intp)
+    cdef Py_ssize_t[::1] found = later_array, before = earlier_array
+    with nogil:
+        for later in range(n):
+            for earlier in range(later):
+                if fabs(x[later] - x[earlier]) < reach and fabs(y[later] - y[earlier]) < reach:
+                    found[at] = later
+                    before[at] = earlier
+                    at += 1
+    return later_array, earlier_array

@@ -15,6 +15,7 @@ import numpy as np
 
 from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices, Integers
 from candaemon.config.tracker import ReflectionSettings, TravelSettings
+from candaemon.estimation import compiled
 from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 
 
@@ -130,12 +131,7 @@ def merge_candidates(obstacles: ObstacleTable, motion: RigidMotion, settings: Re
     Rows keep the order of initiation, so an older obstacle has a smaller row.
     """
     found = np.full(len(obstacles), -1, dtype=np.int64)
-    reach = settings.along + settings.across
-    east, north = motion.state[:, 0], motion.state[:, 1]
-    near = (np.abs(east[:, None] - east) < reach) & (np.abs(north[:, None] - north) < reach)
-    young, old = np.nonzero(near)
-    earlier = old < young
-    young, old = young[earlier], old[earlier]
+    young, old = near_pairs(motion.state[:, 0], motion.state[:, 1], settings.along + settings.across)
     if not len(young):
         return found
     place = to_travel_axes(motion.position[old] - motion.position[young], obstacles.direction[young])
@@ -148,6 +144,16 @@ def merge_candidates(obstacles: ObstacleTable, motion: RigidMotion, settings: Re
     )
     found[young[beside][::-1]] = old[beside][::-1]  # reversed, so that the oldest of several is written last
     return found
+
+
+def near_pairs(x: Floats, y: Floats, reach: float) -> tuple[Indices, Indices]:
+    """Return the rows (k,) of points nearer to one another in x and in y than a reach: the later row, the earlier."""
+    if compiled.in_use:
+        return compiled.kernels.near_pairs(x, y, reach)
+    near = (np.abs(x[:, None] - x) < reach) & (np.abs(y[:, None] - y) < reach)
+    later, earlier = np.nonzero(near)
+    once = earlier < later
+    return later[once], earlier[once]
 
 
 def align_with_course(obstacles: ObstacleTable, velocity: Floats, dt: float, settings: TravelSettings) -> None:

@@ -17,6 +17,7 @@ from candaemon.estimation.measurement import Measurement
 from candaemon.pipeline.saved_state import dump
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.tracking.estimator_factory import make_estimator
+from candaemon.tracking.reflections import near_pairs
 from tests.benchmarks.chains import full_binding, simulated_log
 
 pytestmark = pytest.mark.skipif(not compiled.in_use, reason="the kernels are not compiled: no compiler or no Cython")
@@ -95,6 +96,18 @@ def test_a_filter_over_many_cycles(
         return out
 
     both(monkeypatch, computed)
+
+
+def test_the_same_points_are_near_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    x, y = np.random.default_rng(3).uniform(0.0, 30.0, (2, 60))
+    x[7] = np.nan
+    found = near_pairs(x, y, 6.0)
+    monkeypatch.setattr(compiled, "in_use", False)
+    expected = near_pairs(x, y, 6.0)
+    assert len(found[0]) > 100
+    assert (found[1] < found[0]).all()
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_a_replay_and_the_saved_state_at_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
