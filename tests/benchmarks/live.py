@@ -155,11 +155,16 @@ class Endured:
     p99: float
     longest_delay: float
 
+    @property
+    def cpu_a_frame(self) -> float:
+        """CPU time of each frame that was taken, s."""
+        return self.cpu / self.rate * self.sent / max(self.received, 1)
+
     def __str__(self) -> str:
         return (
             f"live alone, {self.rate:,.0f} frames/s: sent {self.sent:,}, received {self.received:,},"
-            f" lost {_told(self.lost)}; CPU {self.cpu:.0%}, {self.cpu / self.rate * 1e6:.0f} µs a frame:"
-            f" a core for {self.rate / self.cpu / FULL_BUS:.1f} full buses of 1 Mbit/s;"
+            f" lost {_told(self.lost)}; CPU {self.cpu:.0%}, {self.cpu_a_frame * 1e6:.0f} µs a frame:"
+            f" a core for {1.0 / self.cpu_a_frame / FULL_BUS:.1f} full buses of 1 Mbit/s;"
             f" latency p50 {self.p50 * 1e3:.2f} ms, p99 {self.p99 * 1e3:.2f} ms;"
             f" sent up to {self.longest_delay * 1e3:.0f} ms late"
         )
