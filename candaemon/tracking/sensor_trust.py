@@ -219,7 +219,10 @@ class SensorTrust:
         self._note_objects(state, scan, pose, now_ns)
         if self._compared[scan.sensor]:
             state.burst = max(1.0, state.burst * exp(-dt / _BURST))
-            self._compare(state, detections, tracker, dt, now_ns)
+            if self._has_company(scan.sensor):
+                self._compare(state, detections, tracker, dt, now_ns)
+            else:
+                self._forget_noise(state, dt, now_ns)
         if Fault(state.fault).cuts_off:
             state.counts.cut_off += 1
             return None
@@ -254,6 +257,11 @@ class SensorTrust:
             elif now_ns - state.right_ns >= self._settings.recovery * 1e9:
                 self._recovered(state)
 
+    def _has_company(self, sensor: int) -> bool:
+        """Return whether another sensor is used: the last one is not judged by tracks that a bad one has led astray."""
+        others = (Fault(each.fault) for k, each in enumerate(self._state.sensors) if k != sensor)
+        return any(not (fault.cuts_off or fault == Fault.SILENT) for fault in others)
+
     def _compare(
         self, state: SensorTrustState, detections: Detections, tracker: AnyTracker, dt: float, now_ns: int
     ) -> None:
@@ -263,8 +271,7 @@ class SensorTrust:
         self._note_bias(state, foreign, detections, dt, now_ns)
         found = _nearest(detections, expected, expected.confirmed)
         if not len(found.rows):
-            state.short += -expm1(-dt / _FORGET) * (state.long - state.short)
-            self._note_noise(state, now_ns)
+            self._forget_noise(state, dt, now_ns)
             return
         noise = detections.measurement.noise[found.rows]
         excess = (found.innovation * found.innovation).sum(axis=1) - expected.variance[found.tracks]
@@ -281,6 +288,11 @@ class SensorTrust:
             state.calm += dt if state.pardon < log(_FADED) and state.calm < _LONG else 0.0
             share = min(dt / state.judged, 1.0) if state.judged else 0.0
             state.long += share * (level - state.long)
+        self._note_noise(state, now_ns)
+
+    def _forget_noise(self, state: SensorTrustState, dt: float, now_ns: int) -> None:
+        """Let go of noise that cannot be compared."""
+        state.short += -expm1(-dt / _FORGET) * (state.long - state.short)
         self._note_noise(state, now_ns)
 
     def _without_pardon(self, state: SensorTrustState, level: float, dt: float) -> float:

@@ -130,3 +130,13 @@ def test_a_noisy_sensor_that_drops_out_again_and_again_is_not_pardoned() -> None
             weights += [pipeline.trust.weight(LIDAR)] if time > 5.5 else []
     assert weights
     assert max(weights) < 0.5
+
+
+def test_the_last_sensor_that_is_used_is_not_cut_off() -> None:
+    of, lost = binding("radar_lidar"), []
+    pipeline, run = Pipeline(of), scenario(failing(("biased", 3.0, 5.5)), 6.0, {"traffic": {}})
+    for _ in pipeline.run(simulate(run, of, 3).frames()):
+        cut_off = [pipeline.trust.fault(sensor).cuts_off for sensor in (RADAR, LIDAR)]
+        assert not all(cut_off)
+        lost.append(cut_off[LIDAR])
+    assert any(lost)
