@@ -411,8 +411,7 @@ def _objects(text: str) -> str:
 
 _DECIMALS = 4
 _FORMS = {"latitude": 9, "longitude": 9, "sides": 0, "class": -1}
-"""Decimals of the columns that have not `_DECIMALS`, 9 being a tenth of a millimetre; −1: a text."""
-_TEXT_COLUMNS = frozenset({"class"})
+"""Decimals of the columns that have not `_DECIMALS`, 9 being a tenth of a millimetre; −1: the name of a class."""
 _STATE_NAMES: Mapping[int | str, str] = {**dict(enumerate(STATES)), **{name: name for name in STATES}}
 _CLASS_NAMES: Mapping[int | str, str] = {**dict(enumerate(CLASSES)), **{name: name for name in CLASSES}}
 _ORIGIN_COLUMNS = ("time", "measured", "sensor", "object", "source")
@@ -598,9 +597,10 @@ def _table(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[
 
 def _further_cells(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[str]) -> list[str]:
     """Return the cells of some of the columns that a table may have, one of texts or several of one form of numbers."""
-    if names[0] in _TEXT_COLUMNS:
+    decimals = _FORMS.get(names[0], _DECIMALS)
+    if decimals < 0:
         return [_CLASS_NAMES[kind] for kind in _listed(columns.get(names[0], (0,) * len(columns["id"])))]
-    return number_rows(_table(columns, names), _FORMS.get(names[0], _DECIMALS))
+    return number_rows(_table(columns, names), decimals)
 
 
 def _objects_text(used: str | Iterable[tuple[int, int]]) -> str:

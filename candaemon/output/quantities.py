@@ -196,7 +196,7 @@ class MountView:
         return lead
 
     def time_to_collision(self) -> Floats:
-        """Return the s until an obstacle ahead in the own path is reached if all goes on so; NaN if it is not."""
+        """Return the time until an obstacle in the own path is reached at the present speeds, s; NaN if it never is."""
         position, rate = self.position, self.relative_velocity
         with np.errstate(divide="ignore", invalid="ignore"):
             time = np.where((rate.real < 0.0) & (position.real > 0.0), -position.real / rate.real, np.nan)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import resource
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from statistics import median
-from tempfile import gettempdir
+from tempfile import TemporaryDirectory
 
 import yaml
 
@@ -73,13 +75,21 @@ START = ("-m", "candaemon", "check", str(_FULL))
 """What is timed of starting: a configuration that ships, checked."""
 
 
+@cache
+def _byte_code_folder() -> str:
+    """Return a folder that is this process's alone: byte code that others could write would run."""
+    folder = TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    return folder.name
+
+
 def cpu_seconds(arguments: Sequence[str]) -> float:
     """Run Python with arguments; return the CPU time of the process, s.
 
     It finds and keeps byte code as it does where pip has installed candaemon, wherever this process keeps none.
     """
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    kept = {"PYTHONPATH": str(ROOT), "PYTHONPYCACHEPREFIX": str(Path(gettempdir(), "candaemon_byte_code"))}
+    kept = {"PYTHONPATH": str(ROOT), "PYTHONPYCACHEPREFIX": _byte_code_folder()}
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | kept
     subprocess.run([sys.executable, *arguments], check=True, env=environment, cwd=ROOT, capture_output=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
