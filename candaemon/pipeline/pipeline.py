@@ -64,16 +64,17 @@ class Pipeline:
         self.alignments = list(dict.fromkeys(self._alignment_of.values()))
         # scans → detections → tracks
         self.mountings = [Mounting(sensor.settings, sensor.reader.quantities) for sensor in binding.sensors]
-        self.trust = SensorTrust(
-            binding.settings.trust,
-            [sensor.settings for sensor in binding.sensors],
-            [self._judged_after(sensor) for sensor in binding.sensors],
-        )
         self.tracker_groups = TrackerGroups(
             binding.settings, {sensor.name: sensor.settings for sensor in binding.sensors}
         )
         self._ranging = {sensor.index for sensor in binding.sensors if not sensor.settings.signals.directed}
         self.trackers, self._tracker_of = self.tracker_groups.trackers, self.tracker_groups.by_sensor
+        self.trust = SensorTrust(
+            binding.settings.trust,
+            [sensor.settings for sensor in binding.sensors],
+            self.tracker_groups.others,
+            [self._judged_after(sensor) for sensor in binding.sensors],
+        )
         self.stationary = StationaryWatch(self.ego.teaching) if self.ego.teaching is not None else None
         # detections of what stands → latency and yaw of the sensors, errors of ego motion
         self.calibrator = self._make_calibrator()

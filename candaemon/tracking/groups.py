@@ -38,6 +38,7 @@ class TrackerGroups:
         identities: shared by the trackers, so that no two obstacles have the same number.
         trackers: of each group.
         by_sensor: the tracker of each sensor's group, in the order of the sensors.
+        others: the other sensors in each one's group, likewise.
     """
 
     def __init__(self, config: Config, sensors: Mapping[str, SensorSettings]) -> None:
@@ -68,6 +69,10 @@ class TrackerGroups:
             self.trackers.append(tracker)
             tracker_of.update(dict.fromkeys(names, tracker))
         self.by_sensor = [tracker_of[name] for name in sensors]
+        self.others = [
+            [k for k, other in enumerate(self.by_sensor) if other is own and k != sensor]
+            for sensor, own in enumerate(self.by_sensor)
+        ]
 
     @property
     def state(self) -> TrackersState:

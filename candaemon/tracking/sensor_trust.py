@@ -3,6 +3,9 @@
 What is looked at are raw innovations: detections against where the tracks of confirmed obstacles are predicted, not
 corrected by anything that the sensor itself is found to be. They are compared with those that the sensor had before, so
 that neither a badly stated noise nor reflections that slide on a body make a fault.
+
+Noise is what makes the innovations of an obstacle greater than they were, and other ones from scan to scan. Greater
+alone they are, too, where other sensors have led the tracks to another end of the body.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from zlib import crc32
 
 import numpy as np
 
-from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.trust import TrustSettings
 from candaemon.ego.pose import EgoPose
@@ -31,6 +34,8 @@ REACH: Final = 8.0
 MOST: Final = 400.0
 """Factor on the variance from which on a scan is not used at all."""
 _NONE = np.empty(0, dtype=np.intp)
+_NO_OBSTACLES = np.empty(0, dtype=np.int64)
+_GREATEST = log(4.0 * MOST)  # of the variance; more would take longer to fade
 _LEAST_RATIO = 0.1  # of the innovations' variance to the stated one; less says nothing of a sensor
 _BODY = 2.5  # m from the middle of a car to its end
 _DEVIATIONS = 4.0  # of the noise, by which a single object may be off
@@ -38,15 +43,14 @@ _FORGET = 2.0  # s, with which noise is forgotten that cannot be compared
 _FORGIVEN = 5.0  # s without a comparison, after which a sensor that was biased is used again
 _MEDIAN = log(2.0)  # of a squared innovation in the plane, halved and normalised
 _SHORT, _LONG = 0.4, 30.0  # s, of the means of late and of all along
-_LEARNING = 3.0  # s of detections of obstacles that others see too, until a sensor's noise is judged
+_LEARNING = 2.0  # s of detections of obstacles that others see too, until a sensor's noise is judged
 _BURST = 0.15  # s, with which the effect of a noisy scan fades
 _BIAS = 0.3  # s, of the mean by which it is off
 _HOLD = 0.4  # s, for which the noise must be greater
 _FADED = 2.0  # times the variance: less is no more than usual
-_REJOINING = 0.5  # s, in which the tracks come to a sensor that is back
-_PARDONED = log(40.0)  # of the variance; tracks of the other sensors alone are off by no more
-_FOR_PARDON = 1.0  # s of usual noise before each pardon: who is noisy and drops out again and again gets none
-_SOON = 1.0  # s after its return, in which a sensor is compared for the first time
+_OFFSET = 0.3  # s, of the mean of an obstacle's innovations, from which noise is told
+_LED_AWAY = 0.4  # of the limit of a bias, that this mean may be: by no more do others lead tracks away
+_SINCE = 1.0  # s without innovations, after which that mean begins anew
 _LEAST_SPEED = 0.5  # m/s; slower, nothing changes from scan to scan, and the same objects may be true
 _AGREES = 0.6  # of the limits of a bias, within which a sensor is right again
 
@@ -100,12 +104,13 @@ class SensorTrustState:
         digest: of its latest objects.
         repeated: scans in succession with these.
         judged: time for which it detected what others see too, s.
-        short, long: means of the logarithm of its normalised squared innovations, of late and all along.
+        excess: mean by which its noise is greater of late than all along, as logarithm of the variance.
+        innovation, deviation: means of the logarithm of its normalised squared innovations, and of those less their
+            late mean, all along.
         burst: factor on the variance left of its latest noisy scans.
         along, across: mean by which its objects are off of late, times the limit.
-        returned_ns: since when it is back, until it is compared; 0: it was.
-        pardon: logarithm of the factor by which its innovations are greater because the tracks had been without it.
-        calm: time with no greater noise since it was last pardoned, s.
+        latest_ns: its latest scan with innovations.
+        obstacles, offsets: of which they were (n,), and their late means (n, 2), m.
         counts: what was noticed.
     """
 
@@ -118,20 +123,23 @@ class SensorTrustState:
     digest: int = 0
     repeated: int = 0
     judged: float = 0.0
-    short: float = 0.0
-    long: float = 0.0
+    excess: float = 0.0
+    innovation: float = 0.0
+    deviation: float = 0.0
     burst: float = 1.0
     along: float = 0.0
     across: float = 0.0
-    returned_ns: int = 0
-    pardon: float = 0.0
-    calm: float = 0.0
+    latest_ns: int = 0
+    obstacles: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    offsets: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     counts: TrustCounts = field(default_factory=TrustCounts)
 
     def validate(self) -> None:
         """Raise a ValueError where it contradicts itself."""
         if self.fault not in set(Fault):
             raise ValueError(f"there is no fault {self.fault}")
+        if self.offsets.shape != (len(self.obstacles), 2):
+            raise ValueError(f"offsets {self.offsets.shape} of {len(self.obstacles)} obstacles")
 
 
 @dataclass(slots=True)
@@ -151,14 +159,22 @@ class SensorTrust:
     Args:
         settings: the limits.
         sensors: settings of the sensors, in their order.
+        others: those in each one's group.
         lost_after: s without a scan after which each is silent.
     """
 
-    def __init__(self, settings: TrustSettings, sensors: Sequence[SensorSettings], lost_after: Sequence[float]) -> None:
+    def __init__(
+        self,
+        settings: TrustSettings,
+        sensors: Sequence[SensorSettings],
+        others: Sequence[Sequence[int]],
+        lost_after: Sequence[float],
+    ) -> None:
         self._settings = settings
         self._angle = radians(settings.bias_angle_deg)
         self._silent_ns = [round(each * 1e9) for each in lost_after]
-        self._compared = [len(sensors) > 1 and each.signals.directed for each in sensors]
+        self._others = others
+        self._compared = [bool(there) and each.signals.directed for each, there in zip(sensors, others, strict=True)]
         self._state = TrustState([SensorTrustState() for _ in sensors])
 
     @property
@@ -237,7 +253,7 @@ class SensorTrust:
 
     def _factor(self, state: SensorTrustState) -> float:
         """Return the factor on the stated variance that a sensor's detections deserve."""
-        lasting = exp(state.short - state.long) if state.fault == Fault.NOISY else 1.0
+        lasting = exp(state.excess) if state.fault == Fault.NOISY else 1.0
         factor = max(lasting, state.burst)
         return 1.0 if factor < _FADED else min(factor, MOST)
 
@@ -258,8 +274,8 @@ class SensorTrust:
                 self._recovered(state)
 
     def _has_company(self, sensor: int) -> bool:
-        """Return whether another sensor is used: the last one is not judged by tracks that a bad one has led astray."""
-        others = (Fault(each.fault) for k, each in enumerate(self._state.sensors) if k != sensor)
+        """Return whether another of its group is used: the last is not judged by tracks that a bad one led astray."""
+        others = (self.fault(each) for each in self._others[sensor])
         return any(not (fault.cuts_off or fault == Fault.SILENT) for fault in others)
 
     def _compare(
@@ -273,49 +289,60 @@ class SensorTrust:
         if not len(found.rows):
             self._forget_noise(state, dt, now_ns)
             return
-        noise = detections.measurement.noise[found.rows]
-        excess = (found.innovation * found.innovation).sum(axis=1) - expected.variance[found.tracks]
-        ratio = float(np.median(np.maximum(excess, 0.0) / noise.trace(axis1=1, axis2=2)))
-        level = self._without_pardon(state, log(max(ratio / _MEDIAN, _LEAST_RATIO)), dt)
-        level = min(level, max(state.long, 0.0) + log(MOST))
-        if state.judged >= _LEARNING and level - state.long >= log(self._settings.burst):
-            state.burst = max(state.burst, exp(level - state.long))
-        if level - state.long >= log(self._settings.noise):
+        levels = self._levels(state, found, detections, expected)
+        if levels is None:
+            self._forget_noise(state, dt, now_ns)
+            return
+        innovation, deviation = levels
+        excess = min(innovation - state.innovation, deviation - state.deviation, _GREATEST)
+        if state.judged >= _LEARNING and excess >= log(self._settings.burst):
+            state.burst = max(state.burst, exp(excess))
+        if excess >= log(self._settings.noise):
             state.restless_ns = now_ns
-        state.short += -expm1(-dt / _SHORT) * (level - state.short)
+        state.excess += -expm1(-dt / _SHORT) * (excess - state.excess)
         if state.fault == Fault.NONE and not state.noisy_ns and state.burst < _FADED:
             state.judged = min(state.judged + dt, _LONG)
-            state.calm += dt if state.pardon < log(_FADED) and state.calm < _LONG else 0.0
             share = min(dt / state.judged, 1.0) if state.judged else 0.0
-            state.long += share * (level - state.long)
+            state.innovation += share * (innovation - state.innovation)
+            state.deviation += share * (deviation - state.deviation)
         self._note_noise(state, now_ns)
+
+    def _levels(
+        self, state: SensorTrustState, found: _Matches, detections: Detections, expected: PredictedReflections
+    ) -> tuple[float, float] | None:
+        """Return the logarithms of the normalised squares of the innovations, and of these less their late mean.
+
+        None: there is no mean yet of any of these obstacles.
+        """
+        obstacles, of = np.unique(expected.obstacle[found.tracks], return_inverse=True)
+        share = 1.0 / np.bincount(of)
+        offsets = np.stack([share * np.bincount(of, each) for each in found.innovation.T], axis=1)
+        noise = detections.measurement.noise[found.rows].trace(axis1=1, axis2=2)
+        stated = share * np.bincount(of, noise)
+        dt = (detections.time_ns - state.latest_ns) * 1e-9
+        known = state.obstacles if dt <= _SINCE else _NO_OBSTACLES
+        _, rows, earlier = np.intersect1d(obstacles, known, assume_unique=True, return_indices=True)
+        deviations = offsets[rows] - state.offsets[earlier]
+        offsets[rows] = state.offsets[earlier] - expm1(-max(dt, 0.0) / _OFFSET) * deviations
+        offsets = _no_longer(offsets, _LED_AWAY * self._settings.bias)
+        state.obstacles, state.offsets, state.latest_ns = obstacles, offsets, detections.time_ns
+        if not len(rows):
+            return None
+        greater = (found.innovation * found.innovation).sum(axis=1) - expected.variance[found.tracks]
+        return _logarithm(np.maximum(greater, 0.0) / noise), _logarithm((deviations**2).sum(axis=1) / stated[rows])
 
     def _forget_noise(self, state: SensorTrustState, dt: float, now_ns: int) -> None:
         """Let go of noise that cannot be compared."""
-        state.short += -expm1(-dt / _FORGET) * (state.long - state.short)
+        state.excess *= exp(-dt / _FORGET)
         self._note_noise(state, now_ns)
-
-    def _without_pardon(self, state: SensorTrustState, level: float, dt: float) -> float:
-        """Return the level of the innovations without what the tracks are off that a sensor comes back to.
-
-        These were led by the others, who may see other ends of the bodies. Taken for its noise, that would keep the
-        sensor from ever leading them back.
-        """
-        state.pardon *= exp(-dt / _REJOINING)
-        greater = max(level - state.long, 0.0)
-        if state.returned_ns:
-            if state.last_ns - state.returned_ns <= _SOON * 1e9:
-                state.pardon = min(greater, _PARDONED)
-            state.returned_ns = 0
-        return level - min(greater, state.pardon)
 
     def _note_noise(self, state: SensorTrustState, now_ns: int) -> None:
         """Notice that a sensor's innovations are greater than they were, and that they are as before."""
-        greater = exp(state.short - state.long) if state.judged >= _LEARNING else 0.0
+        greater = exp(state.excess) if state.judged >= _LEARNING else 0.0
         if state.fault == Fault.NOISY:
             calm = now_ns - state.restless_ns >= self._settings.recovery * 1e9
             if greater < _FADED or calm:
-                state.noisy_ns, state.short = 0, min(state.short, state.long)
+                state.noisy_ns, state.excess = 0, min(state.excess, 0.0)
                 self._recovered(state)
         elif greater < self._settings.noise:
             state.noisy_ns = 0
@@ -362,18 +389,26 @@ class SensorTrust:
             state.right_ns = state.compared_ns = now_ns
 
     def _found(self, state: SensorTrustState, fault: Fault) -> None:
-        if fault in {Fault.SILENT, Fault.FROZEN} and state.noisy_ns:
-            state.calm = 0.0  # its noise is its own
         state.fault = int(fault)
         name = fault.name.lower()
         setattr(state.counts, name, getattr(state.counts, name) + 1)
 
     def _recovered(self, state: SensorTrustState) -> None:
-        if state.fault != Fault.NOISY and state.calm >= _FOR_PARDON:
-            state.returned_ns, state.calm = state.last_ns, 0.0
-            state.burst, state.noisy_ns, state.short = 1.0, 0, state.long
+        if Fault(state.fault).cuts_off:
+            state.obstacles, state.offsets = _NO_OBSTACLES, np.zeros((0, 2))
+            state.burst, state.noisy_ns, state.excess = 1.0, 0, 0.0
         state.fault = int(Fault.NONE)
         state.counts.recovered += 1
+
+
+def _logarithm(ratios: Floats) -> float:
+    """Return the logarithm of the median of normalised squares in the plane, 0 where they are as stated."""
+    return log(max(float(np.median(ratios)) / _MEDIAN, _LEAST_RATIO))
+
+
+def _no_longer(vectors: Floats, length: float) -> Floats:
+    """Return vectors (n, 2), those that are longer cut to a length."""
+    return vectors * np.minimum(1.0, length / np.maximum(np.hypot(vectors[:, 0], vectors[:, 1]), 1e-9))[:, None]
 
 
 def weighted(measurement: Measurement, factor: float) -> Measurement:

@@ -71,6 +71,7 @@ class PredictedReflections:
     Attributes:
         position: (n, 2), local frame, m.
         variance: of the position, both axes together (n,), m².
+        obstacle: identity of the obstacle of each (n,).
         confirmed: whether the obstacle is (n,).
         shared: whether another sensor has ever detected the obstacle (n,).
         by_others: whether it was another sensor that reported the reflection last (n,).
@@ -78,6 +79,7 @@ class PredictedReflections:
 
     position: Floats
     variance: Floats
+    obstacle: Integers
     confirmed: Booleans
     shared: Booleans
     by_others: Booleans

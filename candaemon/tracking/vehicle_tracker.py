@@ -251,6 +251,7 @@ class VehicleTracker:
         return PredictedReflections(
             mean[:, :2] + ahead * mean[:, 2:4],
             covariance[:, 0, 0] + covariance[:, 1, 1],
+            obstacles.id[owner],
             obstacles.confirmed[owner],
             (obstacles.sensors & ~(1 << sensor) != 0)[owner],
             reflections.sensor != sensor,
