@@ -8,11 +8,13 @@ libraries.
 from __future__ import annotations
 
 import argparse
+import gc
 import logging
+import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
@@ -58,21 +60,22 @@ def main(argv: list[str] | None = None) -> int:
     Returns:
         The exit code.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads have nothing to do with matrices this small
     standard_streams.prepare()
     console.log_to_stderr()
     try:
-        code = _execute(sys.argv[1:] if argv is None else argv)
+        code = _execute(sys.argv[1:], _loaded) if argv is None else _execute(argv, _parsed)
     except SystemExit as stop:  # help, version, wrong usage
         stop.code = standard_streams.finish(int(stop.code or 0))
         raise
     return standard_streams.finish(code)
 
 
-def _execute(argv: list[str]) -> int:
-    """Execute a command and say why it failed, if it did; return the exit code."""
+def _execute(argv: list[str], parsed: Callable[[list[str], ServiceSignals | None], argparse.Namespace]) -> int:
+    """Execute a command, parsed by a function, and say why it failed, if it did; return the exit code."""
     try:
         with ServiceSignals() if argv[:1] == ["run"] else _ended_by_signals() as signals:
-            arguments = _parsed(argv, signals)
+            arguments = parsed(argv, signals)
             arguments.execute(arguments)
     except CandaemonError as error:
         logger.error("error: %s", error)  # noqa: TRY400 - a traceback does not help the user
@@ -138,6 +141,16 @@ class _Version(argparse.Action):
 
         print(f"candaemon {__version__} ({description()})")
         parser.exit()
+
+
+def _loaded(argv: list[str], signals: ServiceSignals | None) -> argparse.Namespace:
+    """Return the arguments; the modules that stay for the process's life are never searched for garbage."""
+    gc.disable()
+    try:
+        return _parsed(argv, signals)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def _parsed(argv: list[str], signals: ServiceSignals | None) -> argparse.Namespace:
