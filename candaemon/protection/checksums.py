@@ -16,7 +16,7 @@ from typing import Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from candaemon.arrays import Bytes, Integers
+from candaemon.arrays import Booleans, Bytes, Integers
 from candaemon.dbc.bits import first_bit
 from candaemon.dbc.types import MessageSpec
 from candaemon.errors import ConfigError
@@ -103,6 +103,8 @@ class Protector:
         self.kind: Final = kind
         self._places = {message.can_id: _place(kind, message, signal) for message in messages}
         self._position, self._shift, self._mask, self._length, _ = self._places[messages[0].can_id]
+        self._ids = np.array(sorted(self._places), np.int64)
+        self._of_ids = np.array([self._places[can_id] for can_id in sorted(self._places)], np.int64).T
         self._others = np.array([byte for byte in range(self._length) if byte != self._position], dtype=np.intp)
         if kind == "crc8_sae_j1850":
             self._tables, self._start = self._positional_tables()
@@ -134,6 +136,38 @@ class Protector:
         """Return whether a frame of one of the messages carries the checksum it should; one too short never does."""
         position, shift, mask, length, _ = self._places[can_id]
         return len(data) >= length and data[position] >> shift & mask == self.checksum(can_id, data)
+
+    def verified(self, can_ids: Integers, lengths: Integers, payloads: Bytes) -> Booleans:
+        """Return which of many frames carry the checksum they should: what `verify` tells of each.
+
+        Args:
+            can_ids: (n,) identifiers of its messages, with the extended flag where they have it.
+            lengths: (n,) bytes of each payload.
+            payloads: (n, width), zeros after the length.
+        """
+        position, shift, mask, least, identifier = self._of_ids[:, np.searchsorted(self._ids, can_ids)]
+        own = payloads[np.arange(len(payloads)), position].astype(np.int64)
+        match self.kind:
+            case "toyota":
+                expected = payloads.sum(axis=1, dtype=np.int64) - own + identifier + lengths & 0xFF
+            case "honda":
+                sums = np.frombuffer(NIBBLE_SUMS, np.uint8).take(payloads).sum(axis=1, dtype=np.int64)
+                expected = 8 - identifier - sums + (own >> shift & 0xF) & 0xF
+            case "additive":
+                expected = payloads.sum(axis=1, dtype=np.int64) - own & 0xFF
+            case "xor":
+                expected = np.bitwise_xor.reduce(payloads, axis=1) ^ own
+            case "crc8_sae_j1850":
+                expected = self._crcs(position, lengths, payloads)
+        right: Booleans = (lengths >= least) & (own >> shift & mask == expected)
+        return right
+
+    def _crcs(self, position: Integers, lengths: Integers, payloads: Bytes) -> Integers:
+        """Return the CRC of each of many payloads, but for the byte at its position."""
+        table, crc = np.frombuffer(CRC_TABLE, np.uint8), np.full(len(payloads), 0xFF, np.uint8)
+        for byte, column in enumerate(payloads.T):
+            crc = np.where((byte < lengths) & (byte != position), table[crc ^ column], crc)
+        return crc.astype(np.int64) ^ 0xFF
 
     def seal(self, can_id: int, payload: bytes) -> bytes:
         """Return one frame's payload with its checksum written into it."""

@@ -217,9 +217,10 @@ class ScanAssembler(ABC):
         return self._validity.state.share
 
     @property
-    def takes_all_alike(self) -> bool:
-        """Whether each frame of an object's slot is taken as it is: of one length, unmonitored, awaited."""
-        return all(receive == self.receive for receive, _, _ in self.routes.values())
+    def takes_whole_scans(self) -> bool:
+        """Whether of a scan that came whole each frame is taken that is long enough and has the right checksum."""
+        own = all(receive in (self.receive, self._admit) for receive, _, _ in self.routes.values())
+        return own and not (self._multiplexed or self._reader.paged)
 
     def _all_routes(self) -> dict[int, Route]:
         plain = [

@@ -15,6 +15,8 @@ from candaemon.config.sensors import CounterScan
 from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.frames.frame_block import FrameBlock
 from candaemon.objects.object_batch import ObjectBatch
+from candaemon.protection.checksums import Protector
+from candaemon.protection.monitor import FrameMonitorSettings
 from candaemon.radar.assembly import ScanAssembler
 from candaemon.radar.counter_assembler import CounterAssembler
 
@@ -33,7 +35,9 @@ class WholeScans:
         self.assembler = assembler
         self._reader = sensor.reader
         self._counters = [BatchDecoder(part.shortest, [scan.signal]) for part in sensor.reader.layouts]
-        self._lengths = np.array([part.length for part in sensor.reader.layouts])
+        self._lengths = [part.length for part in sensor.reader.layouts]
+        self._least = np.array([message.length for part in sensor.reader.layouts for message in part.messages])
+        self._protectors = [_protector(monitor) for monitor in sensor.monitors]
         self._frames = sensor.reader.places * len(sensor.reader.layouts)
 
     def find(
@@ -62,10 +66,11 @@ class WholeScans:
         key = (part * self._reader.places + slot)[members]
         order = key.argsort(axis=1)
         each_once = (np.take_along_axis(key, order, axis=1) == np.arange(size)).all(axis=1)
-        long_enough = (block.length[frames] >= self._lengths[part[members]]).all(axis=1)
         in_time = block.time_ns[frames[:, -1]] - block.time_ns[frames[:, 0]] < self.assembler.timeout_ns
+        good = each_once & in_time
+        good[good] = self._are_intact(block, frames[good], key[good])
         clean = np.zeros(len(begins), np.bool_)
-        clean[full] = each_once & long_enough & in_time
+        clean[full] = good
         first = int(rows[0])
         fresh = self.assembler.would_begin(int(part[0]), block.payload[first].tobytes(), int(block.time_ns[first]))
         sure = _begin_anew(clean, fresh)[full]
@@ -76,26 +81,51 @@ class WholeScans:
         counter = np.empty(len(rows))
         for index, decoder in enumerate(self._counters):
             mine = part == index
-            counter[mine] = decoder.decode(_payloads(block, rows[mine], int(self._lengths[index])))[0]
+            counter[mine] = decoder.decode(_payloads(block, rows[mine], self._lengths[index]))[0]
         return counter
+
+    def _are_intact(self, block: FrameBlock, frames: Indices, key: Integers) -> Booleans:
+        """Return of which scans all frames (scans, parts × slots) are long enough and have the right checksum.
+
+        Args:
+            block: with the frames.
+            frames: rows of each scan's.
+            key: of each frame, its place among all messages.
+        """
+        intact: Booleans = block.length[frames] >= self._least[key]
+        for index, protector in enumerate(self._protectors):
+            if protector is not None:
+                mine = key // self._reader.places == index
+                rows = frames[mine]
+                lengths = block.length[rows].astype(np.int64)
+                intact[mine] &= protector.verified(block.can_id[rows].astype(np.int64), lengths, block.payload[rows])
+        of_all: Booleans = np.logical_and.reduce(intact, axis=1)
+        return of_all
 
     def _read(self, block: FrameBlock, frames: Indices) -> list[ObjectBatch]:
         """Read the objects of scans, whose frames (scans, parts × slots) are sorted by part and slot."""
         slots = self._reader.slots
         parts = frames.reshape(len(frames), len(self._lengths), self._reader.places)
         objects = self._reader.read(
-            [_payloads(block, parts[:, index].ravel(), int(length)) for index, length in enumerate(self._lengths)]
+            [_payloads(block, parts[:, index].ravel(), length) for index, length in enumerate(self._lengths)]
         )
         return [objects.part(slice(begin, begin + slots)) for begin in range(0, len(frames) * slots, slots)]
 
 
 def whole_scans(sensor: BoundSensor, assembler: ScanAssembler) -> WholeScans | None:
     """Return what finds the whole scans of a sensor; None where its frames must be looked at one by one."""
-    plain = sensor.look is None and sensor.stamp is None
+    checked = all(each is None or (not each.watches and _protector(each) is not None) for each in sensor.monitors)
+    plain = sensor.look is None and sensor.stamp is None and checked
     several = sensor.reader.places * len(sensor.reader.layouts) > 1
-    if isinstance(assembler, CounterAssembler) and assembler.takes_all_alike and several and plain:
+    if isinstance(assembler, CounterAssembler) and assembler.takes_whole_scans and several and plain:
         return WholeScans(sensor, assembler)
     return None
+
+
+def _protector(monitor: FrameMonitorSettings | None) -> Protector | None:
+    """Return what verifies many frames at once; None where nothing has to, or one that goes frame by frame does."""
+    protector = None if monitor is None else monitor.protector
+    return protector if isinstance(protector, Protector) else None
 
 
 def _begin_anew(clean: Booleans, fresh: bool) -> Booleans:

@@ -47,10 +47,10 @@ class CounterAssembler(ScanAssembler):
         return self._put(part, slot, data, time_ns, closed)
 
     def would_begin(self, part: int, data: bytes, time_ns: int) -> bool:
-        """Return whether a frame would be the first one of a scan, none being open."""
+        """Return whether a frame would be the first one of a scan that awaits all there is, none being open."""
         state = self._state
         late = self._counters[part](data) == state.closed_counter and self._is_late(time_ns, self._straggling_ns)
-        return not state.is_open and not late
+        return all(state.expected) and not state.is_open and not late
 
     def begin_whole(self, part: int, slot: int, data: bytes, time_ns: int) -> None:  # noqa: ARG002  # as every receiver
         """Open a scan of which it is known that all frames come, and come together, with the first of them."""

@@ -131,3 +131,26 @@ def test_every_radar_frame_of_the_drive_passes(drive: Path) -> None:
                 seen += 1
                 assert protector.verify(int(number, 16), bytes.fromhex(data))
     assert seen == 38_400
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(deadline=None, max_examples=examples(200))
+@given(data=st.data())
+def test_many_frames_are_verified_as_one_by_one(kind: Kind, data: st.DataObject) -> None:
+    specs = [
+        message(3, can_id=0x210, kind=kind, high=int(kind == "honda")),
+        message(5, 6, 0x18FF0011 | EXTENDED, kind=kind),
+    ]
+    protector = Protector(kind, specs, "Sum")
+    frames = data.draw(st.lists(st.tuples(st.sampled_from(specs), st.binary(max_size=64), st.booleans()), max_size=9))
+    payloads = [
+        protector.seal(spec.can_id, payload) if sealed and len(payload) >= spec.length else payload
+        for spec, payload, sealed in frames
+    ]
+    can_ids = np.array([spec.can_id for spec, _, _ in frames], np.int64)
+    lengths = np.array([len(payload) for payload in payloads], np.int64)
+    padded = b"".join(payload.ljust(64, b"\0") for payload in payloads)
+    found = protector.verified(can_ids, lengths, np.frombuffer(padded, np.uint8).reshape(-1, 64))
+    assert found.tolist() == [
+        protector.verify(spec.can_id, p) for (spec, _, _), p in zip(frames, payloads, strict=True)
+    ]

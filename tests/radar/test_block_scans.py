@@ -125,7 +125,7 @@ def test_both_ways_tell_the_same(config: str, seed: int, size: int) -> None:
     assert told(by_frame, by_frame.run(frames)) == told(by_block, by_block.run_blocks(blocks_of(frames, size)))
 
 
-@pytest.mark.parametrize("config", ["esr_ins", "two_radars"])
+@pytest.mark.parametrize("config", ["esr_ins", "two_radars", "toyota_rav4"])
 def test_what_came_whole_is_taken_together(config: str, monkeypatch: pytest.MonkeyPatch) -> None:
     taken: list[int] = []
     begin = CounterAssembler.begin_whole
