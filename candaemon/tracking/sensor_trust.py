@@ -140,6 +140,8 @@ class SensorTrustState:
             raise ValueError(f"there is no fault {self.fault}")
         if self.offsets.shape != (len(self.obstacles), 2):
             raise ValueError(f"offsets {self.offsets.shape} of {len(self.obstacles)} obstacles")
+        if not (np.diff(self.obstacles) > 0).all() or not np.isfinite(self.offsets).all():
+            raise ValueError("offsets of obstacles that are not in order, or that are no numbers")
 
 
 @dataclass(slots=True)

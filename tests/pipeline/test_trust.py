@@ -83,6 +83,9 @@ def test_a_damaged_state_is_refused() -> None:
         SensorTrustState(fault=17).validate()
     with pytest.raises(ValueError, match=r"offsets \(0, 2\) of 1 obstacles"):
         SensorTrustState(obstacles=np.array([7])).validate()
+    for obstacles, offset in (([7, 7], 0.0), ([7, 8], np.nan)):
+        with pytest.raises(ValueError, match="not in order, or that are no numbers"):
+            SensorTrustState(obstacles=np.array(obstacles), offsets=np.full((2, 2), offset)).validate()
     trust = Pipeline(binding("radar_lidar")).trust
     state = trust.state
     state.sensors.pop()
