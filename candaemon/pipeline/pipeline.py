@@ -6,6 +6,7 @@ happened on the road happens again from its recording.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -132,17 +133,28 @@ class Pipeline:
             if not isinstance(block, FrameBlock):
                 yield from self.run(block)
                 continue
-            events, frames, unknown = router.routed(block)
+            events, unheard, frames, unknown = router.routed(block)
             for bus, count in enumerate(counts):
                 count.frames += frames[bus]
                 count.unknown += unknown[bus]
-            for time_ns, receive, part, slot, data in events:
+            begin = 0
+            for time_ns, passed, receive, part, slot, data in events:
                 if time_ns >= self.schedule.deadline_ns:
-                    yield from self.advance(time_ns)
+                    yield from self._advance_by(unheard, begin, passed)
+                    if time_ns >= self.schedule.deadline_ns:
+                        yield from self.advance(time_ns)
+                begin = passed
                 scan = receive(part, slot, data, time_ns)
                 if scan is not None:
                     yield from self._cycle(scan, time_ns)
                     self._set_deadline(time_ns)
+            yield from self._advance_by(unheard, begin, len(unheard))
+
+    def _advance_by(self, times: Sequence[int], begin: int, end: int) -> Iterator[Cycle]:
+        """Advance to those of some times, `begin` to before `end`, at which something is due."""
+        while (begin := bisect_left(times, self.schedule.deadline_ns, begin, end)) < end:
+            yield from self.advance(times[begin])
+            begin += 1
 
     def advance(self, time_ns: int) -> Iterator[Cycle]:
         """Close the scans, and report the coasting obstacles, that are due by a time.

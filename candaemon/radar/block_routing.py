@@ -16,8 +16,9 @@ from candaemon.radar.block_scans import WholeScans, whole_scans
 from candaemon.radar.claimed_frames import Route
 from candaemon.radar.scan import Scan
 
-Event: TypeAlias = tuple[int, Callable[[int, int, Any, int], Scan | None], int, int, Any]
-"""Time, receiver, and the part, slot and payload to call it with: as a `Route`, or with the objects of a whole scan."""
+Event: TypeAlias = tuple[int, int, Callable[[int, int, Any, int], Scan | None], int, int, Any]
+"""Time, how many frames before it nobody receives, the receiver, and the part, slot and payload to call it with: as a
+`Route`, or with the objects of a whole scan."""
 
 
 class Routed(NamedTuple):
@@ -25,11 +26,13 @@ class Routed(NamedTuple):
 
     Attributes:
         events: in order of time.
+        unheard: times of the frames that nobody receives: only these count.
         frames: of each bus.
         unknown: those of them that nobody receives.
     """
 
     events: Iterator[Event]
+    unheard: list[int]
     frames: list[int]
     unknown: list[int]
 
@@ -49,11 +52,11 @@ class BlockRouter:
         self._buses = len(routes)
         known = {_key(bus, can_id): route for bus, each in enumerate(routes) for can_id, route in each.items()}
         self._keys = np.array(sorted(known), np.int64)
-        # one place more than there are keys: of frames that nobody receives
+        # the place of frames that nobody receives
         self._nobody = len(known)
-        receivers, parts, slots = zip(*(known[key] for key in sorted(known)), (_pass, 0, 0), strict=True)
-        self._receivers = np.array(receivers, object)
-        self._parts, self._slots = np.array(parts, np.int64), np.array(slots, np.int64)
+        in_order = [known[key] for key in sorted(known)]
+        self._receivers = np.array([receive for receive, _, _ in in_order], object)
+        self._parts, self._slots = np.array([each[1:] for each in in_order], np.int64).reshape(-1, 2).T
         self._whole: list[tuple[WholeScans, Booleans]] = []
         for sensor, assembler in zip(sensors, assemblers, strict=True):
             scans = whole_scans(sensor, assembler)
@@ -70,7 +73,8 @@ class BlockRouter:
             block: frames in order of time.
         """
         place = self._places(block)
-        kept = np.ones(len(block), np.bool_)
+        kept = place != self._nobody
+        unheard = np.flatnonzero(~kept)
         found = []
         for scans, mine in self._whole:
             rows = mine[place].nonzero()[0]
@@ -81,12 +85,13 @@ class BlockRouter:
         rows = kept.nonzero()[0]
         places, data = place[rows], list[Any](block.payloads(rows))
         times, parts, slots = block.time_ns[rows].tolist(), self._parts[places].tolist(), self._slots[places].tolist()
-        receivers = self._receivers[places].tolist()
+        receivers, passed = self._receivers[places].tolist(), np.searchsorted(unheard, rows).tolist()
         for assembler, frames, objects in found:
             first, last = np.searchsorted(rows, frames[:, 0]), np.searchsorted(rows, frames[:, -1])
             for begin, end, whole in zip(first.tolist(), last.tolist(), objects, strict=True):
                 receivers[begin], receivers[end], data[end] = assembler.begin_whole, assembler.end_whole, whole
-        return Routed(zip(times, receivers, parts, slots, data, strict=True), *self._counted(block, place))
+        events = zip(times, passed, receivers, parts, slots, data, strict=True)
+        return Routed(events, block.time_ns[unheard].tolist(), *self._counted(block, place))
 
     def _places(self, block: FrameBlock) -> Indices:
         """Return where the receiver of each frame is listed, (n,)."""
@@ -106,7 +111,3 @@ class BlockRouter:
 def _key(bus: Any, can_id: Any) -> Any:
     """Return one number for a bus and an identifier, or for arrays of both."""
     return bus << 32 | can_id
-
-
-def _pass(_part: int, _slot: int, _data: bytes, _time_ns: int) -> None:
-    """Receive a frame that nobody asks for: only its time counts."""
