@@ -144,7 +144,7 @@ class _Version(argparse.Action):
 
 
 def _loaded(argv: list[str], signals: ServiceSignals | None) -> argparse.Namespace:
-    """Return the arguments; the modules that stay for the process's life are never searched for garbage."""
+    """Return the arguments; the modules, which stay for the process's life, are not searched for garbage."""
     gc.disable()
     try:
         return _parsed(argv, signals)

@@ -18,7 +18,10 @@ class TrustSettings(Settings):
         10, ge=2, le=1000, description="scans with the same objects in succession, while something moves: frozen"
     )
     noise: float = Field(
-        3.0, ge=1.5, le=100, description="times the variance of innovations that the sensor had before: noisy"
+        3.0,
+        ge=1.5,
+        le=100,
+        description="times the variance of innovations, and of their changes, that the sensor had before: noisy",
     )
     burst: float = Field(
         9.0, ge=2, le=1000, description="times that variance in a single scan, from which on the scan is weighted down"

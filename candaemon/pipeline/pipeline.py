@@ -151,7 +151,7 @@ class Pipeline:
             yield from self._advance_by(unheard, begin, len(unheard))
 
     def _advance_by(self, times: Sequence[int], begin: int, end: int) -> Iterator[Cycle]:
-        """Advance to those of some times, `begin` to before `end`, at which something is due."""
+        """Advance to those of some ascending times, from index `begin` to before `end`, at which something is due."""
         while (begin := bisect_left(times, self.schedule.deadline_ns, begin, end)) < end:
             yield from self.advance(times[begin])
             begin += 1

@@ -146,7 +146,8 @@ class Protector:
             payloads: (n, width), zeros after the length.
         """
         position, shift, mask, least, identifier = self._of_ids[:, np.searchsorted(self._ids, can_ids)]
-        own = payloads[np.arange(len(payloads)), position].astype(np.int64)
+        column = np.minimum(position, payloads.shape[1] - 1)  # of a frame that is too short it does not matter
+        own = payloads[np.arange(len(payloads)), column].astype(np.int64)
         match self.kind:
             case "toyota":
                 expected = payloads.sum(axis=1, dtype=np.int64) - own + identifier + lengths & 0xFF

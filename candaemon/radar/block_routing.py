@@ -26,7 +26,7 @@ class Routed(NamedTuple):
 
     Attributes:
         events: in order of time.
-        unheard: times of the frames that nobody receives: only these count.
+        unheard: times of the frames that nobody receives, and of ticks, ascending: only their times count.
         frames: of each bus.
         unknown: those of them that nobody receives.
     """

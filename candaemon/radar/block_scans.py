@@ -2,7 +2,7 @@
 
 Where all frames of a scan came, each once and in time, it makes no difference whether they are assembled one by one.
 So the frames of such scans are found, sorted and decoded with numpy, all scans of a block at once; what was lost,
-doubled, cut short, late, or cut by the block's end is left to the assembler.
+doubled, cut short, damaged, late, or cut by the block's end is left to the assembler.
 """
 
 from __future__ import annotations
@@ -85,11 +85,11 @@ class WholeScans:
         return counter
 
     def _are_intact(self, block: FrameBlock, frames: Indices, key: Integers) -> Booleans:
-        """Return of which scans all frames (scans, parts × slots) are long enough and have the right checksum.
+        """Return of which scans all frames are long enough and have the right checksum.
 
         Args:
             block: with the frames.
-            frames: rows of each scan's.
+            frames: rows of each scan's frames (scans, parts × slots).
             key: of each frame, its place among all messages.
         """
         intact: Booleans = block.length[frames] >= self._least[key]
@@ -116,7 +116,9 @@ def whole_scans(sensor: BoundSensor, assembler: ScanAssembler) -> WholeScans | N
     """Return what finds the whole scans of a sensor; None where its frames must be looked at one by one."""
     checked = all(each is None or (not each.watches and _protector(each) is not None) for each in sensor.monitors)
     plain = sensor.look is None and sensor.stamp is None and checked
-    several = sensor.reader.places * len(sensor.reader.layouts) > 1
+    # a single object's frame that closes one scan may complete the next, of what was awaited then
+    alone = sensor.reader.places == 1 and any(part.optional for part in sensor.reader.layouts)
+    several = sensor.reader.places * len(sensor.reader.layouts) > 1 and not alone
     if isinstance(assembler, CounterAssembler) and assembler.takes_whole_scans and several and plain:
         return WholeScans(sensor, assembler)
     return None
@@ -144,5 +146,7 @@ def _begin_anew(clean: Booleans, fresh: bool) -> Booleans:
 
 
 def _payloads(block: FrameBlock, rows: Indices, length: int) -> Bytes:
-    """Return the payloads of some frames, cut to a length (m, length)."""
-    return np.ascontiguousarray(block.payload[rows, :length])
+    """Return the payloads of some frames, cut to a length or filled up with zeros (m, length)."""
+    payloads = block.payload[rows, :length]
+    missing = length - payloads.shape[1]
+    return np.ascontiguousarray(payloads if missing == 0 else np.pad(payloads, ((0, 0), (0, missing))))

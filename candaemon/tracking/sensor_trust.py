@@ -50,7 +50,7 @@ _HOLD = 0.4  # s, for which the noise must be greater
 _FADED = 2.0  # times the variance: less is no more than usual
 _OFFSET = 0.3  # s, of the mean of an obstacle's innovations, from which noise is told
 _LED_AWAY = 0.4  # of the limit of a bias, that this mean may be: by no more do others lead tracks away
-_SINCE = 1.0  # s without innovations, after which that mean begins anew
+_SINCE_NS = 1_000_000_000  # without innovations, after which that mean begins anew
 _LEAST_SPEED = 0.5  # m/s; slower, nothing changes from scan to scan, and the same objects may be true
 _AGREES = 0.6  # of the limits of a bias, within which a sensor is right again
 
@@ -103,14 +103,16 @@ class SensorTrustState:
         restless_ns: its latest scan with greater noise.
         digest: of its latest objects.
         repeated: scans in succession with these.
+        since_ns: the first of them.
+        froze_noisy: whether its noise was greater before it froze.
         judged: time for which it detected what others see too, s.
         excess: mean by which its noise is greater of late than all along, as logarithm of the variance.
         innovation, deviation: means of the logarithm of its normalised squared innovations, and of those less their
             late mean, all along.
         burst: factor on the variance left of its latest noisy scans.
         along, across: mean by which its objects are off of late, times the limit.
-        latest_ns: its latest scan with innovations.
-        obstacles, offsets: of which they were (n,), and their late means (n, 2), m.
+        obstacles, seen_ns: identities of obstacles that it saw of late, ascending, and its latest scan of each (n,).
+        offsets: late means of their innovations (n, 2), m.
         counts: what was noticed.
     """
 
@@ -122,6 +124,8 @@ class SensorTrustState:
     restless_ns: int = 0
     digest: int = 0
     repeated: int = 0
+    since_ns: int = 0
+    froze_noisy: bool = False
     judged: float = 0.0
     excess: float = 0.0
     innovation: float = 0.0
@@ -129,8 +133,8 @@ class SensorTrustState:
     burst: float = 1.0
     along: float = 0.0
     across: float = 0.0
-    latest_ns: int = 0
     obstacles: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    seen_ns: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     offsets: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     counts: TrustCounts = field(default_factory=TrustCounts)
 
@@ -138,7 +142,7 @@ class SensorTrustState:
         """Raise a ValueError where it contradicts itself."""
         if self.fault not in set(Fault):
             raise ValueError(f"there is no fault {self.fault}")
-        if self.offsets.shape != (len(self.obstacles), 2):
+        if self.offsets.shape != (len(self.obstacles), 2) or len(self.seen_ns) != len(self.obstacles):
             raise ValueError(f"offsets {self.offsets.shape} of {len(self.obstacles)} obstacles")
         if not (np.diff(self.obstacles) > 0).all() or not np.isfinite(self.offsets).all():
             raise ValueError("offsets of obstacles that are not in order, or that are no numbers")
@@ -241,6 +245,7 @@ class SensorTrust:
                 self._compare(state, detections, tracker, dt, now_ns)
             else:
                 self._forget_noise(state, dt, now_ns)
+                self._note_bias(state, _NO_MATCHES, detections, dt, now_ns)
         if Fault(state.fault).cuts_off:
             state.counts.cut_off += 1
             return None
@@ -265,9 +270,11 @@ class SensorTrust:
         moves = pose.ve * pose.ve + pose.vn * pose.vn > _LEAST_SPEED**2
         repeats = digest == state.digest and len(scan.object_id) > 0 and moves
         state.repeated, state.digest = (state.repeated + 1 if repeats else 0), digest
+        state.since_ns = state.since_ns if repeats else now_ns
         if state.repeated + 1 >= self._settings.frozen_after:
             if state.fault != Fault.FROZEN:
                 self._found(state, Fault.FROZEN)
+                state.froze_noisy = 0 < state.noisy_ns < state.since_ns
             state.right_ns = now_ns
         elif state.fault == Fault.FROZEN:
             if repeats or not len(scan.object_id):
@@ -318,20 +325,35 @@ class SensorTrust:
         """
         obstacles, of = np.unique(expected.obstacle[found.tracks], return_inverse=True)
         share = 1.0 / np.bincount(of)
-        offsets = np.stack([share * np.bincount(of, each) for each in found.innovation.T], axis=1)
+        innovations = np.stack([share * np.bincount(of, each) for each in found.innovation.T], axis=1)
         noise = detections.measurement.noise[found.rows].trace(axis1=1, axis2=2)
-        stated = share * np.bincount(of, noise)
-        dt = (detections.time_ns - state.latest_ns) * 1e-9
-        known = state.obstacles if dt <= _SINCE else _NO_OBSTACLES
-        _, rows, earlier = np.intersect1d(obstacles, known, assume_unique=True, return_indices=True)
-        deviations = offsets[rows] - state.offsets[earlier]
-        offsets[rows] = state.offsets[earlier] - expm1(-max(dt, 0.0) / _OFFSET) * deviations
-        offsets = _no_longer(offsets, _LED_AWAY * self._settings.bias)
-        state.obstacles, state.offsets, state.latest_ns = obstacles, offsets, detections.time_ns
+        rows, deviations = self._deviations(state, obstacles, innovations, detections.time_ns)
         if not len(rows):
             return None
+        stated = (share * np.bincount(of, noise))[rows]
         greater = (found.innovation * found.innovation).sum(axis=1) - expected.variance[found.tracks]
-        return _logarithm(np.maximum(greater, 0.0) / noise), _logarithm((deviations**2).sum(axis=1) / stated[rows])
+        return _logarithm(np.maximum(greater, 0.0) / noise), _logarithm((deviations**2).sum(axis=1) / stated)
+
+    def _deviations(
+        self, state: SensorTrustState, obstacles: Integers, innovations: Floats, time_ns: int
+    ) -> tuple[Indices, Floats]:
+        """Return which obstacles have a late mean of their innovations, and what these are off it; update the means."""
+        recent = np.abs(time_ns - state.seen_ns) <= _SINCE_NS
+        known, seen_ns, means = state.obstacles[recent], state.seen_ns[recent], state.offsets[recent]
+        _, rows, earlier = np.intersect1d(obstacles, known, assume_unique=True, return_indices=True)
+        deviations = innovations[rows] - means[earlier]
+        share = -np.expm1(np.minimum(seen_ns[earlier] - time_ns, 0) * (1e-9 / _OFFSET))
+        updated = innovations.copy()
+        updated[rows] = means[earlier] + share[:, None] * deviations
+        unseen = np.ones(len(known), np.bool_)
+        unseen[earlier] = False
+        of_all = np.concatenate([known[unseen], obstacles])
+        order = of_all.argsort()
+        state.obstacles = of_all[order]
+        state.seen_ns = np.concatenate([seen_ns[unseen], np.full(len(obstacles), time_ns)])[order]
+        updated = _no_longer(updated, _LED_AWAY * self._settings.bias)
+        state.offsets = np.concatenate([means[unseen], updated])[order]
+        return rows, deviations
 
     def _forget_noise(self, state: SensorTrustState, dt: float, now_ns: int) -> None:
         """Let go of noise that cannot be compared."""
@@ -396,8 +418,10 @@ class SensorTrust:
         setattr(state.counts, name, getattr(state.counts, name) + 1)
 
     def _recovered(self, state: SensorTrustState) -> None:
-        if Fault(state.fault).cuts_off:
-            state.obstacles, state.offsets = _NO_OBSTACLES, np.zeros((0, 2))
+        fault = Fault(state.fault)
+        if fault.cuts_off and not (fault == Fault.FROZEN and state.froze_noisy):  # what stood out was that fault
+            state.obstacles = state.seen_ns = _NO_OBSTACLES
+            state.offsets = np.zeros((0, 2))
             state.burst, state.noisy_ns, state.excess = 1.0, 0, 0.0
         state.fault = int(Fault.NONE)
         state.counts.recovered += 1
@@ -439,6 +463,9 @@ class _Matches:
     innovation: Floats
 
 
+_NO_MATCHES: Final = _Matches(_NONE, _NONE, np.zeros((0, 2)))
+
+
 def _nearest(detections: Detections, expected: PredictedReflections, candidates: Booleans) -> _Matches:
     """Return which detection and reflection are the nearest to each other, of obstacles that other sensors share in.
 
@@ -446,7 +473,7 @@ def _nearest(detections: Detections, expected: PredictedReflections, candidates:
     """
     tracks, places = np.flatnonzero(candidates), detections.measurement.position
     if not len(tracks) or not len(places):
-        return _Matches(_NONE, _NONE, np.zeros((0, 2)))
+        return _NO_MATCHES
     apart = places[:, None] - expected.position[tracks]
     distance = np.hypot(apart[..., 0], apart[..., 1])
     nearest, every = distance.argmin(axis=1), np.arange(len(places))

@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from candaemon.arrays import Floats
 from candaemon.binding.bound import Binding
 from candaemon.config.tracker import GroupSettings
+from candaemon.config.trust import TrustSettings
 from candaemon.errors import ConfigError
+from candaemon.estimation.measurement import Measurement
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.health import Health
 from candaemon.pipeline.pipeline import Pipeline
+from candaemon.radar.detections import Detections
+from candaemon.radar.scan import Scan
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.simulate import simulate
-from candaemon.tracking.sensor_trust import Fault, SensorTrustState
+from candaemon.tracking.sensor_trust import Fault, SensorTrust, SensorTrustState
+from candaemon.tracking.update import PredictedReflections
 from tests.accuracy.simulated_runs import scenario_of
 from tests.support.bound import binding
+from tests.support.builders import pose
 from tests.support.failing_lidar import alone, failing, scenario, squared_errors
 from tests.support.paths import ROOT
 
@@ -82,10 +90,12 @@ def test_a_damaged_state_is_refused() -> None:
     with pytest.raises(ValueError, match="no fault 17"):
         SensorTrustState(fault=17).validate()
     with pytest.raises(ValueError, match=r"offsets \(0, 2\) of 1 obstacles"):
-        SensorTrustState(obstacles=np.array([7])).validate()
+        SensorTrustState(obstacles=np.array([7]), seen_ns=np.array([0])).validate()
     for obstacles, offset in (([7, 7], 0.0), ([7, 8], np.nan)):
         with pytest.raises(ValueError, match="not in order, or that are no numbers"):
-            SensorTrustState(obstacles=np.array(obstacles), offsets=np.full((2, 2), offset)).validate()
+            SensorTrustState(
+                obstacles=np.array(obstacles), seen_ns=np.array([0, 0]), offsets=np.full((2, 2), offset)
+            ).validate()
     trust = Pipeline(binding("radar_lidar")).trust
     state = trust.state
     state.sensors.pop()
@@ -178,3 +188,74 @@ def test_the_last_sensor_that_is_used_is_not_cut_off() -> None:
         assert not all(cut_off)
         lost.append(cut_off[LIDAR])
     assert any(lost)
+
+
+@dataclass(frozen=True, slots=True)
+class StandingTracker:
+    """A tracker whose confirmed obstacles, known to several sensors, stand where they are.
+
+    Attributes:
+        places: of the obstacles (n, 2), m.
+    """
+
+    places: Floats
+
+    def predicted_reflections(self, _time_ns: int, _sensor: int) -> PredictedReflections:
+        """Return them, as another sensor saw them last."""
+        count = len(self.places)
+        sure = np.ones(count, np.bool_)
+        return PredictedReflections(self.places, np.full(count, 0.02), np.arange(count), sure, sure, sure)
+
+
+def judged(trust: SensorTrust, tracker: StandingTracker, time: float, places: Floats) -> None:
+    """Let the first of two sensors that stand beside each other have a scan of some places."""
+    count = len(places)
+    numbers, time_ns = np.arange(count), round(time * 1e9)
+    told = Scan(time_ns, 0, numbers, numbers, np.zeros(count, np.bool_), places.T.copy(), 0)
+    noise = np.tile(0.02 * np.eye(2), (count, 1, 1))
+    measurement = Measurement(places, noise, origin=np.zeros(2), velocity=np.zeros(2))
+    seen = Detections(time_ns, 0, numbers, np.zeros(count, np.bool_), measurement, places[:, 0], places[:, 1])
+    trust.judged(told, seen, cast("Any", tracker), pose(time, ve=10.0), time_ns)
+
+
+def pair() -> SensorTrust:
+    settings = [sensor.settings for sensor in binding("radar_lidar").sensors]
+    return SensorTrust(TrustSettings(), settings, [[1], [0]], [0.5, 0.5])
+
+
+def test_noise_is_noticed_where_each_scan_shows_other_obstacles() -> None:
+    rng, trust = np.random.default_rng(1), pair()
+    tracker = StandingTracker(np.array([[20.0, 0.0], [40.0, 10.0], [60.0, -10.0]]))
+    full = 0
+    for scan in range(300):
+        deviation = 0.15 if scan < 200 else 1.5
+        seen = tracker.places[[scan % 3]]
+        judged(trust, tracker, 1.0 + 0.05 * scan, seen + rng.normal(0.0, deviation, seen.shape))
+        full += scan >= 220 and trust.weight(0) > 0.5
+    assert trust.fault(0) is Fault.NOISY
+    assert full == 0
+
+
+def test_a_noisy_sensor_that_freezes_again_and_again_is_not_used_at_each_return() -> None:
+    rng, trust, full = np.random.default_rng(1), pair(), 0
+    tracker = StandingTracker(np.array([[20.0, 0.0], [40.0, 10.0], [60.0, -10.0]]))
+    kept = tracker.places
+    for scan in range(400):
+        deviation, frozen = 0.15 if scan < 100 else 2.0, scan > 120 and scan % 40 >= 20
+        if not frozen:
+            kept = tracker.places + rng.normal(0.0, deviation, (3, 2))
+        judged(trust, tracker, 1.0 + 0.05 * scan, kept)
+        full += scan >= 100 and not frozen and trust.weight(0) > 0.5
+    assert trust.counts(0).frozen > 3
+    assert full == 0
+
+
+def test_a_biased_sensor_is_forgiven_that_nobody_is_left_to_be_compared_with() -> None:
+    trust = pair()
+    own, other = trust.state.sensors
+    own.fault, other.fault = int(Fault.BIASED), int(Fault.SILENT)
+    own.last_ns = own.right_ns = own.compared_ns = 1_000_000_000
+    tracker = StandingTracker(np.zeros((0, 2)))
+    for scan in range(120):
+        judged(trust, tracker, 1.0 + 0.05 * scan, np.array([[20.0, 0.1 * scan]]))
+    assert trust.fault(0) is Fault.NONE

@@ -140,17 +140,20 @@ def test_many_frames_are_verified_as_one_by_one(kind: Kind, data: st.DataObject)
     specs = [
         message(3, can_id=0x210, kind=kind, high=int(kind == "honda")),
         message(5, 6, 0x18FF0011 | EXTENDED, kind=kind),
+        message(11, 12, 0x211, kind=kind),
     ]
     protector = Protector(kind, specs, "Sum")
-    frames = data.draw(st.lists(st.tuples(st.sampled_from(specs), st.binary(max_size=64), st.booleans()), max_size=9))
+    width = data.draw(st.sampled_from((8, 64)))
+    frame = st.tuples(st.sampled_from(specs), st.binary(max_size=width), st.booleans())
+    frames = data.draw(st.lists(frame, max_size=9))
     payloads = [
         protector.seal(spec.can_id, payload) if sealed and len(payload) >= spec.length else payload
         for spec, payload, sealed in frames
     ]
     can_ids = np.array([spec.can_id for spec, _, _ in frames], np.int64)
     lengths = np.array([len(payload) for payload in payloads], np.int64)
-    padded = b"".join(payload.ljust(64, b"\0") for payload in payloads)
-    found = protector.verified(can_ids, lengths, np.frombuffer(padded, np.uint8).reshape(-1, 64))
+    padded = b"".join(payload.ljust(width, b"\0") for payload in payloads)
+    found = protector.verified(can_ids, lengths, np.frombuffer(padded, np.uint8).reshape(-1, width))
     assert found.tolist() == [
         protector.verify(spec.can_id, p) for (spec, _, _), p in zip(frames, payloads, strict=True)
     ]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import re
+import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from functools import cache
@@ -26,7 +28,7 @@ from candaemon.can_io.reorder import ItemBlock, ReorderBuffer, TimedItem
 from candaemon.config.load import load_config
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame, Tick
-from candaemon.frames.frame_block import FrameBlock
+from candaemon.frames.frame_block import FrameBlock, block_of
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.radar.counter_assembler import CounterAssembler
@@ -58,6 +60,21 @@ def two_radars() -> Binding:
         path = Path(folder) / "two.yaml"
         path.write_text(yaml.safe_dump(told))
         return bind(load_config(path))
+
+
+def long_messages(folder: Path) -> Binding:
+    """Bind a radar whose messages have 12 bytes, the last one a checksum."""
+    shutil.copytree(ROOT / "dbc", folder / "dbc")
+    dbc = folder / "dbc" / "chrysler_pacifica.dbc"
+    text = re.sub(r"(BO_ \d+ [cd]_\d+: )8", r"\g<1>12", dbc.read_text())
+    dbc.write_text(re.sub(r"(BO_ \d+ [cd]_\d+: 12.*\n)", r'\g<1> SG_ SUM : 88|8@1+ (1,0) [0|255] "" XXX\n', text))
+    told = yaml.safe_load((ROOT / "config" / "chrysler_pacifica.yaml").read_text())
+    told["buses"]["radar"]["fd"] = True
+    told["sensors"]["front"]["protection"] = {"kind": "additive", "checksum": "SUM"}
+    path = folder / "config" / "long.yaml"
+    path.parent.mkdir()
+    path.write_text(yaml.safe_dump(told))
+    return bind(load_config(path))
 
 
 @cache
@@ -138,6 +155,19 @@ def test_what_came_whole_is_taken_together(config: str, monkeypatch: pytest.Monk
     pipeline = Pipeline(bound(config))
     list(pipeline.run_blocks(blocks_of(drive(config))))
     assert len(taken) > 0.6 * sum(each.counts.scans for each in pipeline.assemblers) > 20
+
+
+def test_messages_that_are_all_too_short_are_counted(tmp_path: Path) -> None:
+    of = long_messages(tmp_path)
+    sensor = of.sensors[0]
+    frames = [
+        Frame(1_000_000_000 + 50_000_000 * scan + 1_000_000 * number, sensor.bus, can_id, bytes([17 * scan]) * 8)
+        for scan in range(3)
+        for number, can_id in enumerate(sorted(sensor.reader.routes))
+    ]
+    by_frame, by_block = Pipeline(of), Pipeline(of)
+    assert told(by_frame, by_frame.run(frames)) == told(by_block, by_block.run_blocks([block_of(frames)]))
+    assert by_block.assemblers[0].counts.short == len(frames)
 
 
 def items_of(passed: Iterable[ItemBlock]) -> list[TimedItem]:
