@@ -60,7 +60,7 @@ def main(argv: list[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # its threads have nothing to do with matrices this small
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices this small give its threads no work
     standard_streams.prepare()
     console.log_to_stderr()
     try:

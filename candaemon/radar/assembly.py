@@ -218,7 +218,7 @@ class ScanAssembler(ABC):
 
     @property
     def takes_whole_scans(self) -> bool:
-        """Whether of a scan that came whole each frame is taken that is long enough and has the right checksum."""
+        """Whether a frame of a whole scan needs no more than its length and the right checksum to be taken."""
         own = all(receive in (self.receive, self._admit) for receive, _, _ in self.routes.values())
         return own and not (self._multiplexed or self._reader.paged)
 
