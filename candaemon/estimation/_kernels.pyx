@@ -11,7 +11,7 @@ from libc.math cimport fabs, isfinite, llrint, sqrt
 
 import numpy as np
 
-REVISION = 4
+REVISION = 5
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -230,6 +230,249 @@ def take_speed(
                     entry += 1
             nis[t] = whitened * whitened
     return nis_array
+
+
+def propagate(double[:, :, :] covariance, const double[:, :, :] transition, const double[:, :, :] noise):
+    """Replace symmetric P (n, D, D) by F P Fᵀ + Q, for F and Q (n or 1, D, D); a negative variance counts as known."""
+    cdef Py_ssize_t n = covariance.shape[0], d = covariance.shape[1], t, i, j, k, b
+    cdef bint own_f = transition.shape[0] > 1, own_q = noise.shape[0] > 1
+    cdef double factor
+    cdef double p[16][16]
+    cdef double half[16][16]
+    cdef double row[16]
+    with nogil:
+        for t in range(n):
+            for i in range(d):
+                for b in range(d):
+                    p[i][b] = covariance[t, i, b]
+            for i in range(d):
+                for b in range(d):
+                    row[b] = 0.0
+                for k in range(d):
+                    factor = transition[t * own_f, i, k]
+                    if factor != 0.0:
+                        for b in range(d):
+                            row[b] = row[b] + factor * p[k][b]
+                for b in range(d):
+                    half[b][i] = row[b]  # (F P)ᵀ: what follows runs along it
+            for j in range(d):
+                for b in range(j + 1):
+                    row[b] = 0.0
+                for k in range(d):
+                    factor = transition[t * own_f, j, k]
+                    if factor != 0.0:
+                        for b in range(j + 1):
+                            row[b] = row[b] + half[k][b] * factor
+                for b in range(j + 1):
+                    row[b] = row[b] + noise[t * own_q, b, j]
+                    covariance[t, b, j] = row[b]
+                    covariance[t, j, b] = row[b]
+            for i in range(d):
+                if covariance[t, i, i] < 0.0:
+                    for b in range(d):
+                        covariance[t, i, b] = 0.0
+                        covariance[t, b, i] = 0.0
+
+
+def moved(const double[:, :] mean, const double[:, :, :] transition):
+    """Return F x (n, D) of means (n, D) for transitions (n or 1, D, D)."""
+    cdef Py_ssize_t n = mean.shape[0], d = mean.shape[1], t, i, k
+    cdef bint own = transition.shape[0] > 1
+    cdef double total
+    predicted_array = np.empty((n, d))
+    cdef double[:, ::1] predicted = predicted_array
+    with nogil:
+        for t in range(n):
+            for i in range(d):
+                total = 0.0
+                for k in range(d):
+                    total = total + transition[t * own, i, k] * mean[t, k]
+                predicted[t, i] = total
+    return predicted_array
+
+
+def coordinated_turn(
+    const double[:, :] mean,
+    double dt,
+    const double[::1] rate,
+    const double[::1] sine,
+    const double[::1] cosine,
+):
+    """Return means (n, D) after a turn over dt at rates (n,), and its Jacobian (n, D, D)."""
+    cdef Py_ssize_t n = mean.shape[0], d = mean.shape[1], t, i
+    cdef double angle, divisor, s, c, s_w, c_w, vx, vy
+    predicted_array, f_array = np.array(mean), np.zeros((n, d, d))
+    cdef double[:, ::1] predicted = predicted_array
+    cdef double[:, :, ::1] f = f_array
+    with nogil:
+        for t in range(n):
+            angle = rate[t] * dt
+            if fabs(angle) < 1e-4:
+                s = dt * (1.0 - angle * angle / 6.0)
+                c = dt * angle / 2.0
+                s_w = -dt * dt * angle / 3.0
+                c_w = dt * dt / 2.0
+            else:
+                divisor = rate[t]
+                s = sine[t] / divisor
+                c = (1.0 - cosine[t]) / divisor
+                s_w = (dt * cosine[t] - s) / divisor
+                c_w = (dt * sine[t] - c) / divisor
+            vx = mean[t, 2]
+            vy = mean[t, 3]
+            predicted[t, 0] = predicted[t, 0] + (s * vx - c * vy)
+            predicted[t, 1] = predicted[t, 1] + (c * vx + s * vy)
+            predicted[t, 2] = cosine[t] * vx - sine[t] * vy
+            predicted[t, 3] = sine[t] * vx + cosine[t] * vy
+            predicted[t, 6] = rate[t]
+            f[t, 0, 0] = f[t, 1, 1] = f[t, 6, 6] = 1.0
+            f[t, 0, 2] = f[t, 1, 3] = s
+            f[t, 0, 3] = -c
+            f[t, 1, 2] = c
+            f[t, 2, 2] = f[t, 3, 3] = cosine[t]
+            f[t, 2, 3] = -sine[t]
+            f[t, 3, 2] = sine[t]
+            f[t, 0, 6] = s_w * vx - c_w * vy
+            f[t, 1, 6] = c_w * vx + s_w * vy
+            f[t, 2, 6] = -dt * predicted[t, 3]
+            f[t, 3, 6] = dt * predicted[t, 2]
+    return predicted_array, f_array
+
+
+def line_of_sight(const double[:, :] mean, double x0, double y0, double vx0, double vy0):
+    """Return the range rate (n,) that states (n, D) predict, and its Jacobian over x, y, vx, vy (n, 4)."""
+    cdef Py_ssize_t n = mean.shape[0], t
+    cdef double x, y, vx, vy, distance, nearest, far
+    rate_array, row_array = np.empty(n), np.empty((n, 4))
+    cdef double[::1] rate = rate_array
+    cdef double[:, ::1] row = row_array
+    with nogil:
+        for t in range(n):
+            x = mean[t, 0] - x0
+            y = mean[t, 1] - y0
+            vx = mean[t, 2] - vx0
+            vy = mean[t, 3] - vy0
+            distance = sqrt(x * x + y * y)
+            nearest = larger(distance, 1e-3)
+            far = larger(distance, 1.0)
+            x = x / nearest
+            y = y / nearest
+            rate[t] = x * vx + y * vy
+            row[t, 0] = (vx - rate[t] * x) / far
+            row[t, 1] = (vy - rate[t] * y) / far
+            row[t, 2] = x
+            row[t, 3] = y
+    return rate_array, row_array
+
+
+def combined(
+    const double[:, :] probability,
+    const double[:, :, :] mean,
+    const double[:, :, :, :] covariance,
+    const unsigned char[:] turning,
+):
+    """Return the mixture (n, 6) and (n, 6, 6) of what M models say of x, y, vx, vy, ax and ay.
+
+    Their states are (n, M, D). The acceleration of those that turn is ω × v, ω their seventh component.
+    """
+    cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], shared = min(mean.shape[2], 6), t, j, a, b
+    cdef double w, vx, vy, weight
+    cdef double own[16][6]
+    cdef double off[6]
+    cdef double p[6][6]
+    cdef double reach[2][7]
+    mixed_array, spread_array = np.empty((n, 6)), np.zeros((n, 6, 6))
+    cdef double[:, ::1] mixed = mixed_array
+    cdef double[:, :, ::1] spread = spread_array
+    with nogil:
+        for t in range(n):
+            for j in range(m):
+                for a in range(6):
+                    own[j][a] = mean[t, j, a] if a < shared else 0.0
+                if turning[j]:
+                    own[j][4] = -mean[t, j, 6] * mean[t, j, 3]
+                    own[j][5] = mean[t, j, 6] * mean[t, j, 2]
+            for a in range(6):
+                mixed[t, a] = probability[t, 0] * own[0][a]
+                for j in range(1, m):
+                    mixed[t, a] = mixed[t, a] + probability[t, j] * own[j][a]
+            for j in range(m):
+                weight = probability[t, j]
+                for a in range(6):
+                    off[a] = own[j][a] - mixed[t, a]
+                    for b in range(a, 6):
+                        p[a][b] = covariance[t, j, a, b] if b < shared else 0.0
+                if turning[j]:
+                    vx, vy, w = mean[t, j, 2], mean[t, j, 3], mean[t, j, 6]
+                    for b in range(7):
+                        reach[0][b] = -w * covariance[t, j, 3, b] - vy * covariance[t, j, 6, b]
+                        reach[1][b] = w * covariance[t, j, 2, b] + vx * covariance[t, j, 6, b]
+                    for b in range(4):
+                        p[b][4] = reach[0][b]
+                        p[b][5] = reach[1][b]
+                    p[4][4] = -w * reach[0][3] - vy * reach[0][6]
+                    p[4][5] = w * reach[0][2] + vx * reach[0][6]
+                    p[5][5] = w * reach[1][2] + vx * reach[1][6]
+                for a in range(6):
+                    for b in range(a, 6):
+                        spread[t, a, b] = spread[t, a, b] + (off[a] * off[b] + p[a][b]) * weight
+            for a in range(6):
+                for b in range(a):
+                    spread[t, a, b] = spread[t, b, a]
+    return mixed_array, spread_array
+
+
+def predict_plane(
+    const double[:, ::1] columns,
+    const Py_ssize_t[:, ::1] place,
+    const double[:, ::1] mean_transition,
+    const double[:, ::1] transition,
+    const double[:, ::1] noise,
+):
+    """Return columns [mean, triangle of P, variances that drive x and y] (29, n) after a prediction.
+
+    F, Q and the mean's own F are those of an axis (3, 3), the two F upper triangular; row a and column b of P lie at
+    place (6, 6). A negative variance counts as known.
+    """
+    cdef Py_ssize_t n = columns.shape[1], t, block, i, j, k, first, second
+    cdef double total
+    cdef double p[3][3]
+    cdef double half[3][3]
+    predicted_array = np.empty((columns.shape[0], n))
+    cdef double[:, ::1] predicted = predicted_array
+    with nogil:
+        for t in range(n):
+            for first in range(2):
+                for i in range(3):
+                    total = mean_transition[i, i] * columns[2 * i + first, t]
+                    for k in range(i + 1, 3):
+                        total = total + mean_transition[i, k] * columns[2 * k + first, t]
+                    predicted[2 * i + first, t] = total
+                predicted[27 + first, t] = columns[27 + first, t]
+            for block in range(3):  # of x with x, of x with y, of y with y
+                first, second = block // 2, (block + 1) // 2
+                for i in range(3):
+                    for j in range(3):
+                        p[i][j] = columns[6 + place[2 * i + first, 2 * j + second], t]
+                for i in range(3):
+                    for j in range(3):
+                        total = transition[i, i] * p[i][j]
+                        for k in range(i + 1, 3):
+                            total = total + transition[i, k] * p[k][j]
+                        half[i][j] = total
+                for i in range(3):
+                    for j in range(i if block != 1 else 0, 3):
+                        total = half[i][j] * transition[j, j]
+                        for k in range(j + 1, 3):
+                            total = total + half[i][k] * transition[j, k]
+                        if block != 1:
+                            total = total + columns[27 + first, t] * noise[i, j]
+                        predicted[6 + place[2 * i + first, 2 * j + second], t] = total
+            for i in range(6):
+                if predicted[6 + place[i, i], t] < 0.0:
+                    for j in range(6):
+                        predicted[6 + place[i, j], t] = 0.0
+    return predicted_array
 
 
 def number_text(const double[:, :] values, int decimals):

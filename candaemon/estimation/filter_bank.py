@@ -12,7 +12,7 @@ from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.arrays.rows import checked_state
 from candaemon.estimation import compiled
 from candaemon.estimation.estimator_state import EstimatorState, MomentBankState
-from candaemon.estimation.kalman import propagated, symmetrise
+from candaemon.estimation.kalman import propagate
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct
 from candaemon.estimation.motion_models import (
@@ -69,7 +69,8 @@ class FilterBank(ABC):
         d = self._width
         self._has = np.array([[c in model.components for c in range(d)] for model in self._models])
         self._has_both = self._has[:, :, None] & self._has[:, None, :]
-        self._turning = [j for j, model in enumerate(self._models) if isinstance(model, CoordinatedTurn)]
+        self._turns = np.array([isinstance(model, CoordinatedTurn) for model in self._models])
+        self._turning = np.flatnonzero(self._turns).tolist()
         self._memories = _memories(self._models)
         self._first_variance = np.zeros(d)
         self._first_variance[4:6] = acceleration**2
@@ -195,7 +196,6 @@ class FilterBank(ABC):
         before = OutputState(self.mean.copy(), self.covariance.copy(), self._turning) if self.linking else None
         # 2. prediction by each model
         transitions = [self._predict_model(j, dt, direction) for j in range(len(self._models))]
-        symmetrise(self.covariance)
         if before is not None:
             self.link = self._link(before, transitions)
 
@@ -210,7 +210,7 @@ class FilterBank(ABC):
             self.mean[:, j], f, q = model.transition(self.mean[:, j], dt, direction, self._state.mean_nis[:, j])
         else:
             self.mean[:, j], f, q = model.transition(self.mean[:, j], dt, direction)
-        np.add(propagated(self.covariance[:, j], f), q, out=self.covariance[:, j])
+        propagate(self.covariance[:, j], f, q)
         return f
 
     @property
@@ -273,6 +273,8 @@ class FilterBank(ABC):
         """
         if len(self._models) == 1 and self._width == REPORTED:
             return self.mean[:, 0], self.covariance[:, 0]
+        if compiled.in_use and max(len(self._models), self._width) <= compiled.WIDEST:
+            return compiled.kernels.combined(self.probability, self.mean, self.covariance, self._turns)
         reading = self._reading()
         return moments(self.probability, reading.reported_mean(), reading.reported_covariance())
 

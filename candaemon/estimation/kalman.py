@@ -197,6 +197,29 @@ def propagated(covariance: Floats, transition: Floats) -> Floats:
     return both.reshape(-1, width, width)
 
 
+def propagate(covariance: Floats, transition: Floats, noise: Floats) -> None:
+    """Replace covariances by F P Fᵀ + Q.
+
+    Args:
+        covariance: P (n, D, D), symmetric, changed in place; so it stays to the last bit, and a component whose
+            variance has fallen below zero counts as known.
+        transition: F (n or 1, D, D).
+        noise: Q (n or 1, D, D).
+    """
+    if compiled.in_use and covariance.shape[-1] <= compiled.WIDEST:
+        compiled.kernels.propagate(covariance, transition, noise)
+        return
+    width = range(covariance.shape[-1])
+    half, both = np.zeros_like(covariance), np.zeros_like(covariance)
+    for k in width:  # sums from the first term to the last, as the kernel adds them up; a matrix product does not
+        half += transition[:, :, k, None] * covariance[:, None, k]
+    for k in width:
+        both += half[:, :, k, None] * transition[:, None, :, k]
+    both += noise
+    covariance[...] = np.where(np.tri(len(width), dtype=np.bool_), np.swapaxes(both, 1, 2), both)
+    _forget_negative(covariance)
+
+
 def symmetrise(covariance: Floats) -> None:
     """Undo in place what rounding does to covariances; without it the short update form diverges in some 1,000 cycles.
 
@@ -206,6 +229,11 @@ def symmetrise(covariance: Floats) -> None:
         compiled.kernels.halved(covariance.reshape(-1, *covariance.shape[-2:]))
     else:
         np.multiply(covariance + np.swapaxes(covariance, -1, -2), 0.5, out=covariance)
+    _forget_negative(covariance)
+
+
+def _forget_negative(covariance: Floats) -> None:
+    """Count a component as known whose variance has fallen below zero."""
     variance = np.einsum("...ii->...i", covariance)
     if variance.min(initial=0.0) < 0.0:
         known = variance < 0.0

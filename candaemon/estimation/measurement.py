@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from candaemon.arrays import Floats, Indices, Integers
+from candaemon.estimation import compiled
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +129,10 @@ def line_of_sight(mean: Floats, origin: Floats, velocity: Floats) -> tuple[Float
         origin: the sensor's position (…, 2), m, in the axes of the state.
         velocity: the sensor's velocity over ground (…, 2), m/s.
     """
+    if compiled.in_use and origin.ndim == velocity.ndim == 1:
+        each = mean.reshape(-1, mean.shape[-1])
+        rate, row = compiled.kernels.line_of_sight(each, *origin.tolist(), *velocity.tolist())
+        return rate.reshape(mean.shape[:-1]), row.reshape(*mean.shape[:-1], 4)
     x, y = mean[..., 0] - origin[..., 0], mean[..., 1] - origin[..., 1]
     vx, vy = mean[..., 2] - velocity[..., 0], mean[..., 3] - velocity[..., 1]
     distance = np.sqrt(x * x + y * y)

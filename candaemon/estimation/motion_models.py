@@ -15,7 +15,8 @@ from typing import Protocol
 
 import numpy as np
 
-from candaemon.arrays import Booleans, Floats
+from candaemon.arrays import Floats
+from candaemon.estimation import compiled
 from candaemon.estimation.discretisation import Axis, X, Y, decaying_axis, directed, isotropic, white_axis
 
 POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6
@@ -140,7 +141,7 @@ class Singer:
         del direction  # the model is the same in every direction
         axis = decaying_axis(self.alpha, dt, 2 * self.alpha * self.deviation**2, order=2)
         f = isotropic(axis.transition, mean.shape[1])
-        return mean @ f.T, f[None], isotropic(axis.noise, mean.shape[1])[None]
+        return _moved(mean, f[None]), f[None], isotropic(axis.noise, mean.shape[1])[None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,22 +268,7 @@ class CoordinatedTurn:
         is none, the turn rate would count as known but for its noise. See `MotionModel.transition`.
         """
         del direction  # the model is the same in every direction
-        turn = _Turn.over(mean[:, TURN], dt, self.limit)
-        vx, vy, angle, small, divisor = mean[:, 2], mean[:, 3], turn.angle, turn.small, turn.divisor
-        sine, cosine, s, c = turn.sine, turn.cosine, turn.s, turn.c
-        s_w = np.where(small, -dt * dt * angle / 3, (dt * cosine - s) / divisor)
-        c_w = np.where(small, dt * dt / 2, (dt * sine - c) / divisor)
-        predicted = turn.turned(mean)
-        f = np.zeros((len(mean), mean.shape[1], mean.shape[1]))
-        f[:, 0, 0] = f[:, 1, 1] = f[:, TURN, TURN] = 1.0
-        f[:, 0, 2] = f[:, 1, 3] = s
-        f[:, 0, 3], f[:, 1, 2] = -c, c
-        f[:, 2, 2] = f[:, 3, 3] = cosine
-        f[:, 2, 3], f[:, 3, 2] = -sine, sine
-        f[:, 0, TURN] = s_w * vx - c_w * vy
-        f[:, 1, TURN] = c_w * vx + s_w * vy
-        f[:, 2, TURN] = -dt * predicted[:, 3]
-        f[:, 3, TURN] = dt * predicted[:, 2]
+        predicted, f = _turned(mean, dt, self.limit)
         axis = white_axis(dt, self.noise, order=1).noise
         axis[0, 0] += self.position_noise * dt
         q = isotropic(axis, mean.shape[1])
@@ -292,54 +278,42 @@ class CoordinatedTurn:
     def predicted_mean(self, mean: Floats, dt: float, direction: Floats) -> Floats:
         """Predict the mean alone; see the function `predicted_mean`."""
         del direction  # as above
-        return _Turn.over(mean[:, TURN], dt, self.limit).turned(mean)
+        return _turned(mean, dt, self.limit)[0]
 
 
-@dataclass(frozen=True, slots=True)
-class _Turn:
-    """Turns of n tracks over a step T, (n,) each.
+def _turned(mean: Floats, dt: float, limit: float) -> tuple[Floats, Floats]:
+    """Return means (n, D) after a turn over dt, s, and its Jacobian (n, D, D), at turn rates up to a limit, rad/s.
 
-    Source: Kim and Hong 2004, eq. (9).
-
-    Attributes:
-        rate: ω within its limit, rad/s.
-        angle: ωT.
-        small: whether it is so small that quotients by ω lose their digits.
-        divisor: ω, 1 where it is small.
-        sine, cosine: of the angle.
-        s, c: sin(ωT) / ω and (1 − cos ωT) / ω, s.
+    Source: Kim and Hong 2004, eqs. (9), (11).
     """
-
-    rate: Floats
-    angle: Floats
-    small: Booleans
-    divisor: Floats
-    sine: Floats
-    cosine: Floats
-    s: Floats
-    c: Floats
-
-    @classmethod
-    def over(cls, turn_rate: Floats, dt: float, limit: float) -> _Turn:
-        """Return the turns over dt, s, at turn rates (n,) up to a limit, rad/s."""
-        w = np.clip(turn_rate, -limit, limit)
-        angle = w * dt
-        small = np.abs(angle) < 1e-4
-        divisor = np.where(small, 1.0, w)
-        sine, cosine = np.sin(angle), np.cos(angle)
-        s = np.where(small, dt * (1 - angle**2 / 6), sine / divisor)
-        c = np.where(small, dt * angle / 2, (1 - cosine) / divisor)
-        return cls(w, angle, small, divisor, sine, cosine, s, c)
-
-    def turned(self, mean: Floats) -> Floats:
-        """Return means (n, D) after the turn."""
-        vx, vy, predicted = mean[:, 2], mean[:, 3], mean.copy()
-        predicted[:, 0] += self.s * vx - self.c * vy
-        predicted[:, 1] += self.c * vx + self.s * vy
-        predicted[:, 2] = self.cosine * vx - self.sine * vy
-        predicted[:, 3] = self.sine * vx + self.cosine * vy
-        predicted[:, TURN] = self.rate
-        return predicted
+    w = np.minimum(np.maximum(mean[:, TURN], -limit), limit)
+    angle = w * dt
+    sine, cosine = np.sin(angle), np.cos(angle)
+    if compiled.in_use:
+        return compiled.kernels.coordinated_turn(mean, dt, w, sine, cosine)
+    small = np.abs(angle) < 1e-4  # where quotients by ω lose their digits
+    divisor = np.where(small, 1.0, w)
+    s = np.where(small, dt * (1.0 - angle * angle / 6.0), sine / divisor)
+    c = np.where(small, dt * angle / 2.0, (1.0 - cosine) / divisor)
+    s_w = np.where(small, -dt * dt * angle / 3.0, (dt * cosine - s) / divisor)
+    c_w = np.where(small, dt * dt / 2.0, (dt * sine - c) / divisor)
+    vx, vy, predicted = mean[:, 2], mean[:, 3], mean.copy()
+    predicted[:, 0] += s * vx - c * vy
+    predicted[:, 1] += c * vx + s * vy
+    predicted[:, 2] = cosine * vx - sine * vy
+    predicted[:, 3] = sine * vx + cosine * vy
+    predicted[:, TURN] = w
+    f = np.zeros((len(mean), mean.shape[1], mean.shape[1]))
+    f[:, 0, 0] = f[:, 1, 1] = f[:, TURN, TURN] = 1.0
+    f[:, 0, 2] = f[:, 1, 3] = s
+    f[:, 0, 3], f[:, 1, 2] = -c, c
+    f[:, 2, 2] = f[:, 3, 3] = cosine
+    f[:, 2, 3], f[:, 3, 2] = -sine, sine
+    f[:, 0, TURN] = s_w * vx - c_w * vy
+    f[:, 1, TURN] = c_w * vx + s_w * vy
+    f[:, 2, TURN] = -dt * predicted[:, 3]
+    f[:, 3, TURN] = dt * predicted[:, 2]
+    return predicted, f
 
 
 def predicted_mean(model: MotionModel, mean: Floats, dt: float, direction: Floats) -> Floats:
@@ -353,12 +327,16 @@ def predicted_mean(model: MotionModel, mean: Floats, dt: float, direction: Float
 
 def _moved(mean: Floats, transition: Floats) -> Floats:
     """Return F x of means (n, D) for transitions (n or 1, D, D)."""
-    moved: Floats = mean @ transition[0].T if len(transition) == 1 else np.matmul(transition, mean[:, :, None])[:, :, 0]
+    if compiled.in_use:
+        return compiled.kernels.moved(mean, transition)
+    moved = np.zeros_like(mean)
+    for k in range(mean.shape[1]):  # as the kernel adds it up; a matrix product does not
+        moved += transition[:, :, k] * mean[:, k, None]
     return moved
 
 
 def _driven(mean: Floats, axis: Axis, transition: Floats) -> Floats:
     """Return F x + U ā of means (n, D), ā the current acceleration, (17) of Han et al. 2015."""
-    predicted = mean @ transition.T
+    predicted = _moved(mean, transition[None])
     predicted[:, :6] += (axis.input[:, None] * mean[:, None, ACCELERATION]).reshape(-1, 6)
     return predicted

@@ -54,11 +54,16 @@ class OutputState:
             return covariance
         covariance = covariance.copy()
         for j in self.turning:
-            slope = self._slope(j)
-            reach = np.matmul(slope, self.covariance[:, j])
-            covariance[:, j, ACCELERATION, :4] = reach[:, :, :4]
-            covariance[:, j, :4, ACCELERATION] = np.swapaxes(reach[:, :, :4], 1, 2)
-            covariance[:, j, ACCELERATION, ACCELERATION] = np.matmul(reach, np.swapaxes(slope, 1, 2))
+            # S P and S P Sᵀ by the two components that each row of the slope S has
+            own, w = self.covariance[:, j], self.mean[:, j, TURN, None]
+            vx, vy = self.mean[:, j, 2, None], self.mean[:, j, 3, None]
+            first, second = -w * own[:, 3] - vy * own[:, TURN], w * own[:, 2] + vx * own[:, TURN]
+            covariance[:, j, 4, :4] = covariance[:, j, :4, 4] = first[:, :4]
+            covariance[:, j, 5, :4] = covariance[:, j, :4, 5] = second[:, :4]
+            w, vx, vy = w[:, 0], vx[:, 0], vy[:, 0]
+            covariance[:, j, 4, 4] = -w * first[:, 3] - vy * first[:, TURN]
+            covariance[:, j, 4, 5] = covariance[:, j, 5, 4] = w * first[:, 2] + vx * first[:, TURN]
+            covariance[:, j, 5, 5] = w * second[:, 2] + vx * second[:, TURN]
         return covariance
 
     def cross(self, predicted: OutputState, probability: Floats, transitions: Sequence[Floats]) -> Floats:

@@ -27,28 +27,8 @@ _MEAN, _COVARIANCE, _DRIVE = slice(0, _SIZE), slice(_SIZE, -2), slice(-2, None)
 _ROWS = _SIZE + _TRIANGLE.entries + 2
 _XX, _XY, _YY = 0, 1, _SIZE
 """Entries of the position's covariance."""
-
-
-def _spread() -> tuple[Indices, Indices]:
-    """Return where the elements of the prediction lie in [F ⊗ F, transition of the mean, Q, 0] of an axis.
-
-    As for F P Fᵀ of a triangle, each is the sum of two.
-    """
-    nothing, size = 99, _TRIANGLE.entries
-    axis = isotropic(np.arange(9.0).reshape(3, 3) + 1, _SIZE).astype(np.intp) - 1  # −1 between x and y
-    first, second = np.full((2, _SIZE + size, _SIZE + size + 2), nothing)
-    first[_MEAN, _MEAN] = np.where(axis < 0, nothing, 81 + axis)
-    i, j, k, m = _TRIANGLE.row[:, None], _TRIANGLE.column[:, None], _TRIANGLE.row, _TRIANGLE.column
-    for out, left, right in ((first, axis[i, k], axis[j, m]), (second, axis[i, m], axis[j, k])):
-        out[_SIZE:, _COVARIANCE] = np.where((left < 0) | (right < 0), nothing, left * 9 + right)
-    second[_SIZE:, _COVARIANCE][:, k == m] = nothing
-    for drive, which in ((-2, X), (-1, Y)):
-        driven = _TRIANGLE.place[which, which]
-        first[_SIZE + driven, drive] = 90 + np.arange(9).reshape(3, 3)
-    return first, second
-
-
-_FIRST, _SECOND = _spread()
+_BLOCKS = np.array([_TRIANGLE.place[X, X], _TRIANGLE.place[X, Y], _TRIANGLE.place[Y, Y]])
+"""Entries of the covariance of x with x, of x with y and of y with y, (3, 3, 3)."""
 
 
 class PlaneFilter(FilterBank):
@@ -109,11 +89,7 @@ class PlaneFilter(FilterBank):
         state = self._state
         if isinstance(self._model, CurrentStatistical):
             state.columns[_DRIVE] = self._adapted_variance(self._model)
-        predicted = np.empty_like(state.columns)
-        np.matmul(_prediction(mean_transition, transition, noise), state.columns, out=predicted[:-2])
-        predicted[_DRIVE] = state.columns[_DRIVE]
-        state.columns = predicted
-        self._forget_negative()
+        state.columns = _predicted(state.columns, mean_transition, transition, noise)
         if before is not None:
             self.link = self._link(before, [isotropic(transition, _SIZE)[None]])
 
@@ -143,14 +119,6 @@ class PlaneFilter(FilterBank):
         variance = model.variance(state.columns[ACCELERATION])
         return variance if model.innovation_memory is None else driven_variance(variance, model.floor, state.mean_nis.T)
 
-    def _forget_negative(self) -> None:
-        """Count a component as known whose variance has fallen below zero, as `kalman.symmetrise` does."""
-        covariance = self._state.columns[_COVARIANCE]
-        variance = covariance.take(_TRIANGLE.diagonal, axis=0)
-        if np.minimum.reduce(variance, axis=None) < 0.0:
-            known = variance < 0.0
-            covariance[known[_TRIANGLE.row] | known[_TRIANGLE.column]] = 0.0
-
     def _empty(self) -> PlaneFilterState:
         return PlaneFilterState(*self._empty_weights(), np.ones((_ROWS, 0)))
 
@@ -174,18 +142,40 @@ class PlaneFilter(FilterBank):
         """Do nothing: there is one model."""
 
 
-def _prediction(mean_transition: Floats, transition: Floats, noise: Floats) -> Floats:
-    """Return the matrix that takes [mean, triangle of P, variances] to the predicted mean and triangle.
+def _predicted(columns: Floats, mean_transition: Floats, transition: Floats, noise: Floats) -> Floats:
+    """Return the columns after a prediction; a component whose variance has fallen below zero counts as known.
 
     Args:
-        mean_transition: of an axis, (3, 3).
+        columns: mean, triangle of P, variances that drive x and y, (29, n).
+        mean_transition: of an axis, (3, 3), upper triangular as F is.
         transition: F of an axis, (3, 3).
         noise: Q of an axis at a variance of one, (3, 3).
     """
-    parts = np.zeros(100)
-    np.multiply.outer(transition.ravel(), transition.ravel(), out=parts[:81].reshape(9, 9))
-    parts[81:90], parts[90:99] = mean_transition.ravel(), noise.ravel()
-    return np.asarray(parts.take(_FIRST) + parts.take(_SECOND))
+    if compiled.in_use and columns.flags.c_contiguous:
+        return compiled.kernels.predict_plane(columns, _TRIANGLE.place, mean_transition, transition, noise)
+    predicted, before = columns.copy(), columns[_COVARIANCE].take(_BLOCKS, axis=0)
+    mean, moved = columns[_MEAN].reshape(3, 2, -1), predicted[_MEAN].reshape(3, 2, -1)
+    for i in range(3):
+        moved[i] = mean_transition[i, i] * mean[i]
+        for k in range(i + 1, 3):
+            moved[i] += mean_transition[i, k] * mean[k]
+    half, after = np.empty_like(before), np.empty_like(before)
+    for i in range(3):
+        half[:, i] = transition[i, i] * before[:, i]
+        for k in range(i + 1, 3):
+            half[:, i] += transition[i, k] * before[:, k]
+    for j in range(3):
+        after[:, :, j] = half[:, :, j] * transition[j, j]
+        for k in range(j + 1, 3):
+            after[:, :, j] += half[:, :, k] * transition[j, k]
+    after[::2] += columns[_DRIVE, None, None] * noise[None, :, :, None]
+    covariance, upper = predicted[_COVARIANCE], np.triu_indices(3)
+    covariance[_BLOCKS[::2, *upper]] = after[::2, *upper]
+    covariance[_BLOCKS[1]] = after[1]
+    known = covariance.take(_TRIANGLE.diagonal, axis=0) < 0.0
+    if known.any():
+        covariance[known[_TRIANGLE.row] | known[_TRIANGLE.column]] = 0.0
+    return predicted
 
 
 def _take_position(state: Floats, position: Floats, noise: Floats) -> Floats:
