@@ -65,6 +65,84 @@ def mixture(const double[:, :, :] weights, const double[:, :, ::1] mean, const d
     return mixed_array, spread_array
 
 
+def mix(
+    const double[:, :, :] mean,
+    const double[:, :, :, :] covariance,
+    const double[:, :] probability,
+    const double[:, :] switch,
+    const unsigned char[:, :] has,
+):
+    """Return the mixed (n, M, D) and (n, M, D, D) of an interaction, and the predicted probabilities (n, M).
+
+    Of each model only the components that it has (M, D) are mixed; the others are zero.
+    """
+    cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], d = mean.shape[2]
+    mixed, spread, predicted = np.zeros((n, m, d)), np.zeros((n, m, d, d)), np.empty((n, m))
+    if d <= 8:
+        mix_padded(mean, covariance, probability, switch, has, mixed, spread, predicted, 8)
+    else:
+        mix_padded(mean, covariance, probability, switch, has, mixed, spread, predicted, 16)
+    return mixed, spread, predicted
+
+
+cdef inline void mix_padded(
+    const double[:, :, :] mean,
+    const double[:, :, :, :] covariance,
+    const double[:, :] probability,
+    const double[:, :] switch,
+    const unsigned char[:, :] has,
+    double[:, :, ::1] mixed,
+    double[:, :, :, ::1] spread,
+    double[:, ::1] predicted,
+    int wide,
+) noexcept nogil:
+    """Do it with rows of so many numbers, which the compiler knows: those beyond D are zero."""
+    cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], d = mean.shape[2], t, i, j, a, b
+    cdef double w
+    cdef double off[16]
+    cdef double weight[16]
+    cdef double total[16][16]
+    cdef double p[16][16][16]
+    for a in range(wide):
+        off[a] = 0.0
+        for i in range(m):
+            for b in range(wide):
+                p[i][a][b] = 0.0
+    for t in range(n):
+        for i in range(m):
+            for a in range(d):
+                for b in range(d):
+                    p[i][a][b] = covariance[t, i, a, b]
+        for j in range(m):
+            w = probability[t, 0] * switch[0, j]
+            for i in range(1, m):
+                w = w + probability[t, i] * switch[i, j]
+            predicted[t, j] = w
+            for i in range(m):
+                weight[i] = probability[t, i] * switch[i, j] / predicted[t, j]
+            for a in range(d):
+                if has[j, a]:
+                    w = weight[0] * mean[t, 0, a]
+                    for i in range(1, m):
+                        w = w + weight[i] * mean[t, i, a]
+                    mixed[t, j, a] = w
+                for b in range(wide):
+                    total[a][b] = 0.0
+            for i in range(m):
+                w = weight[i]
+                for a in range(d):
+                    off[a] = mean[t, i, a] - mixed[t, j, a]
+                for a in range(d):
+                    if has[j, a]:
+                        for b in range(wide):
+                            total[a][b] = total[a][b] + (off[a] * off[b] + p[i][a][b]) * w
+            for a in range(d):
+                if has[j, a]:
+                    for b in range(a, d):
+                        if has[j, b]:
+                            spread[t, j, a, b] = spread[t, j, b, a] = total[a][b]
+
+
 def halved(double[:, :, ::1] covariance):
     """Make matrices (n, D, D) symmetric in place."""
     cdef Py_ssize_t n = covariance.shape[0], d = covariance.shape[1], t, a, b
@@ -234,44 +312,63 @@ def take_speed(
 
 def propagate(double[:, :, :] covariance, const double[:, :, :] transition, const double[:, :, :] noise):
     """Replace symmetric P (n, D, D) by F P Fᵀ + Q, for F and Q (n or 1, D, D); a negative variance counts as known."""
-    cdef Py_ssize_t n = covariance.shape[0], d = covariance.shape[1], t, i, j, k, b
+    if covariance.shape[1] <= 8:
+        propagate_padded(covariance, transition, noise, 8)
+    else:
+        propagate_padded(covariance, transition, noise, 16)
+
+
+cdef inline void propagate_padded(
+    double[:, :, :] covariance, const double[:, :, :] transition, const double[:, :, :] noise, int wide
+) noexcept nogil:
+    """Do it with rows of so many numbers, which the compiler knows: those beyond D are zero."""
+    cdef Py_ssize_t n = covariance.shape[0], d = covariance.shape[1], t, i, k, b, term, terms = 0
     cdef bint own_f = transition.shape[0] > 1, own_q = noise.shape[0] > 1
     cdef double factor
     cdef double p[16][16]
-    cdef double half[16][16]
+    cdef double half[16][16]  # (F P)ᵀ
     cdef double row[16]
-    with nogil:
-        for t in range(n):
+    cdef int first[17]
+    cdef int column[256]
+    cdef double value[256]  # of the elements of F that are not zero, row by row
+    for i in range(wide):
+        for b in range(wide):
+            p[i][b] = half[i][b] = 0.0
+    for t in range(n):
+        if own_f or t == 0:
+            terms = 0
             for i in range(d):
-                for b in range(d):
-                    p[i][b] = covariance[t, i, b]
-            for i in range(d):
-                for b in range(d):
-                    row[b] = 0.0
+                first[i] = terms
                 for k in range(d):
-                    factor = transition[t * own_f, i, k]
-                    if factor != 0.0:
-                        for b in range(d):
-                            row[b] = row[b] + factor * p[k][b]
+                    if transition[t, i, k] != 0.0:
+                        column[terms], value[terms] = k, transition[t, i, k]
+                        terms += 1
+            first[d] = terms
+        for i in range(d):
+            for b in range(d):
+                p[i][b] = covariance[t, i, b]
+        for i in range(d):
+            for b in range(wide):
+                row[b] = 0.0
+            for term in range(first[i], first[i + 1]):
+                factor, k = value[term], column[term]
+                for b in range(wide):
+                    row[b] = row[b] + factor * p[k][b]
+            for b in range(d):
+                half[b][i] = row[b]
+        for i in range(d):
+            for b in range(wide):
+                row[b] = 0.0
+            for term in range(first[i], first[i + 1]):
+                factor, k = value[term], column[term]
+                for b in range(wide):
+                    row[b] = row[b] + half[k][b] * factor
+            for b in range(i + 1):
+                covariance[t, b, i] = covariance[t, i, b] = row[b] + noise[t * own_q, b, i]
+        for i in range(d):
+            if covariance[t, i, i] < 0.0:
                 for b in range(d):
-                    half[b][i] = row[b]  # (F P)ᵀ: what follows runs along it
-            for j in range(d):
-                for b in range(j + 1):
-                    row[b] = 0.0
-                for k in range(d):
-                    factor = transition[t * own_f, j, k]
-                    if factor != 0.0:
-                        for b in range(j + 1):
-                            row[b] = row[b] + half[k][b] * factor
-                for b in range(j + 1):
-                    row[b] = row[b] + noise[t * own_q, b, j]
-                    covariance[t, b, j] = row[b]
-                    covariance[t, j, b] = row[b]
-            for i in range(d):
-                if covariance[t, i, i] < 0.0:
-                    for b in range(d):
-                        covariance[t, i, b] = 0.0
-                        covariance[t, b, i] = 0.0
+                    covariance[t, i, b] = covariance[t, b, i] = 0.0
 
 
 def moved(const double[:, :] mean, const double[:, :, :] transition):

@@ -10,12 +10,13 @@ which Mₜ does.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import exp, factorial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from candaemon.arrays import Floats
+from candaemon.arrays import Floats, Indices
 
 _LONG = 1.0
 """αT from which on the closed forms lose no digits; below, they cancel and a series in αT is exact to rounding."""
@@ -82,14 +83,55 @@ def white_axis(dt: float, intensity: float, *, order: int) -> Axis:
         papers have an acceleration that is constant over a step, through G = [T²/2, T]. States beyond the order are
         zero.
     """
+    f, q = _white(order)
+    powers = _powers_of(dt, order)
+    return Axis(f.over(powers), q.over(intensity * powers), np.zeros(len(f.powers)))
+
+
+def white_plane(dt: float, intensity: float, *, order: int, width: int) -> tuple[Floats, Floats]:
+    """Return F and Q of `white_axis` in both axes of the plane, (width, width) each; arguments as there."""
+    f, q = _white_plane(order, width)
+    powers = _powers_of(dt, order)
+    return f.over(powers), q.over(intensity * powers)
+
+
+def _powers_of(dt: float, order: int) -> Floats:
+    return np.array([dt**k for k in range(2 * order + 2)])
+
+
+class _Powers(NamedTuple):
+    """A matrix whose elements are coefficients times powers of T."""
+
+    coefficients: Floats
+    powers: Indices
+
+    def over(self, powers: Floats) -> Floats:
+        """Return the matrix by the powers of T from the zeroth on."""
+        return self.coefficients * powers.take(self.powers)
+
+
+@cache
+def _white(order: int) -> tuple[_Powers, _Powers]:
+    """Return F and Q of an axis whose derivative of this order is driven by white noise."""
     size = max(order + 1, 3)
-    f, q = np.zeros((size, size)), np.zeros((size, size))
+    (f, f_powers), (q, q_powers) = ((np.zeros((size, size)), np.zeros((size, size), np.intp)) for _ in range(2))
     for i in range(order + 1):
         for j in range(i, order + 1):
-            f[i, j] = dt ** (j - i) / factorial(j - i)
+            f[i, j], f_powers[i, j] = 1 / factorial(j - i), j - i
             power = 2 * order + 1 - i - j
-            q[i, j] = q[j, i] = dt**power / (factorial(order - i) * factorial(order - j) * power)
-    return Axis(f, intensity * q, np.zeros(size))
+            q[i, j] = q[j, i] = 1 / (factorial(order - i) * factorial(order - j) * power)
+            q_powers[i, j] = q_powers[j, i] = power
+    return _Powers(f, f_powers), _Powers(q, q_powers)
+
+
+@cache
+def _white_plane(order: int, width: int) -> tuple[_Powers, _Powers]:
+    """Return the same in both axes of the plane."""
+    f, q = (
+        _Powers(isotropic(each.coefficients, width), isotropic(each.powers.astype(float), width).astype(np.intp))
+        for each in _white(order)
+    )
+    return f, q
 
 
 def decaying_axis(rate: float, dt: float, intensity: float, *, order: int) -> Axis:

@@ -20,11 +20,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import expm1
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.estimation import compiled
 from candaemon.estimation.filter_bank import MomentBank, mixture
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct, inform
@@ -102,10 +104,10 @@ class Imm(MomentBank):
         for block in self._unequal:
             block.fill(self.mean, self.covariance, self.probability)
         switch = switching(self._switch_rate, dt, len(self._models))
-        mean, covariance, self.probability = mix(self.mean, self.covariance, self.probability, switch)
-        covariance *= self._has_both
-        mean *= self._has
-        self.mean, self.covariance = mean, covariance
+        state = self._state
+        state.mean, state.covariance, state.probability = mix(
+            state.mean, state.covariance, state.probability, switch, self._has
+        )
 
 
 _CORRECT = {"covariance": correct, "information": inform}
@@ -121,13 +123,15 @@ def switching(rate: float, dt: float, models: int) -> Floats:
         dt: s.
         models: M.
     """
-    leave = -np.expm1(-rate * dt)
+    leave = -expm1(-rate * dt)
     switch = np.full((models, models), leave / max(models - 1, 1))
-    np.fill_diagonal(switch, 1.0 - leave)
+    switch.flat[:: models + 1] = 1.0 - leave
     return switch
 
 
-def mix(mean: Floats, covariance: Floats, probability: Floats, switch: Floats) -> tuple[Floats, Floats, Floats]:
+def mix(
+    mean: Floats, covariance: Floats, probability: Floats, switch: Floats, has: Booleans | None = None
+) -> tuple[Floats, Floats, Floats]:
     """Mix the models' estimates, weighted by the ways that lead to each model.
 
     Args:
@@ -135,15 +139,22 @@ def mix(mean: Floats, covariance: Floats, probability: Floats, switch: Floats) -
         covariance: (n, M, D, D).
         probability: of the modes, (n, M).
         switch: Markov chain (M, M), rows sum to one.
+        has: components that each model has (M, D); the others become zero. None: all.
 
     Returns:
         Mixed means, mixed covariances with the means' spread, and the predicted mode probabilities.
     """
+    has = np.ones(mean.shape[1:], dtype=np.bool_) if has is None else has
+    if compiled.in_use and max(has.shape) <= compiled.WIDEST:
+        return compiled.kernels.mix(mean, covariance, probability, switch, has)
     predicted = probability[:, 0, None] * switch[0]
     for i in range(1, len(switch)):
         predicted += probability[:, i, None] * switch[i]
     weights = probability[:, None, :] * switch.T[None] / predicted[:, :, None]
-    return *mixture(weights, mean, covariance), predicted
+    mixed, spread = mixture(weights, mean, covariance)
+    mixed[:, ~has] = 0.0
+    spread[:, ~(has[:, :, None] & has[:, None, :])] = 0.0
+    return mixed, spread, predicted
 
 
 def posterior(prior: Floats, log_likelihood: Floats) -> Floats:
@@ -154,9 +165,9 @@ def posterior(prior: Floats, log_likelihood: Floats) -> Floats:
         log_likelihood: of the measurement under each model, (n, M); −∞ under all of them changes nothing.
     """
     log_likelihood = np.maximum(log_likelihood, _LEAST_LOG_LIKELIHOOD)
-    probability = prior * np.exp(log_likelihood - log_likelihood.max(axis=1, keepdims=True))
+    probability = prior * np.exp(log_likelihood - np.maximum.reduce(log_likelihood, axis=1, keepdims=True))
     probability = np.maximum(probability, _LEAST_PROBABILITY)
-    probability /= probability.sum(axis=1, keepdims=True)
+    probability /= np.add.reduce(probability, axis=1, keepdims=True)
     return np.asarray(probability)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from candaemon.arrays import Floats
 from candaemon.estimation import compiled
-from candaemon.estimation.discretisation import Axis, X, Y, decaying_axis, directed, isotropic, white_axis
+from candaemon.estimation.discretisation import Axis, X, Y, decaying_axis, directed, isotropic, white_axis, white_plane
 
 POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6
 JERK = slice(7, 9)
@@ -106,10 +106,15 @@ class LinearModel:
 
     def transition(self, mean: Floats, dt: float, direction: Floats) -> tuple[Floats, Floats, Floats]:
         """Predict the mean with its own F; see `MotionModel.transition`."""
+        width = mean.shape[1]
+        if self.isotropic:
+            f, q = white_plane(dt, self.noise[0], order=self.order, width=width)
+            q[0, 0] += self.position_noise[0] * dt
+            q[1, 1] += self.position_noise[0] * dt
+            return _moved(mean, f[None]), f[None], q[None]
         along, across = self.axes(dt)
-        f = directed(along.transition, across.transition, direction, mean.shape[1])
-        q = directed(along.noise, across.noise, direction, mean.shape[1])
-        return _moved(mean, f), f, q
+        f = directed(along.transition, across.transition, direction, width)
+        return _moved(mean, f), f, directed(along.noise, across.noise, direction, width)
 
     def predicted_mean(self, mean: Floats, dt: float, direction: Floats) -> Floats:
         """Predict the mean alone; see the function `predicted_mean`."""
@@ -269,9 +274,9 @@ class CoordinatedTurn:
         """
         del direction  # the model is the same in every direction
         predicted, f = _turned(mean, dt, self.limit)
-        axis = white_axis(dt, self.noise, order=1).noise
-        axis[0, 0] += self.position_noise * dt
-        q = isotropic(axis, mean.shape[1])
+        _, q = white_plane(dt, self.noise, order=1, width=mean.shape[1])
+        q[0, 0] += self.position_noise * dt
+        q[1, 1] += self.position_noise * dt
         q[TURN, TURN] = self.turn_noise * dt
         return predicted, f, q[None]
 

@@ -49,6 +49,7 @@ class PlaneFilter(FilterBank):
         self, model: Singer | CurrentStatistical, *, acceleration: float, noise: SensorNoise | None = None
     ) -> None:
         self._model = model
+        self._axis_dt, self._axis = 0.0, axis_matrices(model, 0.0)
         super().__init__([model], acceleration=acceleration, turn_rate=0.0, jerk=0.0, noise=noise)
 
     @property
@@ -84,7 +85,9 @@ class PlaneFilter(FilterBank):
             self.link = None
             return
         self._state.dt = dt
-        mean_transition, transition, noise = axis_matrices(self._model, dt)
+        if dt != self._axis_dt:
+            self._axis_dt, self._axis = dt, axis_matrices(self._model, dt)
+        mean_transition, transition, noise = self._axis
         before = self._reading() if self.linking else None
         state = self._state
         if isinstance(self._model, CurrentStatistical):
