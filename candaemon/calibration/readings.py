@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import radians
+from math import isfinite, radians
 from typing import Final
 
 import numpy as np
@@ -163,7 +163,9 @@ class SensorReader:
 
     def hold(self, scan: Scan, scale: float, bias: float) -> HeldScan:
         """Return what is needed of a scan."""
-        values = np.nan_to_num(scan.values[self.taken], copy=False, nan=_UNKNOWN)
+        values = scan.values.take(self.taken, axis=0)
+        if not isfinite(np.vdot(values, values)):
+            values = np.nan_to_num(values, copy=False, nan=_UNKNOWN)
         if len(scan.object_id) <= MOST_OBJECTS:
             return HeldScan(scan.time_ns, scale, bias, scan.object_id, scan.new, values)
         first = slice(MOST_OBJECTS)

@@ -23,5 +23,19 @@ def combined(probability: Floats, mean: Floats, covariance: Floats, turning: Boo
 def predict_plane(
     columns: Floats, place: Indices, mean_transition: Floats, transition: Floats, noise: Floats
 ) -> Floats: ...
+def vehicle_axes(
+    state: Floats,
+    covariance: Floats,
+    direction: Floats,
+    forward: Floats,
+    east: float,
+    north: float,
+    c: float,
+    s: float,
+    least_square: float,
+) -> tuple[Floats, Floats]: ...
+def turned_towards(
+    direction: Floats, forward: Floats, velocity: Floats, min_speed: float, share: float
+) -> tuple[Floats, Floats]: ...
 def number_text(values: Floats, decimals: int) -> bytes: ...
 def near_pairs(x: Floats, y: Floats, reach: float) -> tuple[Indices, Indices]: ...

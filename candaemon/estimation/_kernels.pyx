@@ -7,7 +7,7 @@ numpy. Nothing is checked here: the callers in `kalman`, `imm` and `filter_bank`
 """
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
-from libc.math cimport fabs, isfinite, llrint, sqrt
+from libc.math cimport NAN, copysign, fabs, isfinite, llrint, sqrt
 
 import numpy as np
 
@@ -570,6 +570,81 @@ def predict_plane(
                     for j in range(6):
                         predicted[6 + place[i, j], t] = 0.0
     return predicted_array
+
+
+def vehicle_axes(
+    const double[:, :] state,
+    const double[:, :, :] covariance,
+    const double[:, :] direction,
+    const double[:] forward,
+    double east,
+    double north,
+    double c,
+    double s,
+    double least_square,
+):
+    """Return what is told of k obstacles in the axes of a vehicle at (east, north), whose heading has cosine c and sine s.
+
+    Rows of the first (13, k): x, y, vx, vy, ax, ay, the deviations of the first four, the yaw rate of those whose speed
+    squared is above the least, else NaN, and the course, a vector. The second is the covariance (k, 4, 4).
+    """
+    cdef Py_ssize_t k = state.shape[0], t, a, b, i, j
+    cdef double first, second, square
+    cdef double half[2][2]
+    told_array, turned_array = np.empty((13, k)), np.empty((k, 4, 4))
+    cdef double[:, ::1] told = told_array
+    cdef double[:, :, ::1] turned = turned_array
+    with nogil:
+        for t in range(k):
+            for a in range(3):
+                first = state[t, 2 * a] - (east if a == 0 else 0.0)
+                second = state[t, 2 * a + 1] - (north if a == 0 else 0.0)
+                told[2 * a, t] = first * c + second * s
+                told[2 * a + 1, t] = second * c - first * s
+            for a in range(2):
+                for b in range(2):
+                    for j in range(2):
+                        first, second = covariance[t, 2 * a, 2 * b + j], covariance[t, 2 * a + 1, 2 * b + j]
+                        half[0][j] = first * c + second * s
+                        half[1][j] = second * c - first * s
+                    for i in range(2):
+                        turned[t, 2 * a + i, 2 * b] = half[i][0] * c + half[i][1] * s
+                        turned[t, 2 * a + i, 2 * b + 1] = half[i][1] * c - half[i][0] * s
+            for i in range(4):
+                told[6 + i, t] = sqrt(larger(turned[t, i, i], 0.0))
+                for j in range(i):
+                    turned[t, i, j] = turned[t, j, i]
+            square = told[2, t] * told[2, t] + told[3, t] * told[3, t]
+            told[10, t] = NAN
+            if square > least_square:
+                told[10, t] = (told[5, t] * told[2, t] - told[4, t] * told[3, t]) / square
+            told[11, t] = (direction[t, 0] * c + direction[t, 1] * s) * forward[t]
+            told[12, t] = (direction[t, 1] * c - direction[t, 0] * s) * forward[t]
+    return told_array, turned_array
+
+
+def turned_towards(
+    const double[:, :] direction, const double[:] forward, const double[:, :] velocity, double min_speed, double share
+):
+    """Return directions (k, 2) after a share of the turn towards the courses of what moves, and which way it drives."""
+    cdef Py_ssize_t k = direction.shape[0], t
+    cdef double speed, along, towards, x, y, norm
+    direction_array, forward_array = np.array(direction), np.array(forward)
+    cdef double[:, ::1] turned = direction_array
+    cdef double[::1] drives = forward_array
+    with nogil:
+        for t in range(k):
+            speed = sqrt(velocity[t, 0] * velocity[t, 0] + velocity[t, 1] * velocity[t, 1])
+            if speed > min_speed:
+                along = velocity[t, 0] * direction[t, 0] + velocity[t, 1] * direction[t, 1]
+                drives[t] = copysign(1.0, along)
+                towards = copysign(1.0 / speed, along)
+                x = direction[t, 0] + share * (velocity[t, 0] * towards - direction[t, 0])
+                y = direction[t, 1] + share * (velocity[t, 1] * towards - direction[t, 1])
+                norm = sqrt(x * x + y * y)
+                turned[t, 0] = x / norm
+                turned[t, 1] = y / norm
+    return direction_array, forward_array
 
 
 def number_text(const double[:, :] values, int decimals):

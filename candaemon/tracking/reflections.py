@@ -165,15 +165,21 @@ def align_with_course(obstacles: ObstacleTable, velocity: Floats, dt: float, set
         dt: s since the last turn.
         settings: how fast, and from which speed on.
     """
-    plane, axis = (vectors.view(np.complex128)[:, 0] for vectors in (velocity, obstacles.direction))
-    speed = np.abs(plane)
-    moving = speed > settings.min_speed
-    if dt == 0.0 or not moving.any():
+    if dt == 0.0:
         return
-    along = (plane * axis.conj()).real
-    obstacles.forward = np.where(moving, np.copysign(1.0, along), obstacles.forward)
+    share = -expm1(-dt / settings.time_constant)
+    if compiled.in_use:
+        turned = compiled.kernels.turned_towards(
+            obstacles.direction, obstacles.forward, velocity, settings.min_speed, share
+        )
+        obstacles.direction, obstacles.forward = turned
+        return
+    speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
+    moving = speed > settings.min_speed
+    velocity, axis = velocity[moving], obstacles.direction[moving]
+    along = velocity[:, 0] * axis[:, 0] + velocity[:, 1] * axis[:, 1]
+    obstacles.forward, obstacles.direction = obstacles.forward.copy(), obstacles.direction.copy()
+    obstacles.forward[moving] = np.copysign(1.0, along)
     # an axis has no sign: what drives towards us turns the same axis
-    towards = np.copysign(1.0 / np.maximum(speed, settings.min_speed), along)
-    turned = axis + moving * -expm1(-dt / settings.time_constant) * (plane * towards - axis)
-    turned /= np.abs(turned)
-    obstacles.direction = turned.view(np.float64).reshape(-1, 2)
+    axis += share * (velocity * np.copysign(1.0 / speed[moving], along)[:, None] - axis)
+    obstacles.direction[moving] = axis / np.sqrt(axis[:, 0] * axis[:, 0] + axis[:, 1] * axis[:, 1])[:, None]

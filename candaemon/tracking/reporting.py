@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-from cmath import exp
 from math import cos, sin
 
 import numpy as np
 
 from candaemon.arrays import Floats
 from candaemon.ego.pose import EgoPose
+from candaemon.estimation import compiled
+from candaemon.tracking.columns import ObstacleTable
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.reflections import RigidMotion
 from candaemon.tracking.track_store import TrackStore
 from candaemon.tracking.update import Used
 
 _HISTORY_LENGTH = 32  # scans in an obstacle's history
-_REPORTED = np.add.outer(6 * np.arange(4), np.arange(4)).ravel()
-"""Of a flat covariance of six states: that of x, y, vx, vy."""
-_VARIANCES = np.array([0, 5, 10, 15])
-"""Of that one, flat."""
-_KEPT, _SIDEWAYS = np.eye(4), np.kron(np.eye(2), [[0.0, 1.0], [-1.0, 0.0]])
-_TURN = np.stack(
-    [
-        np.kron(_KEPT, _KEPT),
-        np.kron(_KEPT, _SIDEWAYS) + np.kron(_SIDEWAYS, _KEPT),
-        np.kron(_SIDEWAYS, _SIDEWAYS),
-    ]
-).transpose(0, 2, 1)
-"""(3, 16, 16); with cos², cos·sin and sin² of an angle as factors they turn flat covariances by one product."""
 
 
 def report(
@@ -43,18 +31,11 @@ def report(
         slack_ns: how long an obstacle may be without a detection and not count as coasting.
         min_speed: from which on an obstacle has a yaw rate, m/s.
     """
-    obstacles, reflections = tracks.obstacles, tracks.reflections
-    state, turn = motion.state, exp(-1j * pose.heading)
-    position, velocity, acceleration = (state.view(np.complex128) * turn).T  # plane vectors are complex numbers
-    position -= complex(pose.east, pose.north) * turn
-    covariance = _turned(motion.covariance, pose.heading)
-    deviation = np.sqrt(np.maximum(covariance.take(_VARIANCES, axis=1), 0.0))
+    obstacles, reflections, state = tracks.obstacles, tracks.reflections, motion.state
+    told, covariance = _in_vehicle_axes(motion, obstacles, pose, min_speed * min_speed)
+    x, y, vx, vy, ax, ay, sx, sy, svx, svy, yaw_rate, course_x, course_y = told
     unknown = np.full(len(obstacles), np.nan)
-    square = velocity.real**2 + velocity.imag**2
-    curving = (acceleration * velocity.conj()).imag
-    yaw_rate = np.divide(curving, square, out=unknown.copy(), where=square > min_speed * min_speed)
-    course = obstacles.direction.view(np.complex128)[:, 0] * (obstacles.forward * turn)
-    heading = np.arctan2(course.imag, course.real, out=unknown.copy(), where=obstacles.forward != 0.0)
+    heading = np.arctan2(course_y, course_x, out=unknown.copy(), where=obstacles.forward != 0.0)
     status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
     status[~obstacles.confirmed] = TENTATIVE
     used_sensor = np.empty(len(used.objects), np.int64)
@@ -63,20 +44,20 @@ def report(
         time_ns=pose.time_ns,
         id=obstacles.id.copy(),
         state=status,
-        x=position.real,
-        y=position.imag,
-        vx=velocity.real,
-        vy=velocity.imag,
-        ax=acceleration.real,
-        ay=acceleration.imag,
+        x=x,
+        y=y,
+        vx=vx,
+        vy=vy,
+        ax=ax,
+        ay=ay,
         east=state[:, 0],
         north=state[:, 1],
         ve=state[:, 2],
         vn=state[:, 3],
-        sx=deviation[:, 0],
-        sy=deviation[:, 1],
-        svx=deviation[:, 2],
-        svy=deviation[:, 3],
+        sx=sx,
+        sy=sy,
+        svx=svx,
+        svy=svy,
         age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
         existence=np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _HISTORY_LENGTH),
         sensors=obstacles.sensors.copy(),
@@ -84,19 +65,61 @@ def report(
         yaw_rate=yaw_rate,
         length=unknown,
         width=unknown,
-        center_x=position.real,
-        center_y=position.imag,
+        center_x=x,
+        center_y=y,
         kind=np.zeros(len(obstacles), np.int8),
         kind_likelihood=unknown,
-        covariance=covariance.reshape(-1, 4, 4),
+        covariance=covariance,
         used_row=reflections.obstacle[used.reflection],
         used_sensor=used_sensor,
         used_object=used.objects,
     )
 
 
-def _turned(covariance: Floats, heading: float) -> Floats:
-    """Return the covariances of x, y, vx, vy in vehicle axes, flat (k, 16), of those of six states (k, 6, 6)."""
-    c, s = cos(heading), sin(heading)
-    turn = c * c * _TURN[0] + c * s * _TURN[1] + s * s * _TURN[2]
-    return np.asarray(covariance.reshape(-1, 36).take(_REPORTED, axis=1) @ turn)
+def _in_vehicle_axes(
+    motion: RigidMotion, obstacles: ObstacleTable, pose: EgoPose, least_square: float
+) -> tuple[Floats, Floats]:
+    """Return what is told of k obstacles in vehicle axes.
+
+    Args:
+        motion: of the obstacles.
+        obstacles: their directions of travel.
+        pose: ego pose.
+        least_square: of a speed, (m/s)², above which an obstacle has a yaw rate.
+
+    Returns:
+        x, y, vx, vy, ax, ay, the deviations of the first four, the yaw rate, NaN where there is none, and the course, a
+        vector, (13, k); and the covariance (k, 4, 4).
+    """
+    c, s = cos(pose.heading), sin(pose.heading)
+    if compiled.in_use:
+        return compiled.kernels.vehicle_axes(
+            motion.state,
+            motion.covariance,
+            obstacles.direction,
+            obstacles.forward,
+            pose.east,
+            pose.north,
+            c,
+            s,
+            least_square,
+        )
+    told = np.empty((13, len(obstacles)))
+    vectors = motion.state.T.reshape(3, 2, -1) - np.array([[pose.east, pose.north], [0.0, 0.0], [0.0, 0.0]])[:, :, None]
+    told[:6:2], told[1:6:2] = _turned(vectors[:, 0], vectors[:, 1], c, s)
+    blocks = motion.covariance[:, :4, :4].reshape(-1, 2, 2, 2, 2)
+    half = np.stack(_turned(blocks[:, :, 0], blocks[:, :, 1], c, s), axis=2)
+    covariance = np.stack(_turned(half[..., 0], half[..., 1], c, s), axis=-1).reshape(-1, 4, 4)
+    covariance = np.where(np.tri(4, k=-1, dtype=np.bool_), np.swapaxes(covariance, 1, 2), covariance)
+    told[6:10] = np.sqrt(np.maximum(np.einsum("nii->in", covariance), 0.0))
+    vx, vy, ax, ay = told[2:6]
+    square = vx * vx + vy * vy
+    told[10] = np.nan
+    np.divide(ay * vx - ax * vy, square, out=told[10], where=square > least_square)
+    told[11:] = np.stack(_turned(obstacles.direction[:, 0], obstacles.direction[:, 1], c, s)) * obstacles.forward
+    return told, covariance
+
+
+def _turned(x: Floats, y: Floats, c: float, s: float) -> tuple[Floats, Floats]:
+    """Return vectors in axes that are turned by an angle with cosine c and sine s."""
+    return x * c + y * s, y * c - x * s
