@@ -289,10 +289,9 @@ class FilterBank(ABC):
         Returns:
             Positions (m, 2), m.
         """
-        position = np.zeros((len(rows), 2))
+        position, mean, weight = np.zeros((len(rows), 2)), self.mean.take(rows, axis=0), self.probability[rows]
         for j, model in enumerate(self._models):
-            mean = predicted_mean(model, self.mean[rows, j], horizon, direction)
-            position += self.probability[rows, j, None] * mean[:, :2]
+            position += weight[:, j, None] * predicted_mean(model, mean[:, j], horizon, direction)[:, :2]
         return position
 
     def _adapted(self, rows: Indices, measurement: Measurement) -> Measurement:

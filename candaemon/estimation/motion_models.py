@@ -11,6 +11,7 @@ jerk), spread over the plane by `plane`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -118,6 +119,8 @@ class LinearModel:
 
     def predicted_mean(self, mean: Floats, dt: float, direction: Floats) -> Floats:
         """Predict the mean alone; see the function `predicted_mean`."""
+        if self.isotropic:
+            return _moved(mean, _white_transition(self.order, mean.shape[1], dt))
         along, across = self.axes(dt)
         return _moved(mean, directed(along.transition, across.transition, direction, mean.shape[1]))
 
@@ -328,6 +331,12 @@ def predicted_mean(model: MotionModel, mean: Floats, dt: float, direction: Float
             return model.predicted_mean(mean, dt, direction)
         case _:
             return model.transition(mean, dt, direction)[0]
+
+
+@lru_cache(maxsize=64)
+def _white_transition(order: int, width: int, dt: float) -> Floats:
+    """Return F (1, width, width) of `white_plane`; not to be written to. Horizons are the same in every cycle."""
+    return white_plane(dt, 0.0, order=order, width=width)[0][None]
 
 
 def _moved(mean: Floats, transition: Floats) -> Floats:

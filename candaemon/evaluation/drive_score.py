@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil, nan, sqrt
 
@@ -22,6 +22,7 @@ from candaemon.pipeline.cycle import Cycle
 from candaemon.tracking.obstacles import TENTATIVE
 
 _MOTION_DELAY = 2.0  # s that predictions may wait for ego motion
+_TOGETHER = 16  # scans that are scored at once: arrays of one scan are short
 
 
 class DriveScore:
@@ -91,18 +92,18 @@ class DriveScore:
         changed = np.zeros(0 if detections is None else len(detections), dtype=np.bool_)
         if detections is None or not update:
             return changed
-        order = np.argsort(obstacles.used_object, kind="stable")
-        objects, owners = obstacles.used_object[order], obstacles.id[obstacles.used_row][order]
-        last = np.append(objects[1:] != objects[:-1], np.ones(min(len(objects), 1), dtype=np.bool_))
-        objects, owners = objects[last], owners[last]
+        used, owner = obstacles.used_object, obstacles.id[obstacles.used_row]
         before = self._owners.get(detections.sensor)
-        self._owners[detections.sensor] = (objects, owners)
-        if before is None or not len(before[0]) or not len(objects):
+        self._owners[detections.sensor] = (used, owner)
+        if before is None or not len(before[0]) or not len(used):
             return changed
-        known, known_owners = before
-        at = np.minimum(np.searchsorted(known, obstacles.used_object), len(known) - 1)
-        owner = owners[np.searchsorted(objects, obstacles.used_object)]
-        changed[update.detection] = (known[at] == obstacles.used_object) & (known_owners[at] != owner)
+        if np.array_equal(before[0], used) and np.array_equal(before[1], owner):  # as a rule
+            return changed
+        known, known_owners = _last_of_each(*before)
+        objects, owners = _last_of_each(used, owner)
+        at = np.minimum(np.searchsorted(known, used), len(known) - 1)
+        owner = owners[np.searchsorted(objects, used)]
+        changed[update.detection] = (known[at] == used) & (known_owners[at] != owner)
         return changed
 
     def add_predictions(self, sensor: int, time_ns: int, horizon: int, x: Floats, y: Floats) -> None:
@@ -110,6 +111,14 @@ class DriveScore:
         run = self._run_of.get((sensor, time_ns))
         if run is not None and len(run) == len(x):
             self.predictions.predict(sensor, time_ns, horizon, run, x, y)
+
+
+def _last_of_each(objects: Integers, owners: Integers) -> tuple[Integers, Integers]:
+    """Return the objects, each once and sorted, and the last owner of each."""
+    order = np.argsort(objects, kind="stable")
+    objects, owners = objects[order], owners[order]
+    last = np.append(objects[1:] != objects[:-1], True)  # noqa: FBT003 - the last one always is
+    return objects[last], owners[last]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +139,15 @@ class PredictionError:
 
 
 class _Stream:
-    """One sensor's recent scans and its predictions that are not due yet."""
+    """One sensor's recent scans and its predictions that are not due yet.
+
+    Attributes:
+        tolerance_ns: half a cycle.
+        times: of the scans, ascending.
+        scans: run, x and y of their objects.
+        waiting: for each horizon the scans' predictions: when they are due, run, x and y.
+        fresh: how many of the latest scans have not been compared with predictions.
+    """
 
     def __init__(self, cycle_ns: int, horizons_ns: Sequence[int]) -> None:
         self.tolerance_ns = cycle_ns // 2
@@ -138,16 +155,27 @@ class _Stream:
         self.scans: list[tuple[Integers, Floats, Floats]] = []
         # one scan's predictions a cycle; room for twice as many before the oldest is dropped
         self.waiting: tuple[deque[tuple[int, Integers, Floats, Floats]], ...] = tuple(
-            deque(maxlen=2 * ceil(ahead / cycle_ns) + 16) for ahead in horizons_ns
+            deque(maxlen=2 * ceil(ahead / cycle_ns) + 2 * _TOGETHER) for ahead in horizons_ns
         )
+        self.fresh = 0
 
-    def nearest(self, time_ns: int) -> tuple[Integers, Floats, Floats] | None:
-        """Return the scan nearest to a time, if it is within half a cycle."""
+    def nearest(self, time_ns: int) -> int | None:
+        """Return the number of the scan nearest to a time, if it is within half a cycle and saw anything."""
         after = bisect_left(self.times, time_ns)
         best = min(
             (k for k in (after - 1, after) if 0 <= k < len(self.times)), key=lambda k: abs(self.times[k] - time_ns)
         )
-        return self.scans[best] if abs(self.times[best] - time_ns) <= self.tolerance_ns else None
+        near = abs(self.times[best] - time_ns) <= self.tolerance_ns and len(self.scans[best][0])
+        return best if near else None
+
+    def due(self, horizon: int) -> Iterator[tuple[int, int, Integers, Floats, Floats]]:
+        """Yield the predictions of a horizon that the scans have reached: the nearest scan, when they were due, …."""
+        queue = self.waiting[horizon]
+        while queue and self.times and queue[0][0] <= self.times[-1]:
+            due_ns, run, x, y = queue.popleft()
+            scan = self.nearest(due_ns)
+            if scan is not None:
+                yield scan, due_ns, run, x, y
 
 
 class PredictionScore:
@@ -190,21 +218,17 @@ class PredictionScore:
             y: m to the left, shape (n,).
         """
         stream = self._streams[sensor]
-        times, scans = stream.times, stream.scans
-        if times and time_ns <= times[-1]:
-            times.clear()
-            scans.clear()
+        if stream.times and time_ns <= stream.times[-1]:
+            self._settle(sensor)
+            stream.times.clear()
+            stream.scans.clear()
             for queue in stream.waiting:
                 queue.clear()
-        order = np.argsort(run)
-        times.append(time_ns)
-        scans.append((run[order], x[order], y[order]))
-        self._totals += self._total(self._runs.touch(time_ns, run))
-        if time_ns - times[0] > 2 * self._keep_ns:
-            old = bisect_left(times, time_ns - self._keep_ns)
-            del times[:old], scans[:old]
-        for horizon in range(len(self.horizons)):
-            self._settle(sensor, horizon)
+        stream.times.append(time_ns)
+        stream.scans.append((run, x, y))
+        stream.fresh += 1
+        if stream.fresh >= (_TOGETHER if self.listener is None else 1):
+            self._settle(sensor)
 
     def predict(self, sensor: int, time_ns: int, horizon: int, run: Integers, x: Floats, y: Floats) -> None:
         """Add predictions, in the order of their times; they may arrive after the scan that they are compared with.
@@ -217,12 +241,14 @@ class PredictionScore:
             x: m forward in the vehicle axes of the due time, shape (n,).
             y: m to the left, shape (n,).
         """
-        stream = self._streams[sensor]
-        stream.waiting[horizon].append((time_ns + self._horizons_ns[horizon], run, x, y))
-        self._settle(sensor, horizon)
+        self._streams[sensor].waiting[horizon].append((time_ns + self._horizons_ns[horizon], run, x, y))
+        if self.listener is not None:
+            self._settle(sensor)
 
     def result(self) -> tuple[PredictionError, ...]:
         """Return the errors so far, one row per horizon; open runs count once they are long enough."""
+        for sensor in range(len(self._streams)):
+            self._settle(sensor)
         count, x, y = (self._totals + self._total(self._runs.open())).reshape(-1, 3).T
         return tuple(
             PredictionError(horizon, sqrt(sx / n) if n else nan, sqrt(sy / n) if n else nan, int(n))
@@ -234,23 +260,51 @@ class PredictionScore:
         total: Floats = ended.sums[ended.last_ns - ended.first_ns >= self._minimum_ns].sum(axis=0)
         return total
 
-    def _settle(self, sensor: int, horizon: int) -> None:
+    def _settle(self, sensor: int) -> None:
         """Compare the predictions whose due time the scans have reached."""
         stream = self._streams[sensor]
-        queue, times = stream.waiting[horizon], stream.times
-        while queue and times and queue[0][0] <= times[-1]:
-            due_ns, run, x, y = queue.popleft()
-            scan = stream.nearest(due_ns)
-            if scan is None or not len(scan[0]):
-                continue
-            seen, seen_x, seen_y = scan
-            at = np.minimum(np.searchsorted(seen, run), len(seen) - 1)
-            same = np.flatnonzero((seen[at] == run) & np.isfinite(x) & np.isfinite(y))
-            at = at[same]
-            off_x, off_y = x[same] - seen_x[at], y[same] - seen_y[at]
-            self._runs.add(run[same], 3 * horizon, np.stack((np.ones(len(same)), off_x**2, off_y**2), axis=1))
-            if self.listener is not None:
-                self.listener(sensor, due_ns - self._horizons_ns[horizon], horizon, same, off_x, off_y)
+        times, scans = stream.times, stream.scans
+        if stream.fresh:
+            runs = [scan[0] for scan in scans[-stream.fresh :]]
+            self._runs.touch(np.repeat(times[-stream.fresh :], [len(run) for run in runs]), np.concatenate(runs))
+            stream.fresh = 0
+        for horizon in range(len(self.horizons)):
+            self._compare(sensor, horizon)
+        if times:
+            self._totals += self._total(self._runs.sweep(times[-1]))
+            old = bisect_left(times, times[-1] - self._keep_ns)
+            del times[:old], scans[:old]
+
+    def _compare(self, sensor: int, horizon: int) -> None:
+        """Compare the predictions of one horizon that are due with the scans, all at once."""
+        stream = self._streams[sensor]
+        due = list(stream.due(horizon))
+        if not due:
+            return
+        numbers = [scan for scan, *_ in due]
+        sizes = [len(run) for _, _, run, _, _ in due]
+        run, x, y = (np.concatenate(columns) for columns in list(zip(*due, strict=True))[2:])
+        first = min(numbers)
+        seen = stream.scans[first : max(numbers) + 1]
+        seen_run, seen_x, seen_y = (np.concatenate(columns) for columns in zip(*seen, strict=True))
+        # one number for scan and run together
+        many = int(max(run.max(initial=0), seen_run.max(initial=0))) + 1
+        key = seen_run + many * np.repeat(np.arange(len(seen)), [len(scan[0]) for scan in seen])
+        order = np.argsort(key)
+        key, wanted = key[order], run + many * np.repeat(np.array(numbers) - first, sizes)
+        at = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
+        same = np.flatnonzero((key[at] == wanted) & np.isfinite(x) & np.isfinite(y))
+        at = order[at[same]]
+        off_x, off_y = x[same] - seen_x[at], y[same] - seen_y[at]
+        self._runs.add(run[same], 3 * horizon, np.stack((np.ones(len(same)), off_x**2, off_y**2), axis=1))
+        if self.listener is None:
+            return
+        ends = np.cumsum(sizes)
+        bounds = np.searchsorted(same, [0, *ends]).tolist()
+        for k, (_, due_ns, *_) in enumerate(due):
+            rows = slice(bounds[k], bounds[k + 1])
+            mine = same[rows] - (ends[k] - sizes[k])
+            self.listener(sensor, due_ns - self._horizons_ns[horizon], horizon, mine, off_x[rows], off_y[rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,6 +340,7 @@ class StationarySpeed:
         self._minimum = minimum_samples
         self._runs = RunSums(5, 1_000_000_000)
         self._totals = np.zeros(4)
+        self._scans: list[tuple[int, Integers, Floats, Floats, Floats]] = []
 
     def add(self, time_ns: int, run: Integers, closing: Floats, vx: Floats, vy: Floats) -> None:
         """Process one scan, each array of shape (n,).
@@ -297,19 +352,32 @@ class StationarySpeed:
             vx: velocity over ground of the object's obstacle along x, m/s; NaN where it has no confirmed one.
             vy: the same along y.
         """
-        self._totals += self._total(self._runs.touch(time_ns, run))
-        confirmed = np.isfinite(vx) & np.isfinite(vy)
-        along = np.where(confirmed, vx, 0.0) ** 2
-        across = np.where(confirmed, vy, 0.0) ** 2
-        slow = np.abs(closing) < self._threshold
-        self._runs.add(run, 0, np.stack((np.isfinite(closing), slow, confirmed, along, along + across), axis=1))
+        self._scans.append((time_ns, run, closing, vx, vy))
+        if len(self._scans) >= _TOGETHER:
+            self._count()
 
     def result(self) -> StationaryError:
         """Return the figures so far, open runs included."""
+        self._count()
         runs, samples, along, plane = (self._totals + self._total(self._runs.open())).tolist()
         if not samples:
             return StationaryError(int(runs), 0, nan, nan)
         return StationaryError(int(runs), int(samples), sqrt(along / samples), sqrt(plane / samples))
+
+    def _count(self) -> None:
+        """Add the scans that wait to their runs."""
+        if not self._scans:
+            return
+        times, *columns = zip(*self._scans, strict=True)
+        self._scans.clear()
+        run, closing, vx, vy = map(np.concatenate, columns)
+        confirmed = np.isfinite(vx) & np.isfinite(vy)
+        along = np.where(confirmed, vx, 0.0) ** 2
+        across = np.where(confirmed, vy, 0.0) ** 2
+        slow = np.abs(closing) < self._threshold
+        self._runs.touch(np.repeat(times, [len(each) for each in columns[0]]), run)
+        self._runs.add(run, 0, np.stack((np.isfinite(closing), slow, confirmed, along, along + across), axis=1))
+        self._totals += self._total(self._runs.sweep(times[-1]))
 
     def _total(self, ended: RunTotals) -> Floats:
         """Return runs, samples and sums of squares of the stationary runs among these."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats
+from candaemon.tracking.reflections import near_pairs
 
 
 def duplicated(
@@ -20,11 +21,12 @@ def duplicated(
         across: greatest distance in y, m.
         speed: greatest difference in vx, m/s. The lateral velocity of a radar track is too uncertain to be compared.
     """
-    close: Booleans = np.abs(x[:, None] - x) <= along
-    close &= np.abs(y[:, None] - y) <= across
-    close &= np.abs(vx[:, None] - vx) <= speed
-    # each obstacle is close to itself
-    alike: Booleans = np.count_nonzero(close, axis=1) > 1
+    later, earlier = near_pairs(x, y, np.nextafter(max(along, across), np.inf))
+    close = np.abs(x[later] - x[earlier]) <= along
+    close &= np.abs(y[later] - y[earlier]) <= across
+    close &= np.abs(vx[later] - vx[earlier]) <= speed
+    alike = np.zeros(len(x), dtype=np.bool_)
+    alike[later[close]] = alike[earlier[close]] = True
     return alike
 
 

@@ -41,9 +41,15 @@ class ObjectRuns:
             The run of each object, shape (n,).
         """
         before_ns, known, runs = self._last[sensor]
-        starts = np.asarray(new, dtype=bool).copy()
+        starts = np.asarray(new, dtype=bool)
+        follows = 0 < time_ns - before_ns <= self._gaps_ns[sensor]
+        if follows and not np.count_nonzero(starts) and np.array_equal(objects, known):
+            self._last[sensor] = (time_ns, known, runs)  # as a rule, with the objects in the same order
+            return runs.copy()
+        order = np.argsort(known)
+        known, runs, starts = known[order], runs[order], starts.copy()
         run = np.empty(len(objects), dtype=np.int64)
-        if len(known) and 0 < time_ns - before_ns <= self._gaps_ns[sensor]:
+        if len(known) and follows:
             at = np.minimum(np.searchsorted(known, objects), len(known) - 1)
             starts |= known[at] != objects
             run[:] = runs[at]
@@ -52,9 +58,8 @@ class ObjectRuns:
         begun = int(starts.sum())
         run[starts] = np.arange(self._next, self._next + begun)
         self._next += begun
-        order = np.argsort(objects)
-        self._last[sensor] = (time_ns, objects[order], run[order])
-        return run
+        self._last[sensor] = (time_ns, objects, run)
+        return run.copy()
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,19 +93,20 @@ class RunSums:
         self._sums = np.zeros((0, width))
         self._swept_ns: int | None = None
 
-    def touch(self, time_ns: int, run: Integers) -> RunTotals:
-        """Record a sample of these runs (no repetition) at a time; remove and return the runs that have ended."""
+    def touch(self, times_ns: Integers, run: Integers) -> None:
+        """Record samples (n,) of runs at times, ascending."""
         rows, known = self._find(run)
         if not known.all():
-            self._insert(time_ns, run[~known])
+            self._insert(times_ns[~known], run[~known])
             rows, _ = self._find(run)
-        self._last[rows] = time_ns
-        return self._sweep(time_ns)
+        self._last[rows] = times_ns  # of a run that comes several times the last
 
     def add(self, run: Integers, column: int, values: Floats) -> None:
-        """Add values, shape (n, k), from `column` on to each run (no repetition); removed runs are skipped."""
+        """Add values, shape (n, k), from `column` on to the runs, one after the other; removed runs are skipped."""
         rows, known = self._find(run)
-        self._sums[rows[known], column : column + values.shape[1]] += values[known]
+        rows, values = rows[known], values[known]
+        for k in range(values.shape[1]):
+            np.add.at(self._sums[:, column + k], rows, values[:, k])
 
     def open(self) -> RunTotals:
         """Return all runs that have not been removed yet."""
@@ -113,22 +119,22 @@ class RunSums:
         rows = np.minimum(np.searchsorted(self._run, run), len(self._run) - 1)
         return rows, self._run[rows] == run
 
-    def _insert(self, time_ns: int, run: Integers) -> None:
-        """Store further runs, sorted by number."""
-        run = np.sort(run)
+    def _insert(self, times_ns: Integers, run: Integers) -> None:
+        """Store further runs, sorted by number; of one that comes several times its first time."""
+        run, first = np.unique(run, return_index=True)
+        times, sums = times_ns[first], np.zeros((len(run), self._sums.shape[1]))
         if not len(self._run) or run[0] > self._run[-1]:  # as a rule: numbers increase
-            times, sums = np.full(len(run), time_ns), np.zeros((len(run), self._sums.shape[1]))
             self._run, self._sums = np.concatenate((self._run, run)), np.concatenate((self._sums, sums))
             self._first, self._last = np.concatenate((self._first, times)), np.concatenate((self._last, times))
             return
         at = np.searchsorted(self._run, run)
         self._run = np.insert(self._run, at, run)
-        self._first = np.insert(self._first, at, time_ns)
-        self._last = np.insert(self._last, at, time_ns)
+        self._first = np.insert(self._first, at, times)
+        self._last = np.insert(self._last, at, times)
         self._sums = np.insert(self._sums, at, 0.0, axis=0)
 
-    def _sweep(self, time_ns: int) -> RunTotals:
-        """Remove the ended runs; done once every `keep_ns`, which is enough to bound the memory."""
+    def sweep(self, time_ns: int) -> RunTotals:
+        """Remove and return the runs that have ended by a time; every `keep_ns` is enough to bound the memory."""
         if self._swept_ns is None or time_ns < self._swept_ns:
             self._swept_ns = time_ns
         if time_ns - self._swept_ns < self._keep_ns:
