@@ -8,6 +8,8 @@ numpy. Nothing is checked here: the callers in `kalman`, `imm` and `filter_bank`
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
 from libc.math cimport NAN, copysign, fabs, isfinite, llrint, sqrt
+from libc.stdlib cimport free, malloc
+from libc.string cimport memchr, memcpy
 
 import numpy as np
 
@@ -686,6 +688,41 @@ def number_text(const double[:, :] values, int decimals):
                 at += 1
             out[at - 1] = 10
     return text[:at]
+
+
+def joined_lines(bytes start, list parts, Py_ssize_t count):
+    """Return so many lines: the start, and of each part its next line, with commas between.
+
+    Raises:
+        ValueError: a part has other lines than that.
+    """
+    cdef Py_ssize_t width = len(parts), size = count * len(start), at = 0, line, part, length
+    cdef const char* found
+    cdef const char** ahead = <const char**>malloc(2 * width * sizeof(char*))
+    try:
+        for part in range(width):
+            ahead[part] = PyBytes_AS_STRING(parts[part])
+            ahead[width + part] = ahead[part] + len(parts[part])
+            size += len(parts[part])
+        text = PyBytes_FromStringAndSize(NULL, size)
+        for line in range(count):
+            memcpy(PyBytes_AS_STRING(text) + at, PyBytes_AS_STRING(start), len(start))
+            at += len(start)
+            for part in range(width):
+                found = <const char*>memchr(ahead[part], 10, ahead[width + part] - ahead[part])
+                if found == NULL:
+                    raise ValueError("columns of different length")
+                length = found - ahead[part]
+                memcpy(PyBytes_AS_STRING(text) + at, ahead[part], length)
+                PyBytes_AS_STRING(text)[at + length] = 44
+                at += length + 1
+                ahead[part] = found + 1
+            PyBytes_AS_STRING(text)[at - 1] = 10
+        if at != size:
+            raise ValueError("columns of different length")
+        return text
+    finally:
+        free(ahead)
 
 
 def near_pairs(const double[:] x, const double[:] y, double reach):

@@ -60,7 +60,7 @@ from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.ego.georeference import Georeference
 from candaemon.errors import InputError
 from candaemon.evaluation.detection_columns import DETECTION_COLUMNS, FATES, NO_OBSTACLE, DetectionColumn
-from candaemon.evaluation.number_text import number_rows
+from candaemon.evaluation.number_text import joined_lines, number_lines, text_lines
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.bodies import BODY, CLASSES
 from candaemon.frames.times import LATEST_NS
@@ -91,6 +91,8 @@ LONGEST_ROW: Final = 1 << 16
 """Characters of a row, or of blank lines in a row; a row has some 200."""
 
 _ROWS_AT_ONCE = 4096
+_EXACT = 1 << 49
+"""Below, numbers and their text are the same as floats."""
 _CACHED_TIMES = 1024
 _NS_DIGITS = 9
 _T = TypeVar("_T")
@@ -424,13 +426,12 @@ class _TableWriter:
     def __init__(self, file: OutputFile, columns: Sequence[str]) -> None:
         # neither name nor time in the gzip header: equal rows give equal bytes
         packed = file.path.suffix == ".gz"
-        target = gzip.GzipFile("", "wb", fileobj=file.stream, mtime=0) if packed else file.stream
-        self._text = io.TextIOWrapper(target, encoding="utf-8", newline="\n")
-        self._text.write(",".join(columns) + "\n")
+        self._target = gzip.GzipFile("", "wb", fileobj=file.stream, mtime=0) if packed else file.stream
+        self._target.write(text_lines([",".join(columns)]))
 
     def close(self) -> None:
         """Write what is still buffered; a second call does nothing."""
-        self._text.close()
+        self._target.close()
 
     def __enter__(self) -> Self:
         return self
@@ -460,8 +461,8 @@ class TrackWriter(_TableWriter):
         Args:
             time_ns: the time they are valid for.
             columns: by column name, each of length n. `id` and `state` (codes or names) are required; a number's
-                column may be absent, and a value that is not finite becomes an empty cell. `objects` holds text
-                or, for each row, its (sensor, object) pairs; `class` codes or names.
+                column may be absent, and a value that is not finite becomes an empty cell. `objects` holds text;
+                `class` codes or names.
 
         Raises:
             ValueError: a column that the table does not have, or columns of different length.
@@ -471,15 +472,14 @@ class TrackWriter(_TableWriter):
         rows = len(columns["id"])
         if not rows:
             return
-        start = format_time(time_ns) + ","
-        cells = [
-            [f"{start}{identity}" for identity in _listed(columns["id"])],
-            [_STATE_NAMES[state] for state in _listed(columns["state"])],
-            number_rows(_table(columns, NUMBERS), _DECIMALS),
-            [_objects_text(one) for one in columns.get("objects", ("",) * rows)],
-            *(_further_cells(columns, names) for names in self._parts),
+        parts = [
+            _whole_numbers(columns["id"]),
+            text_lines([_STATE_NAMES[state] for state in _listed(columns["state"])]),
+            number_lines(_table(columns, NUMBERS), _DECIMALS),
+            text_lines(columns.get("objects", ("",) * rows)),
+            *(_further_lines(columns, names) for names in self._parts),
         ]
-        self._text.write("".join([",".join(row) + "\n" for row in zip(*cells, strict=True)]))
+        self._target.write(joined_lines(format_time(time_ns) + ",", parts, rows))
 
 
 class PredictionWriter(_TableWriter):
@@ -500,7 +500,7 @@ class PredictionWriter(_TableWriter):
         time_ns: int,
         horizon: float,
         ids: Sequence[int] | Integers,
-        objects: Sequence[int | str] | Integers,
+        objects: Sequence[int] | Integers,
         x: Sequence[float] | Floats,
         y: Sequence[float] | Floats,
     ) -> None:
@@ -510,17 +510,15 @@ class PredictionWriter(_TableWriter):
             time_ns: the time they were made at.
             horizon: s from then until they are due.
             ids: obstacles.
-            objects: the sensor's object, a number or text, written as it is.
+            objects: the sensor's object.
             x: expected position, m forward in the vehicle axes of the due time.
             y: the same, m to the left.
         """
         if not len(ids):
             return
-        time, ahead = format_time(time_ns), str(float(horizon))
         places = np.column_stack((np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)))
-        start = f"{time},{ahead},"
-        rows = zip(_listed(ids), _listed(objects), number_rows(places, _DECIMALS), strict=True)
-        self._text.write("".join([f"{start}{identity},{used},{place}\n" for identity, used, place in rows]))
+        parts = [_whole_numbers(ids), _whole_numbers(objects), number_lines(places, _DECIMALS)]
+        self._target.write(joined_lines(f"{format_time(time_ns)},{float(horizon)},", parts, len(ids)))
 
 
 class DetectionWriter(_TableWriter):
@@ -542,23 +540,22 @@ class DetectionWriter(_TableWriter):
         """
         if not len(columns["object"]):
             return
-        cells = [_detection_cells(columns[column.name], column) for column in DETECTION_COLUMNS]
-        time = format_time(time_ns)
-        self._text.write("".join([f"{time},{','.join(row)}\n" for row in zip(*cells, strict=True)]))
+        parts = [_detection_lines(columns[column.name], column) for column in DETECTION_COLUMNS]
+        self._target.write(joined_lines(format_time(time_ns) + ",", parts, len(columns["object"])))
 
 
-def _detection_cells(values: NDArray[Any] | list[str], column: DetectionColumn) -> list[str]:
-    """Return a column of the table of detections as text."""
+def _detection_lines(values: NDArray[Any] | list[str], column: DetectionColumn) -> bytes:
+    """Return a column of the table of detections as text, a line a detection."""
     if isinstance(values, list):
-        return values
+        return text_lines(values)
     match column.kind:
         case "flag":
-            return ["1" if value else "0" for value in values.tolist()]
+            return text_lines(["1" if value else "0" for value in values.tolist()])
         case "number":
-            return number_rows(values.astype(np.float64)[:, None], _DECIMALS)
+            return number_lines(values.astype(np.float64)[:, None], _DECIMALS)
         case "text":  # codes
-            return [FATES[code] for code in values.tolist()]
-    return ["" if value == NO_OBSTACLE else str(value) for value in values.tolist()]
+            return text_lines([FATES[code] for code in values.tolist()])
+    return text_lines(["" if value == NO_OBSTACLE else str(value) for value in values.tolist()])
 
 
 class OriginWriter(_TableWriter):
@@ -577,8 +574,8 @@ class OriginWriter(_TableWriter):
     def write_scan(self, time_ns: int, measured_ns: int, sensor: str, objects: Integers, sources: Integers) -> None:
         """Write the objects of one scan, `objects` and `sources` each of length n."""
         start = f"{format_time(time_ns)},{format_time(measured_ns)},{sensor}"
-        pairs = zip(objects.tolist(), sources.tolist(), strict=True)
-        self._text.write("".join(f"{start},{number},{source}\n" for number, source in pairs))
+        parts = [_whole_numbers(objects), _whole_numbers(sources)]
+        self._target.write(joined_lines(f"{start},", parts, len(objects)))
 
 
 def _listed(values: Sequence[Any] | NDArray[Any]) -> Sequence[Any]:
@@ -595,27 +592,29 @@ def _table(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[
     return table
 
 
-def _further_cells(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[str]) -> list[str]:
-    """Return the cells of some of the columns that a table may have, one of texts or several of one form of numbers."""
+def _further_lines(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[str]) -> bytes:
+    """Return some of the columns that a table may have, one of texts or several of one form of numbers, as lines."""
     decimals = _FORMS.get(names[0], _DECIMALS)
     if decimals < 0:
-        return [_CLASS_NAMES[kind] for kind in _listed(columns.get(names[0], (0,) * len(columns["id"])))]
-    return number_rows(_table(columns, names), decimals)
+        return text_lines([_CLASS_NAMES[kind] for kind in _listed(columns.get(names[0], (0,) * len(columns["id"])))])
+    return number_lines(_table(columns, names), decimals)
 
 
-def _objects_text(used: str | Iterable[tuple[int, int]]) -> str:
-    """Return a row's detections as text."""
-    return used if isinstance(used, str) else ";".join([f"{sensor}:{number}" for sensor, number in used])
+def _whole_numbers(values: Sequence[int] | Integers) -> bytes:
+    """Return whole numbers as lines."""
+    if isinstance(values, np.ndarray) and np.abs(values).max(initial=0) < _EXACT:
+        return number_lines(values.astype(np.float64)[:, None], 0)
+    return text_lines([*map(str, _listed(values))])
 
 
 def track_columns(
     obstacles: Obstacles, sensors: Sequence[str], georeference: Georeference | None = None
 ) -> dict[str, Sequence[object] | NDArray[Any]]:
     """Return obstacles as columns of the table of tracks; with latitude and longitude if georeferenced."""
-    used: list[list[tuple[str, int]]] = [[] for _ in range(len(obstacles))]
+    used = [""] * len(obstacles)
     columns = (obstacles.used_row, obstacles.used_sensor, obstacles.used_object)
     for row, sensor, key in zip(*(column.tolist() for column in columns), strict=True):
-        used[row].append((sensors[sensor], key))
+        used[row] += f";{sensors[sensor]}:{key}" if used[row] else f"{sensors[sensor]}:{key}"
     earth: dict[str, Floats] = {}
     if georeference is not None:
         places = np.degrees(georeference.to_earth(obstacles.east, obstacles.north))

@@ -167,18 +167,7 @@ def track_rows(cycle: Cycle, sensors: Sequence[str]) -> tuple[int, dict[str, Val
     """Return the obstacles of a cycle as rows of `TRACKS`: their number and the columns."""
     obstacles = cycle.obstacles
     columns: dict[str, Values] = dict(track_columns(obstacles, sensors, cycle.georeference))
-    columns["objects"] = _objects(cycle, sensors)
     return len(obstacles), {**_time(obstacles.time_ns), **columns}
-
-
-def _objects(cycle: Cycle, sensors: Sequence[str]) -> list[str]:
-    """Return the detections that each obstacle used, as text."""
-    obstacles = cycle.obstacles
-    texts = [""] * len(obstacles)
-    used = zip(obstacles.used_row.tolist(), obstacles.used_sensor.tolist(), obstacles.used_object.tolist(), strict=True)
-    for row, sensor, key in used:
-        texts[row] += f"{';' if texts[row] else ''}{sensors[sensor]}:{key}"
-    return texts
 
 
 def detection_rows(cycle: Cycle, sensors: Sequence[str]) -> tuple[int, dict[str, Values]]:

@@ -42,7 +42,7 @@ from candaemon.config.sensors import ObjectMessage
 from candaemon.config.settings import Config
 from candaemon.config.yaml_text import read_yaml
 from candaemon.errors import LONGEST_MESSAGE, ConfigError
-from candaemon.evaluation.tables import NUMBERS, PredictionWriter, TrackWriter, read_tracks
+from candaemon.evaluation.tables import NUMBERS, TrackWriter, read_tracks
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame
 from candaemon.simulation.scenario import Scenario
@@ -91,15 +91,12 @@ def test_any_names_go_through_tables_metrics_and_arguments(found: list[str], cha
     one: dict[str, list[Any]] = {
         "id": [1],
         "state": [1],
-        "objects": [[(name, 7) for name in found]],
+        "objects": [";".join(f"{name}:7" for name in found)],
         **{column: [0.0] for column in NUMBERS},
     }
     with OutputFile(folder / "t.csv") as file, TrackWriter(file) as table:
         table.write_cycle(0, one)
     assert read_tracks(folder / "t.csv").objects.tolist() == [";".join(f"{name}:7" for name in found)]
-    with OutputFile(folder / "p.csv") as file, PredictionWriter(file) as predictions:
-        predictions.write_cycle(0, 0.5, [1], [f"{found[0]}:7"], np.zeros(1), np.zeros(1))
-    assert f",{found[0]}:7," in (folder / "p.csv").read_text(encoding="utf-8").splitlines()[1]
     family = CounterMetricFamily("frames", "frames", labels=["bus"])
     for name in found:
         family.add_metric([name], 1.0)

@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from candaemon.arrays import Floats
 from candaemon.estimation import compiled
-from candaemon.evaluation.number_text import number_rows
+from candaemon.evaluation.number_text import number_lines
 from tests.support.effort import examples
 
 NUMBERS = st.one_of(
@@ -42,11 +42,11 @@ def test_each_is_written_as_python_does(decimals: int) -> None:
     @settings(max_examples=examples(2000, 200))
     def hold(values: Floats) -> None:
         rows = [",".join(expected(value, decimals) for value in row) for row in values.tolist()]
-        assert number_rows(values, decimals) == rows
+        assert number_lines(values, decimals).decode().split("\n") == [*rows, ""]
 
     hold()
 
 
 @pytest.mark.usefixtures("_computing")
 def test_no_rows_are_no_lines() -> None:
-    assert number_rows(np.zeros((0, 3)), 4) == []
+    assert number_lines(np.zeros((0, 3)), 4) == b""

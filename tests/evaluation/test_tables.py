@@ -43,7 +43,7 @@ CYCLE: Mapping[str, Any] = {
     "x": np.array([12.34567, -0.00001]),
     "y": [1.0, 2.0],
     "vx": np.array([np.nan, np.inf]),
-    "objects": (((0, 5), (1, 2)), ()),
+    "objects": ("0:5;1:2", ""),
 }
 
 
@@ -194,7 +194,7 @@ def test_an_unknown_column_or_a_wrong_length_is_refused(tmp_path: Path) -> None:
     with OutputFile(tmp_path / "t.csv") as file, TrackWriter(file) as writer:
         with pytest.raises(ValueError, match="existence"):
             writer.write_cycle(0, {"id": [1], "state": [1], "existence": [1.0]})
-        with pytest.raises(ValueError, match=r"argument 2|shape|broadcast"):
+        with pytest.raises(ValueError, match="different length"):
             writer.write_cycle(0, {"id": [1, 2], "state": [1], "x": [0.0, 0.0]})
 
 
