@@ -236,36 +236,79 @@ def update_scalar(
     return nis_array, root_array
 
 
+cdef enum:
+    LANES = 8
+
+
+cdef inline void load(const double[:, ::1] columns, Py_ssize_t first, Py_ssize_t lanes, double[29][LANES] own) noexcept nogil:
+    """Copy some tracks' columns, a cache line of each row; lanes without a track hold a one."""
+    cdef Py_ssize_t row, lane
+    for row in range(29):
+        for lane in range(LANES):
+            own[row][lane] = columns[row, first + lane] if lane < lanes else 1.0
+
+
+cdef inline void store(double[:, ::1] columns, Py_ssize_t first, Py_ssize_t lanes, double[29][LANES] own) noexcept nogil:
+    """Copy the tracks' columns back."""
+    cdef Py_ssize_t row, lane
+    for row in range(29):
+        for lane in range(lanes):
+            columns[row, first + lane] = own[row][lane]
+
+
 def take_position(double[:, ::1] columns, const double[:, :] position, const double[:, :, :] noise):
     """Update columns [mean, triangle of P, …] (29, n) in place with positions (n, 2); return the NIS (n,)."""
-    cdef Py_ssize_t n = columns.shape[1], t, a, b, entry
-    cdef double xx, xy, yy, first, slope, second, x, y, value
-    cdef double h[2][6]
+    cdef Py_ssize_t n = columns.shape[1], group, t, lanes, l, a, b, entry
+    cdef double own[29][LANES]
+    cdef double measured[5][LANES]  # x, y, and their covariance
+    cdef double first[LANES]
+    cdef double slope[LANES]
+    cdef double second[LANES]
+    cdef double x[LANES]
+    cdef double y[LANES]
+    cdef double h[2][6][LANES]
     nis_array = np.empty(n)
     cdef double[::1] nis = nis_array
     with nogil:
-        for t in range(n):
-            xx = columns[6, t] + noise[t, 0, 0]
-            xy = columns[7, t] + noise[t, 0, 1]
-            yy = columns[12, t] + noise[t, 1, 1]
-            first = sqrt(larger((1.0 + LOST) * xx, LEAST_VARIANCE))
-            slope = xy / first
-            second = sqrt(larger(larger((1.0 + LOST) * yy - slope * slope, LOST * yy), LEAST_VARIANCE))
-            x = bounded(position[t, 0] - columns[0, t]) / first
-            y = (bounded(position[t, 1] - columns[1, t]) - slope * x) / second
+        for a in range(5):
+            for l in range(LANES):
+                measured[a][l] = 1.0
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            load(columns, t, lanes, own)
+            for l in range(lanes):
+                measured[0][l] = position[t + l, 0]
+                measured[1][l] = position[t + l, 1]
+                measured[2][l] = noise[t + l, 0, 0]
+                measured[3][l] = noise[t + l, 0, 1]
+                measured[4][l] = noise[t + l, 1, 1]
+            for l in range(LANES):
+                first[l] = sqrt(larger((1.0 + LOST) * (own[6][l] + measured[2][l]), LEAST_VARIANCE))
+                slope[l] = (own[7][l] + measured[3][l]) / first[l]
+                second[l] = own[12][l] + measured[4][l]
+                second[l] = larger((1.0 + LOST) * second[l] - slope[l] * slope[l], LOST * second[l])
+                second[l] = sqrt(larger(second[l], LEAST_VARIANCE))
+                x[l] = bounded(measured[0][l] - own[0][l]) / first[l]
+                y[l] = (bounded(measured[1][l] - own[1][l]) - slope[l] * x[l]) / second[l]
             for a in range(6):
-                h[0][a] = columns[6 + a, t] / first
-                value = columns[7, t] if a == 0 else columns[11 + a, t]
-                h[1][a] = (value - slope * h[0][a]) / second
+                b = 7 if a == 0 else 11 + a
+                for l in range(LANES):
+                    h[0][a][l] = own[6 + a][l] / first[l]
+                    h[1][a][l] = (own[b][l] - slope[l] * h[0][a][l]) / second[l]
             entry = 6
             for a in range(6):
-                columns[a, t] = columns[a, t] + h[0][a] * x
-                columns[a, t] = columns[a, t] + h[1][a] * y
+                for l in range(LANES):
+                    own[a][l] = own[a][l] + h[0][a][l] * x[l]
+                    own[a][l] = own[a][l] + h[1][a][l] * y[l]
                 for b in range(a, 6):
-                    columns[entry, t] = columns[entry, t] - h[0][a] * h[0][b]
-                    columns[entry, t] = columns[entry, t] - h[1][a] * h[1][b]
+                    for l in range(LANES):
+                        own[entry][l] = own[entry][l] - h[0][a][l] * h[0][b][l]
+                        own[entry][l] = own[entry][l] - h[1][a][l] * h[1][b][l]
                     entry += 1
-            nis[t] = x * x + y * y
+            store(columns, t, lanes, own)
+            for l in range(lanes):
+                nis[t + l] = x[l] * x[l] + y[l] * y[l]
     return nis_array
 
 
@@ -273,42 +316,59 @@ def take_speed(
     double[:, ::1] columns, const double[:, :] row, const double[:] innovation, const double[:] variance
 ):
     """Update columns (29, n) in place with a speed each, Jacobian (4, n); return the NIS (n,), 0 where it is NaN."""
-    cdef Py_ssize_t n = columns.shape[1], t, a, b, entry
-    cdef double spread, own, deviation, whitened, measured
-    cdef double r[4]
-    cdef double h[6]
+    cdef Py_ssize_t n = columns.shape[1], group, t, lanes, l, a, b, entry
+    cdef double own[29][LANES]
+    cdef double r[4][LANES]
+    cdef double h[6][LANES]
+    cdef double measured[LANES]
+    cdef double spread[LANES]
+    cdef double certain[LANES]
     cdef Py_ssize_t[4] begin = [6, 11, 15, 18]  # row a of the triangle lies from begin[a] + a on
     nis_array = np.empty(n)
     cdef double[::1] nis = nis_array
     with nogil:
-        for t in range(n):
-            measured = innovation[t]
-            for a in range(4):
-                r[a] = row[a, t]
-            if not isfinite(measured):
-                measured = r[0] = r[1] = r[2] = r[3] = 0.0
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            load(columns, t, lanes, own)
+            for l in range(LANES):
+                measured[l] = innovation[t + l] if l < lanes else NAN
+                for a in range(4):
+                    r[a][l] = row[a, t + l] if isfinite(measured[l]) else 0.0
+                if not isfinite(measured[l]):
+                    measured[l] = 0.0
             for a in range(6):
-                h[a] = columns[begin[0] + a, t] * r[0]
+                for l in range(LANES):
+                    h[a][l] = own[6 + a][l] * r[0][l]
                 for b in range(1, 4):
-                    h[a] = h[a] + (columns[begin[b] + a, t] if b <= a else columns[begin[a] + b, t]) * r[b]
-            spread = r[0] * h[0]
-            own = r[0] * r[0] * columns[begin[0], t]
+                    entry = begin[b] + a if b <= a else begin[a] + b
+                    for l in range(LANES):
+                        h[a][l] = h[a][l] + own[entry][l] * r[b][l]
+            for l in range(LANES):
+                spread[l] = r[0][l] * h[0][l]
+                certain[l] = r[0][l] * r[0][l] * own[6][l]
             for a in range(1, 4):
-                spread = spread + r[a] * h[a]
-                own = own + r[a] * r[a] * columns[begin[a] + a, t]
-            spread = larger(spread, 0.0) + variance[t]
-            spread = spread + LOST * fabs(own)
-            deviation = sqrt(larger(spread, LEAST_VARIANCE))
-            whitened = bounded(measured) / deviation
+                for l in range(LANES):
+                    spread[l] = spread[l] + r[a][l] * h[a][l]
+                    certain[l] = certain[l] + r[a][l] * r[a][l] * own[begin[a] + a][l]
+            for l in range(LANES):
+                spread[l] = larger(spread[l], 0.0) + (variance[t + l] if l < lanes else 1.0)
+                spread[l] = sqrt(larger(spread[l] + LOST * fabs(certain[l]), LEAST_VARIANCE))
+                measured[l] = bounded(measured[l]) / spread[l]
             for a in range(6):
-                h[a] = h[a] / deviation
+                for l in range(LANES):
+                    h[a][l] = h[a][l] / spread[l]
             entry = 6
             for a in range(6):
-                columns[a, t] = columns[a, t] + h[a] * whitened
+                for l in range(LANES):
+                    own[a][l] = own[a][l] + h[a][l] * measured[l]
                 for b in range(a, 6):
-                    columns[entry, t] = columns[entry, t] - h[a] * h[b]
+                    for l in range(LANES):
+                        own[entry][l] = own[entry][l] - h[a][l] * h[b][l]
                     entry += 1
-            nis[t] = whitened * whitened
+            store(columns, t, lanes, own)
+            for l in range(lanes):
+                nis[t + l] = measured[l] * measured[l]
     return nis_array
 
 
@@ -533,44 +593,58 @@ def predict_plane(
     F, Q and the mean's own F are those of an axis (3, 3), the two F upper triangular; row a and column b of P lie at
     place (6, 6). A negative variance counts as known.
     """
-    cdef Py_ssize_t n = columns.shape[1], t, block, i, j, k, first, second
-    cdef double total
-    cdef double p[3][3]
-    cdef double half[3][3]
+    cdef Py_ssize_t n = columns.shape[1], group, t, lanes, l, block, i, j, k, first, second, entry
+    cdef double factor
+    cdef double before[29][LANES]
+    cdef double after[29][LANES]
+    cdef double half[3][3][LANES]
     predicted_array = np.empty((columns.shape[0], n))
     cdef double[:, ::1] predicted = predicted_array
     with nogil:
-        for t in range(n):
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            load(columns, t, lanes, before)
             for first in range(2):
                 for i in range(3):
-                    total = mean_transition[i, i] * columns[2 * i + first, t]
+                    entry = 2 * i + first
+                    for l in range(LANES):
+                        after[entry][l] = mean_transition[i, i] * before[entry][l]
                     for k in range(i + 1, 3):
-                        total = total + mean_transition[i, k] * columns[2 * k + first, t]
-                    predicted[2 * i + first, t] = total
-                predicted[27 + first, t] = columns[27 + first, t]
+                        for l in range(LANES):
+                            after[entry][l] = after[entry][l] + mean_transition[i, k] * before[2 * k + first][l]
+                for l in range(LANES):
+                    after[27 + first][l] = before[27 + first][l]
             for block in range(3):  # of x with x, of x with y, of y with y
                 first, second = block // 2, (block + 1) // 2
                 for i in range(3):
                     for j in range(3):
-                        p[i][j] = columns[6 + place[2 * i + first, 2 * j + second], t]
-                for i in range(3):
-                    for j in range(3):
-                        total = transition[i, i] * p[i][j]
+                        factor, entry = transition[i, i], 6 + place[2 * i + first, 2 * j + second]
+                        for l in range(LANES):
+                            half[i][j][l] = factor * before[entry][l]
                         for k in range(i + 1, 3):
-                            total = total + transition[i, k] * p[k][j]
-                        half[i][j] = total
+                            factor, entry = transition[i, k], 6 + place[2 * k + first, 2 * j + second]
+                            for l in range(LANES):
+                                half[i][j][l] = half[i][j][l] + factor * before[entry][l]
                 for i in range(3):
                     for j in range(i if block != 1 else 0, 3):
-                        total = half[i][j] * transition[j, j]
+                        entry = 6 + place[2 * i + first, 2 * j + second]
+                        for l in range(LANES):
+                            after[entry][l] = half[i][j][l] * transition[j, j]
                         for k in range(j + 1, 3):
-                            total = total + half[i][k] * transition[j, k]
+                            factor = transition[j, k]
+                            for l in range(LANES):
+                                after[entry][l] = after[entry][l] + half[i][k][l] * factor
                         if block != 1:
-                            total = total + columns[27 + first, t] * noise[i, j]
-                        predicted[6 + place[2 * i + first, 2 * j + second], t] = total
+                            factor = noise[i, j]
+                            for l in range(LANES):
+                                after[entry][l] = after[entry][l] + before[27 + first][l] * factor
             for i in range(6):
-                if predicted[6 + place[i, i], t] < 0.0:
-                    for j in range(6):
-                        predicted[6 + place[i, j], t] = 0.0
+                for l in range(LANES):
+                    if after[6 + place[i, i]][l] < 0.0:
+                        for j in range(6):
+                            after[6 + place[i, j]][l] = 0.0
+            store(predicted, t, lanes, after)
     return predicted_array
 
 
