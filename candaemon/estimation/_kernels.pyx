@@ -723,6 +723,44 @@ def turned_towards(
     return direction_array, forward_array
 
 
+def power_series(const double[:, ::1] coefficients, double x):
+    """Return Σ cₙ xⁿ of each column of coefficients (terms, k), by Horner's rule."""
+    cdef Py_ssize_t terms = coefficients.shape[0], k = coefficients.shape[1], n, i
+    values_array = np.array(coefficients[terms - 1])
+    cdef double[::1] values = values_array
+    with nogil:
+        for n in range(terms - 2, -1, -1):
+            for i in range(k):
+                values[i] = values[i] * x + coefficients[n, i]
+    return values_array
+
+
+def polar_points(
+    const double[:] distance,
+    const double[:] cosine,
+    const double[:] sine,
+    double range_variance,
+    double angle_variance,
+):
+    """Return points (n, 2) at distances and angles, and their covariances (n, 2, 2)."""
+    cdef Py_ssize_t n = distance.shape[0], t
+    cdef double across, along_c, along_s, across_c, across_s
+    position_array, noise_array = np.empty((n, 2)), np.empty((n, 2, 2))
+    cdef double[:, ::1] position = position_array
+    cdef double[:, :, ::1] noise = noise_array
+    with nogil:
+        for t in range(n):
+            position[t, 0] = distance[t] * cosine[t]
+            position[t, 1] = distance[t] * sine[t]
+            across = angle_variance * distance[t] * distance[t]
+            along_c, along_s = range_variance * cosine[t], range_variance * sine[t]
+            across_c, across_s = across * cosine[t], across * sine[t]
+            noise[t, 0, 0] = along_c * cosine[t] + across_s * sine[t]
+            noise[t, 1, 1] = along_s * sine[t] + across_c * cosine[t]
+            noise[t, 0, 1] = noise[t, 1, 0] = (along_c - across_c) * sine[t]
+    return position_array, noise_array
+
+
 def number_text(const double[:, :] values, int decimals):
     """Return numbers (n, k), rounded to decimals half to even, as comma-separated text, a line a row; NaN is empty.
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from candaemon.arrays import Floats, Indices
+from candaemon.estimation import compiled
 
 _LONG = 1.0
 """αT from which on the closed forms lose no digits; below, they cancel and a series in αT is exact to rounding."""
@@ -25,7 +26,7 @@ _ORDERS = (2, 1, 0)
 """Of position, velocity and acceleration: so often the acceleration is integrated."""
 
 
-def _series() -> tuple[Floats, Floats]:
+def _series() -> tuple[Floats, Indices]:
     """Return F, Q and U / α as series in −αT: coefficients (terms, 21), and powers of T before them (21,).
 
     Source: Han et al. 2015.
@@ -33,7 +34,7 @@ def _series() -> tuple[Floats, Floats]:
     An acceleration of 1 has become Σ (−α)ⁿ tⁿ⁺ᵖ / (n+p)! after a time t, integrated p times; Q integrates the products
     of two of these over the step, U / α one.
     """
-    coefficients, powers = np.zeros((_TERMS, 21)), np.zeros(21)
+    coefficients, powers = np.zeros((_TERMS, 21)), np.zeros(21, np.intp)
     f, q = (coefficients[:, k : k + 9].reshape(_TERMS, 3, 3) for k in (0, 9))
     f[0] = (1.0, 1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0)
     powers[:9] = np.maximum(np.subtract.outer(_ORDERS, _ORDERS), 0).ravel()
@@ -50,7 +51,6 @@ def _series() -> tuple[Floats, Floats]:
 
 
 _COEFFICIENTS, _POWERS = _series()
-_EXPONENTS = np.arange(float(_TERMS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,8 +158,19 @@ def decaying_axis(rate: float, dt: float, intensity: float, *, order: int) -> Ax
 
 def _summed(rate: float, dt: float) -> tuple[Floats, Floats, Floats]:
     """Return F, Q and U by their series."""
-    values = dt**_POWERS * ((-rate * dt) ** _EXPONENTS @ _COEFFICIENTS)
+    values = _powers_of(dt, 2).take(_POWERS) * _power_series(-rate * dt)
     return values[:9].reshape(3, 3), values[9:18].reshape(3, 3), rate * values[18:]
+
+
+def _power_series(x: float) -> Floats:
+    """Return Σ cₙ xⁿ of each of the series, by Horner's rule."""
+    if compiled.in_use:
+        return compiled.kernels.power_series(_COEFFICIENTS, x)
+    values: Floats = _COEFFICIENTS[-1].copy()
+    for coefficients in _COEFFICIENTS[-2::-1]:
+        values *= x
+        values += coefficients
+    return values
 
 
 def _closed(rate: float, dt: float) -> tuple[Floats, Floats, Floats]:

@@ -16,6 +16,7 @@ import numpy as np
 from candaemon.arrays import Booleans, ComplexPlane, Floats
 from candaemon.config.sensors import FieldOfView, Mount, SensorSettings
 from candaemon.ego.pose import EgoPose
+from candaemon.estimation import compiled
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.radar.detections import Detections
 from candaemon.radar.scan import Scan
@@ -118,15 +119,12 @@ class Mounting:
         a = values[self._first]
         b = np.zeros(len(a)) if self._second is None else values[self._second]  # of a range: straight ahead
         yaw = pose.heading + self._yaw + turned
-        noise = np.empty((len(a), 2, 2))
         if self._polar:
-            angle = b + yaw
-            c, s = np.cos(angle), np.sin(angle)
-            offset = _plane(a * c, a * s)
-            _spread(noise, c, s, self._first_variance, self._second_variance * a * a)
+            points, noise = _polar_points(a, b + yaw, self._first_variance, self._second_variance)
+            offset = points.view(np.complex128)[:, 0]
         else:
             offset = _plane(a, b) * exp(1j * yaw)
-            _spread(noise, cos(yaw), sin(yaw), self._first_variance, self._second_variance)
+            noise = _noise(len(a), cos(yaw), sin(yaw), self._first_variance, self._second_variance)
         origin, velocity = pose.place(mount.x, mount.y)
         position = offset + complex(origin[0], origin[1])
         known = self._range_rate is not None
@@ -196,12 +194,25 @@ def _components(plane: ComplexPlane) -> Floats:
     return plane.view(np.float64).reshape(-1, 2)
 
 
-def _spread(noise: Floats, c: Floats | float, s: Floats | float, along: float, across: Floats | float) -> None:
-    """Fill covariances (n, 2, 2) of variances along and across a direction."""
+def _polar_points(
+    distance: Floats, angle: Floats, range_variance: float, angle_variance: float
+) -> tuple[Floats, Floats]:
+    """Return points (n, 2) at distances and angles, and their covariances (n, 2, 2)."""
+    c, s = np.cos(angle), np.sin(angle)
+    if compiled.in_use:
+        return compiled.kernels.polar_points(distance, c, s, range_variance, angle_variance)
+    noise = _noise(len(distance), c, s, range_variance, angle_variance * distance * distance)
+    return np.stack([distance * c, distance * s], axis=1), noise
+
+
+def _noise(n: int, c: Floats | float, s: Floats | float, along: float, across: Floats | float) -> Floats:
+    """Return covariances (n, 2, 2) of variances along and across a direction."""
+    noise = np.empty((n, 2, 2))
     along_c, along_s, across_c, across_s = along * c, along * s, across * c, across * s
     noise[:, 0, 0] = along_c * c + across_s * s
     noise[:, 1, 1] = along_s * s + across_c * c
     noise[:, 0, 1] = noise[:, 1, 0] = (along_c - across_c) * s
+    return noise
 
 
 def _same(n: int, value: float) -> Floats:
