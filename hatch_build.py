@@ -1,6 +1,6 @@
-"""Compiles the kernels of the filters where a compiler and Cython are found; without them the wheel is pure Python.
+"""Compiles the kernels where a compiler and Cython are found; without them the wheel is pure Python.
 
-The kernels only save time: `candaemon.estimation.compiled` finds out whether they are there. An editable install gets
+The kernels only save time: `candaemon.compiled` finds out whether they are there. An editable install gets
 them beside their source.
 """
 
@@ -17,7 +17,7 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-SOURCE = Path("candaemon/estimation/_kernels.pyx")
+SOURCE = Path("candaemon/compiled/_kernels.pyx")
 CYTHON = "cython>=3.1"
 FLAGS = ("-O3", "-fPIC", "-shared", "-g0", "-ffp-contract=off", "-fno-math-errno", "-Wl,--build-id=none", "-Wl,-s")
 """No fused multiply-add and no reordering: the kernels give the bits that numpy gives. No debugging information and no

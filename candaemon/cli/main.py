@@ -137,7 +137,7 @@ class _Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         """Show it and end."""
-        from candaemon.estimation.compiled import description  # noqa: PLC0415 - other commands need no numpy to start
+        from candaemon.compiled import description  # noqa: PLC0415 - other commands need no numpy to start
 
         print(f"candaemon {__version__} ({description()})")
         parser.exit()

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats, Indices
-from candaemon.estimation import compiled
 
 _LONG = 1.0
 """αT from which on the closed forms lose no digits; below, they cancel and a series in αT is exact to rounding."""

@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.arrays.rows import checked_state
-from candaemon.estimation import compiled
 from candaemon.estimation.estimator_state import EstimatorState, MomentBankState
 from candaemon.estimation.kalman import propagate
 from candaemon.estimation.measurement import Measurement

@@ -25,8 +25,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
-from candaemon.estimation import compiled
 from candaemon.estimation.filter_bank import MomentBank, mixture
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct, inform

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats
-from candaemon.estimation import compiled
 from candaemon.estimation.psd import factorise
 
 LOG_2PI = float(np.log(2 * np.pi))

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats, Indices, Integers
-from candaemon.estimation import compiled
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,8 @@ from typing import Protocol
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats
-from candaemon.estimation import compiled
 from candaemon.estimation.discretisation import Axis, X, Y, decaying_axis, directed, isotropic, white_axis, white_plane
 
 POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
-from candaemon.estimation import compiled
 from candaemon.estimation.axis_filter import axis_matrices
 from candaemon.estimation.discretisation import X, Y, isotropic
 from candaemon.estimation.estimator_state import PlaneFilterState

@@ -117,7 +117,7 @@ def _last_of_each(objects: Integers, owners: Integers) -> tuple[Integers, Intege
     """Return the objects, each once and sorted, and the last owner of each."""
     order = np.argsort(objects, kind="stable")
     objects, owners = objects[order], owners[order]
-    last = np.append(objects[1:] != objects[:-1], True)  # noqa: FBT003 - the last one always is
+    last = np.append(objects[1:] != objects[:-1], True)
     return objects[last], owners[last]
 
 

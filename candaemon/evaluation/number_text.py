@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats
-from candaemon.estimation import compiled
 
 _LARGEST: Final = 1e15
 """Beyond, in units of the last decimal, a double tells no integer from its neighbour."""

@@ -39,11 +39,10 @@ from __future__ import annotations
 
 import csv
 import gzip
-import io
 import math
 import re
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from decimal import Decimal
@@ -476,7 +475,7 @@ class TrackWriter(_TableWriter):
             _whole_numbers(columns["id"]),
             text_lines([_STATE_NAMES[state] for state in _listed(columns["state"])]),
             number_lines(_table(columns, NUMBERS), _DECIMALS),
-            text_lines(columns.get("objects", ("",) * rows)),
+            text_lines(_listed(columns.get("objects", ("",) * rows))),
             *(_further_lines(columns, names) for names in self._parts),
         ]
         self._target.write(joined_lines(format_time(time_ns) + ",", parts, rows))

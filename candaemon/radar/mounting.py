@@ -13,10 +13,10 @@ from typing import Final
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, ComplexPlane, Floats
 from candaemon.config.sensors import FieldOfView, Mount, SensorSettings
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation import compiled
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.radar.detections import Detections
 from candaemon.radar.scan import Scan

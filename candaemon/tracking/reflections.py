@@ -13,9 +13,9 @@ from math import exp, expm1
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices, Integers
 from candaemon.config.tracker import ReflectionSettings, TravelSettings
-from candaemon.estimation import compiled
 from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 
 

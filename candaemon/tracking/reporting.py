@@ -6,9 +6,9 @@ from math import cos, sin
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation import compiled
 from candaemon.tracking.columns import ObstacleTable
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.reflections import RigidMotion

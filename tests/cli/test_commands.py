@@ -61,7 +61,7 @@ def test_help_and_version(arguments: list[str], capsys: pytest.CaptureFixture[st
 def test_the_version_says_what_computes(
     in_use: bool, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("candaemon.estimation.compiled.in_use", in_use)
+    monkeypatch.setattr("candaemon.compiled.in_use", in_use)
     with pytest.raises(SystemExit):
         main(["--version"])
     assert capsys.readouterr().out.strip().endswith(said)

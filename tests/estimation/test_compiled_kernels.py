@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from candaemon import compiled
 from candaemon.arrays import Floats
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
-from candaemon.estimation import compiled
 from candaemon.estimation.filter_bank import FilterBank, mixture, moments
 from candaemon.estimation.kalman import symmetrise, update_position, update_scalar
 from candaemon.estimation.measurement import Measurement

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from candaemon import compiled
 from candaemon.arrays import Floats
-from candaemon.estimation import compiled
 from candaemon.evaluation.number_text import number_lines
 from tests.support.effort import examples
 

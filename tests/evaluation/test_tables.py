@@ -202,12 +202,12 @@ def test_predictions_are_written(tmp_path: Path) -> None:
     path = tmp_path / "p.csv"
     with OutputFile(path) as file, PredictionWriter(file) as writer:
         writer.write_cycle(2_000_000_000, 0.5, np.array([9]), np.array([4]), np.array([1.00004]), np.array([np.nan]))
-        writer.write_cycle(2_000_000_000, 1.0, [9], ["1:4"], [-1e-9], [2.0])
+        writer.write_cycle(2_000_000_000, 1.0, [9], [14], [-1e-9], [2.0])
         writer.write_cycle(2_000_000_000, 1.0, [], [], [], [])
     assert path.read_text().splitlines() == [
         "time,horizon,id,object,x,y",
         "2.000000,0.5,9,4,1.0000,",
-        "2.000000,1.0,9,1:4,0.0000,2.0000",
+        "2.000000,1.0,9,14,0.0000,2.0000",
     ]
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from candaemon.estimation import compiled
+from candaemon import compiled
 from tests.support.paths import ROOT
 
 
@@ -47,7 +47,7 @@ def test_with_a_compiler_the_wheel_holds_kernels_that_this_code_calls(tmp_path: 
     zipfile.ZipFile(wheel).extract(library, tmp_path)
     load = (
         "import importlib.util, sys; "
-        "spec = importlib.util.spec_from_file_location('candaemon.estimation._kernels', sys.argv[1]); "
+        "spec = importlib.util.spec_from_file_location('candaemon.compiled._kernels', sys.argv[1]); "
         "module = importlib.util.module_from_spec(spec); spec.loader.exec_module(module); print(module.REVISION)"
     )
     done = subprocess.run(
@@ -57,5 +57,5 @@ def test_with_a_compiler_the_wheel_holds_kernels_that_this_code_calls(tmp_path: 
 
 
 def test_source_and_caller_have_one_revision() -> None:
-    source = (ROOT / "candaemon/estimation/_kernels.pyx").read_text(encoding="utf-8")
+    source = (ROOT / "candaemon/compiled/_kernels.pyx").read_text(encoding="utf-8")
     assert re.findall(r"^REVISION = (\d+)$", source, re.MULTILINE) == [str(compiled.REVISION)]

@@ -22,6 +22,7 @@ ROOMS: tuple[str, ...] = (
     "log_lines",
     "_version",
     "arrays",
+    "compiled",
     "files",
     "frames",
     "config",

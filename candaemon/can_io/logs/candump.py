@@ -17,6 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Bytes, Integers
 from candaemon.can_io.logs.candump_screen import ADVICE_UNTIMED, ENDED_DIFFERENCES, ScreenLines
 from candaemon.can_io.logs.stream import (
@@ -315,7 +316,6 @@ def _data(text: Bytes, shape: re.Match[bytes], valid: Booleans) -> Digits:
     return _digits(_PAIR[16], text[:, begin:end].view("<u2"), valid)
 
 
-_HEX = np.array([int.from_bytes(f"{value:02X}".encode(), "little") for value in range(256)], "<u2")
 """The two digits of each byte, as one number."""
 
 CHUNK = 1 << 19
@@ -399,38 +399,11 @@ def _batch_text(frames: FrameBatch, channels: Sequence[str]) -> bytes:
     if not frames:
         return b""
     stamp, fd_ids = _stamp(frames.time_ns, channels[frames.bus]), frames.fd_ids
-    can_ids, payloads = zip(*frames.payloads, strict=True)
-    if not fd_ids and set(map(len, payloads)) == {8}:
-        heads = _heads(can_ids, len(stamp.encode()))
-        if heads is not None:
-            return _filled(heads, stamp.encode(), b"".join(payloads))
+    if compiled.in_use:
+        return compiled.kernels.frame_lines(stamp.encode(), list(frames.payloads), fd_ids, EXTENDED)
     return "".join(
         [f"{stamp}{_identifier(can_id, can_id in fd_ids)}{data.hex().upper()}\n" for can_id, data in frames.payloads]
     ).encode()
-
-
-def _filled(heads: Bytes, stamp: bytes, payloads: bytes) -> bytes:
-    """Return complete lines with eight data bytes each: stamp and data are filled into the templates `heads`."""
-    lines = heads.copy()
-    lines[:, : len(stamp)] = np.frombuffer(stamp, np.uint8)
-    lines[:, -17:-1] = _HEX.take(np.frombuffer(payloads, np.uint8)).view(np.uint8).reshape(-1, 16)
-    return lines.tobytes()
-
-
-@lru_cache(maxsize=64)
-def _heads(can_ids: tuple[int, ...], before: int) -> Bytes | None:
-    """Return line templates (n, characters) with identifiers and line ends but without stamp and data.
-
-    None where the identifiers differ in length.
-    """
-    heads = [_identifier(can_id, False).encode() for can_id in can_ids]
-    size = len(heads[0])
-    if any(len(head) != size for head in heads):
-        return None
-    lines = np.zeros((len(heads), before + size + 17), np.uint8)
-    lines[:, before:-17] = np.frombuffer(b"".join(heads), np.uint8).reshape(-1, size)
-    lines[:, -1] = ord("\n")
-    return lines
 
 
 def _stamp(time_ns: int, channel: str) -> str:

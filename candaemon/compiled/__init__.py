@@ -1,6 +1,8 @@
-"""Whether the compiled kernels are there: `_kernels.pyx`, which the build compiles where it finds a compiler.
+"""The hot loops of other rooms, `_kernels.pyx`, which the build compiles where it finds a compiler; and whether it has.
 
-What they compute is what numpy computes without them, to the last bit; so nobody has to choose.
+What they compute is what numpy and Python compute without them, to the last bit; so nobody has to choose.
+
+Knows nothing of who calls them: a kernel takes arrays and numbers, and stands beside the function that does the same.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ WIDEST: Final = 16
 __all__ = ("REVISION", "WIDEST", "description", "fit_for", "in_use", "kernels")
 
 try:
-    from candaemon.estimation import _kernels as kernels
+    from candaemon.compiled import _kernels as kernels
 except ImportError:
     in_use = False
 else:

@@ -1,9 +1,9 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
-"""The hot loops of filters, tracks and tables, compiled; each does what the numpy function of the same name does, to the last bit.
+"""The hot loops of filters, tracks, tables and logs, compiled; each does what its caller does in numpy, to the last bit.
 
 Every number comes from the same operations in the same order as there: sums run from the first term to the last, and the
 build forbids fused multiply-adds. Logarithms, sines and the like, which libraries round in ways of their own, stay in
-numpy. Nothing is checked here: the callers in `kalman`, `imm` and `filter_bank` give arrays of the right shapes.
+numpy. No shape is checked here: the callers give arrays of the right ones.
 """
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
@@ -835,6 +835,51 @@ def joined_lines(bytes start, list parts, Py_ssize_t count):
         return text
     finally:
         free(ahead)
+
+
+cdef bytes HEX = b"0123456789ABCDEF"
+
+
+def frame_lines(bytes stamp, list payloads, fd_ids, unsigned long long extended):
+    """Return frames as lines of a log: the stamp, the identifier in hex, # or ##1, the data in hex.
+
+    Identifiers with the extended bit have eight digits, others three; those in fd_ids are CAN FD frames.
+    """
+    cdef const char* digits = PyBytes_AS_STRING(HEX)
+    cdef const unsigned char* data
+    cdef Py_ssize_t before = len(stamp), size = 0, at = 0, place, length
+    cdef unsigned long long number
+    cdef bytes payload
+    cdef bint some_fd = bool(fd_ids), fd
+    cdef int figures
+    for _, payload in payloads:
+        size += before + 12 + 2 * len(payload)
+    text = PyBytes_FromStringAndSize(NULL, size)
+    cdef char* out = PyBytes_AS_STRING(text)
+    for can_id, payload in payloads:
+        number, fd = can_id, some_fd and can_id in fd_ids
+        memcpy(out + at, PyBytes_AS_STRING(stamp), before)
+        at += before
+        figures = 3
+        if number & extended:
+            number, figures = number & ~extended, 8
+        for place in range(figures):
+            out[at + place] = digits[number >> 4 * (figures - 1 - place) & 15]
+        at += figures
+        out[at] = 35
+        at += 1
+        if fd:
+            out[at] = 35
+            out[at + 1] = 49
+            at += 2
+        data, length = <const unsigned char*>PyBytes_AS_STRING(payload), len(payload)
+        for place in range(length):
+            out[at] = digits[data[place] >> 4]
+            out[at + 1] = digits[data[place] & 15]
+            at += 2
+        out[at] = 10
+        at += 1
+    return text[:at]
 
 
 def near_pairs(const double[:] x, const double[:] y, double reach):
