@@ -58,7 +58,7 @@ def detection_columns(cycle: Cycle, sensors: Sequence[str]) -> dict[str, NDArray
     """Return the detections of a cycle as columns, each of length n.
 
     Args:
-        cycle: one with detections, and the latest step of its tracker.
+        cycle: one with detections.
         sensors: names by index.
 
     Returns:
@@ -70,7 +70,7 @@ def detection_columns(cycle: Cycle, sensors: Sequence[str]) -> dict[str, NDArray
     n, measurement = len(detections), detections.measurement
     fate, identity = np.full(n, UNUSED, np.int8), np.full(n, NO_OBSTACLE)
     nis, degrees = np.full(n, np.nan), measurement.measured
-    update = None if cycle.tracker is None else cycle.tracker.update
+    update = cycle.update
     if update is not None:
         identity[update.detection] = obstacles.id[obstacles.used_row]
         fate[update.detection] = np.where(np.isnan(update.nis), INITIATED, UPDATED)

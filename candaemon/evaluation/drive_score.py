@@ -19,7 +19,9 @@ from candaemon.evaluation.chi_square import chi2_quantile
 from candaemon.evaluation.duplicates import DuplicateScore
 from candaemon.evaluation.object_runs import ObjectRuns, RunSums, RunTotals
 from candaemon.pipeline.cycle import Cycle
-from candaemon.tracking.obstacles import TENTATIVE
+from candaemon.radar.detections import Detections
+from candaemon.tracking.obstacles import TENTATIVE, Obstacles
+from candaemon.tracking.update import Update
 
 _MOTION_DELAY = 2.0  # s that predictions may wait for ego motion
 _TOGETHER = 16  # scans that are scored at once: arrays of one scan are short
@@ -50,8 +52,8 @@ class DriveScore:
 
     def add(self, cycle: Cycle) -> None:
         """Update all scores with one cycle."""
-        update = cycle.tracker.update if cycle.tracker is not None and cycle.detections is not None else None
-        if update:
+        update = cycle.update
+        if update is not None:
             known = np.isfinite(update.nis)
             self.nis.add(update.nis[known], update.degrees_of_freedom[known])
         if self.brief:
@@ -60,14 +62,12 @@ class DriveScore:
         sure = obstacles.state > TENTATIVE
         if sure.any():
             self.duplicates.add(obstacles.x[sure], obstacles.y[sure], obstacles.vx[sure])
-        if cycle.detections is not None and cycle.tracker is not None:
-            self._add_scan(cycle)
+        if cycle.detections is not None and update is not None:
+            self._add_scan(cycle, cycle.detections, update)
 
-    def _add_scan(self, cycle: Cycle) -> None:
-        detections, obstacles, update = cycle.detections, cycle.obstacles, cycle.tracker and cycle.tracker.update
-        if detections is None or not update:
-            return
-        new = detections.new | self._id_reassigned(cycle) | (not detections.identified)
+    def _add_scan(self, cycle: Cycle, detections: Detections, update: Update) -> None:
+        obstacles = cycle.obstacles
+        new = detections.new | self._id_reassigned(obstacles, detections, update) | (not detections.identified)
         run = self._runs.update(detections.sensor, detections.time_ns, detections.object_id, new)
         self._run_of[detections.sensor, detections.time_ns] = run[update.detection]
         if len(self._run_of) > self._keep:
@@ -86,12 +86,9 @@ class DriveScore:
         vy[update.detection[sure]] = obstacles.vy[rows[sure]]
         self.stationary.add(detections.time_ns, run, closing, vx, vy)
 
-    def _id_reassigned(self, cycle: Cycle) -> Booleans:
+    def _id_reassigned(self, obstacles: Obstacles, detections: Detections, update: Update) -> Booleans:
         """Return which detections carry a sensor id that updated another obstacle in the previous scan."""
-        detections, obstacles, update = cycle.detections, cycle.obstacles, cycle.tracker and cycle.tracker.update
-        changed = np.zeros(0 if detections is None else len(detections), dtype=np.bool_)
-        if detections is None or not update:
-            return changed
+        changed = np.zeros(len(detections), dtype=np.bool_)
         used, owner = obstacles.used_object, obstacles.id[obstacles.used_row]
         before = self._owners.get(detections.sensor)
         self._owners[detections.sensor] = (used, owner)
@@ -200,8 +197,9 @@ class PredictionScore:
         self.horizons = tuple(horizons)
         self.listener: Callable[[int, int, int, Indices, Floats, Floats], None] | None = None
         self._horizons_ns = tuple(round(horizon * 1e9) for horizon in horizons)
-        # a prediction may arrive up to a second after it was due
-        self._keep_ns = max(self._horizons_ns, default=0) + 1_000_000_000
+        # a prediction may arrive up to a second after it was due, or with those of as many scans as are scored at once
+        late_ns = max(1_000_000_000, round(1.25 * _TOGETHER * max(cycles, default=0.0) * 1e9))
+        self._keep_ns = max(self._horizons_ns, default=0) + late_ns
         self._minimum_ns = round(minimum_run * 1e9)
         self._streams = tuple(_Stream(round(cycle * 1e9), self._horizons_ns) for cycle in cycles)
         self._runs = RunSums(3 * len(self.horizons), self._keep_ns)

@@ -193,7 +193,7 @@ def cycle_row(cycle: Cycle, pipeline: Pipeline, sensors: Sequence[str]) -> dict[
         "lost": pipeline.drops,
         "ego": _EGO_STATES[pose.status],
     }
-    update = None if cycle.tracker is None else cycle.tracker.update
+    update = cycle.update
     if update is not None:
         known = np.isfinite(update.nis)
         if known.any():

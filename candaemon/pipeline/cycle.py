@@ -12,6 +12,7 @@ from candaemon.frames.frame import Frame
 from candaemon.radar.detections import Detections
 from candaemon.tracking.any_tracker import AnyTracker
 from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.update import Update
 
 
 @dataclass(slots=True)
@@ -70,6 +71,7 @@ class Cycle:
         pose: ego pose at the obstacles' time.
         detections: the scan's, None in a cycle without one.
         tracker: the group's tracker that took them; its latest step is this one until the next cycle.
+        update: what the detections updated; None in a cycle without any.
         georeference: of the local frame on earth at the obstacles' time; None where it is not known or not asked for.
         reported: the obstacles as they go out, with all detections used since the latest output; None in a cycle that
             no output follows.
@@ -81,5 +83,6 @@ class Cycle:
     pose: EgoPose
     detections: Detections | None
     tracker: AnyTracker | None
+    update: Update | None = None
     georeference: Georeference | None = None
     reported: Obstacles | None = None

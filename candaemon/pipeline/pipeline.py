@@ -374,8 +374,9 @@ class Pipeline:
         """Encode a cycle's obstacles, if an output is due, and count it."""
         georeference = self.georeferencer.at(obstacles.time_ns) if self.georeferencer is not None else None
         reported = self.output_cycle.reported(obstacles, now_ns)
+        update = None if tracker is None else tracker.update
         if reported is None:
-            return Cycle(now_ns, obstacles, (), pose, detections, tracker, georeference)
+            return Cycle(now_ns, obstacles, (), pose, detections, tracker, update, georeference)
         self._counts.cycles += 1
         frames: Sequence[Frame] = ()
         output = self.binding.output
@@ -384,7 +385,7 @@ class Pipeline:
             payloads = self.encoder.plan(reported, status, pose, georeference)
             frames = FrameBatch(now_ns, output.bus, payloads, output.fd_ids)
         self._counts.sent += len(frames)
-        return Cycle(now_ns, obstacles, frames, pose, detections, tracker, georeference, reported)
+        return Cycle(now_ns, obstacles, frames, pose, detections, tracker, update, georeference, reported)
 
     def _status(self, pose: EgoPose, now_ns: int) -> OutputStatus:
         """Return what the status message says beside the slots."""

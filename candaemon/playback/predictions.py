@@ -51,22 +51,25 @@ class PredictionQueue:
         self._waiting: deque[_Pending] = deque()
 
     def add(self, cycle: Cycle) -> None:
-        """Add one cycle's predictions and report those that are due."""
-        tracker, detections = cycle.tracker, cycle.detections
-        if tracker is not None and detections is not None and tracker.update is not None:
+        """Add one cycle's predictions, right after it."""
+        tracker, detections, update = cycle.tracker, cycle.detections, cycle.update
+        if tracker is not None and detections is not None and update is not None:
             obstacles = cycle.obstacles
             self._waiting.append(
                 _Pending(
                     obstacles.time_ns,
                     detections.sensor,
                     obstacles.id[obstacles.used_row],
-                    detections.object_id[tracker.update.detection],
+                    detections.object_id[update.detection],
                     [tracker.expected_positions(horizon) for horizon in self._horizons],
                 )
             )
+
+    def report(self, time_ns: int) -> None:
+        """Report the predictions that are due by the time of the latest cycle's obstacles, once these are scored."""
         known_ns = self._pipeline.ego.known_until_ns
         # bounds the queue where ego motion has stopped
-        latest_ns = max(known_ns, cycle.obstacles.time_ns - _LONGEST_WAIT_NS)
+        latest_ns = max(known_ns, time_ns - _LONGEST_WAIT_NS)
         while self._waiting and self._waiting[0].time_ns + max(self._horizons_ns) <= latest_ns:
             self._report(self._waiting.popleft(), known_ns)
 

@@ -344,7 +344,8 @@ class _CycleOutputs:
         self._score = score
         smooth = request.smooth if request.tracks or request.parquet else None
         self._smoother = CycleSmoother(pipeline.trackers, smooth) if smooth is not None else None
-        self._waiting: list[Sequence[Frame]] = []
+        self._waiting: list[Cycle] = []
+        self._told: list[Cycle] = []
         self._together = TOGETHER if request.speed is None else 1
         self._predictions = (
             None if score.brief else PredictionQueue(pipeline, request.horizons, writers.predictions, score)
@@ -362,37 +363,41 @@ class _CycleOutputs:
         times.watch(self, {"_write_tracks": "write tables"})
         times.watch(self._score, {"add": "scores"})
         if self._predictions is not None:
-            times.watch(self._predictions, {"add": "scores"})
+            times.watch(self._predictions, {"add": "scores", "report": "scores"})
 
     def write(self, cycle: Cycle) -> None:
         """Write and score one cycle."""
-        self._waiting.append(cycle.frames)
-        if len(self._waiting) >= self._together:
-            self._write_frames()
         for sink in self._writers.sinks:
             sink.add_cycle(cycle, self._pipeline)
         if self._writers.detections is not None and cycle.detections is not None:
             columns = detection_columns(cycle, self._names)
             self._writers.detections.write_cycle(cycle.detections.time_ns, columns)
-        self._write_tracks([cycle] if self._smoother is None else self._smoother.add(cycle))
-        self._score.add(cycle)
         if self._predictions is not None:
             self._predictions.add(cycle)
+        self._waiting.append(cycle)
+        self._told += [cycle] if self._smoother is None else self._smoother.add(cycle)
+        if len(self._waiting) >= self._together:
+            self._write_waiting()
 
     def finish(self) -> None:
-        """Write the frames that wait; report pending predictions and smoothed cycles."""
-        self._write_frames()
+        """Write and score the cycles that wait; report pending predictions and smoothed cycles."""
+        if self._smoother is not None:
+            self._told += self._smoother.finish()
+        self._write_waiting()
         if self._predictions is not None:
             self._predictions.finish()
-        if self._smoother is not None:
-            self._write_tracks(self._smoother.finish())
 
-    def _write_frames(self) -> None:
-        """Write the frames of the cycles that wait; what the encoder has only planned is written together."""
-        waiting, self._waiting = self._waiting, []
+    def _write_waiting(self) -> None:
+        """Write and score the cycles that wait, one after the other: each alone would find no cache warm."""
+        waiting, self._waiting, told, self._told = self._waiting, [], self._told, []
         if self._writers.log is not None:
-            for frames in waiting:
-                self._writers.log.write(frames)
+            for cycle in waiting:
+                self._writers.log.write(cycle.frames)
+        self._write_tracks(told)
+        for cycle in waiting:
+            self._score.add(cycle)
+        if self._predictions is not None and waiting:
+            self._predictions.report(waiting[-1].obstacles.time_ns)
 
     def _write_tracks(self, cycles: Iterable[Cycle]) -> None:
         """Write the cycles that an output follows to the tables of obstacles."""

@@ -103,7 +103,7 @@ class DriveRecord(DriveSink):
         self.obstacles.add(
             np.full(n, time), obstacles.id, obstacles.state, obstacles.east, obstacles.north, latitude, longitude
         )
-        update = None if cycle.tracker is None else cycle.tracker.update
+        update = cycle.update
         nis, freedom, owners = np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64)
         if update is not None and cycle.detections is not None:
             known = np.isfinite(update.nis)

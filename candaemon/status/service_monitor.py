@@ -77,9 +77,8 @@ class ServiceMonitor(Observer):
                 histogram.add(seconds)
         for sensor in self._sensors:
             sensor.look(cycle.time_ns)
-        update = None if cycle.tracker is None else cycle.tracker.update
-        if update is not None and cycle.detections is not None:
-            self._sensors[cycle.detections.sensor].nis.add(update)
+        if cycle.update is not None and cycle.detections is not None:
+            self._sensors[cycle.detections.sensor].nis.add(cycle.update)
 
     def on_iteration(self, daemon: DaemonView) -> None:
         """Note the counters that rates are derived from, and answer the threads that wait for a snapshot."""

@@ -70,8 +70,8 @@ class FitObserver:
         obstacles, n = cycle.obstacles, len(cycle.obstacles)
         modes = self._modes_of(cycle)
         nis = np.full(n, np.nan)
-        tracker, detections = cycle.tracker, cycle.detections
-        if tracker is None or detections is None or tracker.update is None:
+        tracker, detections, update = cycle.tracker, cycle.detections, cycle.update
+        if tracker is None or detections is None or update is None:
             return DetectionFit(nis, nis, nis, modes)
         row_of = {
             (int(sensor), int(number)): int(row)
@@ -79,7 +79,7 @@ class FitObserver:
                 obstacles.used_sensor, obstacles.used_object, obstacles.used_row, strict=True
             )
         }
-        update, sensor = tracker.update, detections.sensor
+        sensor = detections.sensor
         objects = detections.object_id[update.detection].tolist()
         rows = np.array([row_of.get((sensor, number), -1) for number in objects], np.intp)
         known = np.flatnonzero((rows >= 0) & np.isfinite(update.nis))

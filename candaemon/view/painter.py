@@ -37,9 +37,9 @@ class Painter:
     def paint(self, cycle: Cycle) -> Picture:
         """Return the picture of a cycle; to be called before the pipeline's next one."""
         fit = self._fit.fit(cycle)
-        tracker, detections = cycle.tracker, cycle.detections
-        if tracker is not None and detections is not None and tracker.update is not None:
-            self._nis[detections.sensor].add(tracker.update)
+        detections = cycle.detections
+        if detections is not None and cycle.update is not None:
+            self._nis[detections.sensor].add(cycle.update)
         now_s = cycle.time_ns * 1e-9
         health = self._health(cycle, now_s) if self._rates.due(now_s) else {}
         return Picture(

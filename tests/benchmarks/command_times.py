@@ -18,8 +18,9 @@ import yaml
 
 from .chains import HERE, ROOT, simulated_log
 
-SECONDS = 8.0
-"""Length of the drive, s; a second run over a tenth of a second shows what starting costs."""
+SECONDS, NAIVE_SECONDS = 80.0, 8.0
+"""Length of the drives, s: a chain that takes ten times as long is given a tenth. A run over a tenth of a second shows
+what starting costs, which varies by some 30 ms: little beside the longer drive."""
 CYCLES = 20
 """Cycles of a second of the drive."""
 NAIVE = """
@@ -39,11 +40,13 @@ class Command:
         name: what is printed.
         arguments: of Python; `{log}`, `{scenario}` and `{folder}` stand for the drive, its scenario, and its results.
         against: name of the command whose time is divided by this one's; None: there is none.
+        seconds: length of the drive, s.
     """
 
     name: str
     arguments: tuple[str, ...]
     against: str | None = None
+    seconds: float = SECONDS
 
     def on(self, log: Path) -> list[str]:
         """Return the arguments for a drive, whose scenario and folder are named as it is."""
@@ -58,12 +61,16 @@ def _replay(config: Path | str, *options: str) -> tuple[str, ...]:
     return ("-m", "candaemon", "replay", str(config), "{log}", "-o", "{folder}/out.log", *options)
 
 
+def _naive(name: str, kind: str) -> Command:
+    return Command(name, ("-c", NAIVE, kind, "{log}", "{folder}/naive.log"), seconds=NAIVE_SECONDS)
+
+
 _SCORED = ("--tracks", "{folder}/t.csv", "--predictions", "{folder}/p.csv", "--summary", "{folder}/s.json")
 _SIMULATED = ("-o", "{folder}/simulated.log", "--truth", "{folder}/truth.csv")
 _REDUCED, _FULL = HERE / "esr_bench.yaml", ROOT / "config/esr_ins.yaml"
 COMMANDS = (
-    Command("naive chain, CS-KF", ("-c", NAIVE, "CurrentStatistical", "{log}", "{folder}/naive.log")),
-    Command("naive chain, filterpy's IMM", ("-c", NAIVE, "InteractingModels", "{log}", "{folder}/naive.log")),
+    _naive("naive chain, CS-KF", "CurrentStatistical"),
+    _naive("naive chain, filterpy's IMM", "InteractingModels"),
     Command("replay -o, CS-KF", _replay(_REDUCED), "naive chain, CS-KF"),
     Command("replay -o, all defaults", _replay(_FULL), "naive chain, filterpy's IMM"),
     Command("replay with tables and scores", _replay(_FULL, *_SCORED), "replay -o, all defaults"),
@@ -106,12 +113,13 @@ def drive(log: Path, seconds: float) -> Path:
 
 def timed_commands(folder: Path, repeats: int = 3) -> dict[str, float]:
     """Return the median CPU time of a cycle of each of the commands, µs, without what starting costs."""
-    whole, start = drive(folder / "whole.log", SECONDS), drive(folder / "start.log", 1 / CYCLES)
+    drives = {seconds: drive(folder / f"{seconds:g}.log", seconds) for seconds in (SECONDS, NAIVE_SECONDS)}
+    start = drive(folder / "start.log", 1 / CYCLES)
     times: dict[str, list[float]] = {each.name: [] for each in COMMANDS}
     for _ in range(repeats):
         for each in COMMANDS:
-            long, short = (cpu_seconds(each.on(log)) for log in (whole, start))
-            times[each.name].append((long - short) / (SECONDS * CYCLES - 1) * 1e6)
+            long, short = (cpu_seconds(each.on(log)) for log in (drives[each.seconds], start))
+            times[each.name].append((long - short) / (each.seconds * CYCLES - 1) * 1e6)
     return {name: median(found) for name, found in times.items()}
 
 

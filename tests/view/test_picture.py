@@ -28,8 +28,8 @@ def painted(config: Path, seconds: float = 2.0) -> list[tuple[Cycle, Picture, tu
     painter, found = Painter(pipeline), []
     for cycle in chain(pipeline.run(highway(binding, seconds)), pipeline.finish()):
         used: tuple[list[int], list[float]] = ([], [])
-        if cycle.tracker is not None and cycle.tracker.update is not None:
-            used = cycle.obstacles.id[cycle.obstacles.used_row].tolist(), cycle.tracker.update.nis.tolist()
+        if cycle.update is not None:
+            used = cycle.obstacles.id[cycle.obstacles.used_row].tolist(), cycle.update.nis.tolist()
         found.append((cycle, painter.paint(cycle), used))
     return found
 

@@ -64,7 +64,7 @@ class LaterWord(DriveScore):
 
     def add(self, cycle: Cycle) -> None:
         """Take a cycle."""
-        detections, obstacles, update = cycle.detections, cycle.obstacles, cycle.tracker and cycle.tracker.update
+        detections, obstacles, update = cycle.detections, cycle.obstacles, cycle.update
         if detections is None or not update:
             return
         run = self._radar_runs.update(detections.sensor, detections.time_ns, detections.object_id, detections.new)
@@ -143,6 +143,7 @@ def run(
                     for cycle in cycles_of(simulation.frames(), pipeline):
                         score.add(cycle)
                         predictions.add(cycle)
+                        predictions.report(cycle.obstacles.time_ns)
                     predictions.finish()
                     scores.append(score)
             name = f"{config}, walk {walk:g} m²/s"

@@ -21,6 +21,9 @@ from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.playback.predictions import PredictionQueue
 from candaemon.playback.replay import HORIZONS
+from candaemon.radar.detections import Detections
+from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.update import Update
 from tests.accuracy.experiments.finding import Effort, Experiment, Finding
 from tests.accuracy.simulated_runs import bound
 from tests.support.paths import DATA, ROOT
@@ -40,8 +43,9 @@ LONG: Final = 3.0
 class ByRadar(DriveScore):
     """Scores whose runs are the tracks of the radar as it tells them, whatever ids the obstacles have."""
 
-    def _id_reassigned(self, cycle: Cycle) -> Booleans:
-        return np.zeros(0 if cycle.detections is None else len(cycle.detections), dtype=np.bool_)
+    def _id_reassigned(self, obstacles: Obstacles, detections: Detections, update: Update) -> Booleans:
+        del obstacles, update
+        return np.zeros(len(detections), dtype=np.bool_)
 
 
 class IdChanges:
@@ -100,6 +104,7 @@ def drive_findings(config: str, tracker: tuple[tuple[str, Any], ...], most_cycle
     for cycle in islice(cycles_of_log(pipeline, DATA / "rav4_drive" / LOGS[config]), most_cycles):
         for each in (score, by_radar, ids, predictions):
             each.add(cycle)
+        predictions.report(cycle.obstacles.time_ns)
     predictions.finish()
     allowance = 1.0 if config.endswith("_ins") else WITHOUT_INS
     for error in by_radar.predictions.result():
