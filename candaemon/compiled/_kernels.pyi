@@ -24,6 +24,16 @@ def combined(probability: Floats, mean: Floats, covariance: Floats, turning: Boo
 def predict_plane(
     columns: Floats, place: Indices, mean_transition: Floats, transition: Floats, noise: Floats
 ) -> Floats: ...
+def pair_nis(
+    mean: Floats,
+    covariance: Floats,
+    position: Floats,
+    noise: Floats,
+    predicted_rate: Floats,
+    row: Floats,
+    rate: Floats,
+    variance: Floats,
+) -> Floats: ...
 def vehicle_axes(
     state: Floats,
     covariance: Floats,

@@ -648,6 +648,46 @@ def predict_plane(
     return predicted_array
 
 
+def pair_nis(
+    const double[:, :] mean,
+    const double[:, :, :] covariance,
+    const double[:, :] position,
+    const double[:, :, :] noise,
+    const double[:] predicted_rate,
+    const double[:, :] row,
+    const double[:] rate,
+    const double[:] variance,
+):
+    """Return the NIS (m,) of positions and range rates, the latter with Jacobian (m, 4); NaN where none was measured."""
+    cdef Py_ssize_t m = mean.shape[0], t, i, k
+    cdef double a, b, d, ix, iy, determinant, gain_x, gain_y, residual, spread
+    cdef double cross[4]
+    nis_array = np.empty(m)
+    cdef double[::1] nis = nis_array
+    with nogil:
+        for t in range(m):
+            a = covariance[t, 0, 0] + noise[t, 0, 0]
+            b = covariance[t, 0, 1] + noise[t, 0, 1]
+            d = covariance[t, 1, 1] + noise[t, 1, 1]
+            ix, iy = position[t, 0] - mean[t, 0], position[t, 1] - mean[t, 1]
+            determinant = a * d - b * b
+            nis[t] = (d * ix * ix - 2.0 * b * ix * iy + a * iy * iy) / determinant
+            for i in range(4):
+                cross[i] = covariance[t, i, 0] * row[t, 0]
+                for k in range(1, 4):
+                    cross[i] = cross[i] + covariance[t, i, k] * row[t, k]
+            gain_x = (d * cross[0] - b * cross[1]) / determinant
+            gain_y = (a * cross[1] - b * cross[0]) / determinant
+            residual = rate[t] - predicted_rate[t] - gain_x * ix - gain_y * iy
+            spread = row[t, 0] * cross[0]
+            for k in range(1, 4):
+                spread = spread + row[t, k] * cross[k]
+            spread = spread + variance[t] - gain_x * cross[0] - gain_y * cross[1]
+            if isfinite(residual):
+                nis[t] = nis[t] + residual * residual / spread
+    return nis_array
+
+
 def vehicle_axes(
     const double[:, :] state,
     const double[:, :, :] covariance,

@@ -11,6 +11,7 @@ from typing import TypeAlias, cast
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats, Indices
 from candaemon.estimation.measurement import Measurement, line_of_sight
 
@@ -65,21 +66,34 @@ def pair_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Floa
     """
     if measurement.projections:
         return _joint_nis(mean, covariance, measurement)
+    speed = variance = predicted = np.full(len(mean), np.nan)  # of a sensor that measures none
+    row = np.zeros((len(mean), 4))
+    if measurement.range_rate is not None and measurement.range_rate_variance is not None:
+        speed, variance = measurement.range_rate, measurement.range_rate_variance
+        predicted, row = line_of_sight(mean, measurement.origin, measurement.velocity)
+    if compiled.in_use:
+        return compiled.kernels.pair_nis(
+            mean, covariance, measurement.position, measurement.noise, predicted, row, speed, variance
+        )
     innovation = measurement.position - mean[:, :2]
     s = covariance[:, :2, :2] + measurement.noise
     a, b, d = s[:, 0, 0], s[:, 0, 1], s[:, 1, 1]
     determinant = a * d - b * b
     ix, iy = innovation[:, 0], innovation[:, 1]
     nis = (d * ix * ix - 2 * b * ix * iy + a * iy * iy) / determinant
-    if measurement.range_rate is None or measurement.range_rate_variance is None:
-        return nis
-    rate, row = line_of_sight(mean, measurement.origin, measurement.velocity)
-    cross = np.matmul(covariance[:, :4, :4], row[:, :, None])[:, :, 0]
+    cross = covariance[:, :4, 0] * row[:, 0, None]
+    for k in range(1, 4):
+        cross += covariance[:, :4, k] * row[:, k, None]
     cx, cy = cross[:, 0], cross[:, 1]
     gain_x, gain_y = (d * cx - b * cy) / determinant, (a * cy - b * cx) / determinant
-    residual = measurement.range_rate - rate - gain_x * ix - gain_y * iy
-    variance = (row * cross).sum(axis=1) + measurement.range_rate_variance - gain_x * cx - gain_y * cy
-    return nis + np.where(np.isfinite(residual), residual**2 / variance, 0.0)
+    residual = speed - predicted - gain_x * ix - gain_y * iy
+    spread = row[:, 0] * cross[:, 0]
+    for k in range(1, 4):
+        spread += row[:, k] * cross[:, k]
+    spread += variance
+    spread -= gain_x * cx
+    spread -= gain_y * cy
+    return nis + np.where(np.isfinite(residual), residual * residual / spread, 0.0)
 
 
 def _joint_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Floats:

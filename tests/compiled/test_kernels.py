@@ -10,12 +10,18 @@ import pytest
 
 from candaemon import compiled
 from candaemon.arrays import Floats
+from candaemon.can_io.logs.candump import candump_text
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
 from candaemon.estimation.filter_bank import FilterBank, mixture, moments
-from candaemon.estimation.kalman import symmetrise, update_position, update_scalar
+from candaemon.estimation.imm import mix
+from candaemon.estimation.kalman import propagate, symmetrise, update_position, update_scalar
 from candaemon.estimation.measurement import Measurement
+from candaemon.evaluation.number_text import joined_lines, number_lines, text_lines
+from candaemon.frames.frame import EXTENDED
+from candaemon.frames.frame_batch import FrameBatch
 from candaemon.pipeline.saved_state import dump
 from candaemon.playback.replay import ReplayRequest, replay
+from candaemon.tracking.association import pair_nis
 from candaemon.tracking.estimator_factory import make_estimator
 from candaemon.tracking.reflections import near_pairs
 from tests.benchmarks.chains import full_binding, simulated_log
@@ -96,6 +102,53 @@ def test_a_filter_over_many_cycles(
         return out
 
     both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("width", [7, 9, 12])
+def test_prediction_and_mixing_with_components_that_some_models_lack(
+    width: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random = np.random.default_rng(4)
+    one, each = (np.where(random.random((n, width, width)) < 0.4, random.normal(size=1), 0.0) for n in (1, TRACKS))
+    noise, has = np.eye(width)[None] * 1e-3, random.random((3, width)) < 0.6
+    probability, switch = random.dirichlet(np.ones(3), TRACKS), random.dirichlet(np.ones(3), 3)
+
+    def computed() -> list[Floats]:
+        mean, covariance = states(3, width)
+        covariance[1, 0, 2, 2] = -1.0
+        propagate(covariance[:, 0], one, noise)
+        propagate(covariance[:, 1], each, np.tile(noise, (TRACKS, 1, 1)))
+        assert (covariance[1, 0].diagonal() >= 0.0).all()
+        return [covariance, *mix(mean, covariance, probability, switch, has)]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("with_rate", [True, False])
+def test_how_well_pairs_fit(with_rate: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(5)
+    mean, covariance = (each[:, 0] for each in states(1, 6))
+    rate, variance = random.normal(size=TRACKS), np.full(TRACKS, 0.04)
+    rate[2] = np.nan
+    position, noise, origin = random.normal(size=(TRACKS, 2)), np.tile(np.eye(2), (TRACKS, 1, 1)), np.array([3.0, -1.0])
+    speed = (rate, variance) if with_rate else (None, None)
+    measurement = Measurement(position, noise, origin, np.array([7.0, 0.1]), *speed)
+    both(monkeypatch, lambda: [pair_nis(mean, covariance, measurement)])
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_lines_of_logs_and_tables(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    payloads = [(0x7FF, bytes(range(8))), (0x1ABCDEF | EXTENDED, b""), (0x12, bytes(64))][:count]
+    batch = FrameBatch(1_000_000_001, 0, payloads, frozenset({0x12}))
+    parts = [text_lines([f"é{k}" for k in range(count)]), number_lines(np.arange(2.0 * count).reshape(-1, 2) / 3, 4)]
+
+    def computed() -> list[Floats]:
+        written = (candump_text(batch, ["can0"]), joined_lines("1.5,", parts, count))
+        return [np.frombuffer(b"0" + each, dtype=np.uint8).astype(np.float64) for each in written]
+
+    both(monkeypatch, computed)
+    with pytest.raises(ValueError, match="different length"):
+        joined_lines("", parts, count + 1)
 
 
 def test_the_same_points_are_near_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
