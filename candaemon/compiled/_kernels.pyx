@@ -877,7 +877,21 @@ def joined_lines(bytes start, list parts, Py_ssize_t count):
         free(ahead)
 
 
-cdef bytes HEX = b"0123456789ABCDEF"
+cdef const char* HEX = b"0123456789ABCDEF"
+
+
+cdef inline Py_ssize_t line_head(
+    char* out, const char* stamp, Py_ssize_t before, unsigned long long number, unsigned long long extended
+) noexcept nogil:
+    """Write the stamp, an identifier in hex and #; return how many characters that is."""
+    cdef int place, figures = 3
+    memcpy(out, stamp, before)
+    if number & extended:
+        number, figures = number & ~extended, 8
+    for place in range(figures):
+        out[before + place] = HEX[number >> 4 * (figures - 1 - place) & 15]
+    out[before + figures] = 35
+    return before + figures + 1
 
 
 def frame_lines(bytes stamp, list payloads, fd_ids, unsigned long long extended):
@@ -885,40 +899,48 @@ def frame_lines(bytes stamp, list payloads, fd_ids, unsigned long long extended)
 
     Identifiers with the extended bit have eight digits, others three; those in fd_ids are CAN FD frames.
     """
-    cdef const char* digits = PyBytes_AS_STRING(HEX)
     cdef const unsigned char* data
-    cdef Py_ssize_t before = len(stamp), size = 0, at = 0, place, length
-    cdef unsigned long long number
+    cdef const char* start = PyBytes_AS_STRING(stamp)
+    cdef Py_ssize_t before = len(stamp), size = 0, at = 0, place
     cdef bytes payload
-    cdef bint some_fd = bool(fd_ids), fd
-    cdef int figures
+    cdef bint some_fd = bool(fd_ids)
     for _, payload in payloads:
         size += before + 12 + 2 * len(payload)
     text = PyBytes_FromStringAndSize(NULL, size)
     cdef char* out = PyBytes_AS_STRING(text)
     for can_id, payload in payloads:
-        number, fd = can_id, some_fd and can_id in fd_ids
-        memcpy(out + at, PyBytes_AS_STRING(stamp), before)
-        at += before
-        figures = 3
-        if number & extended:
-            number, figures = number & ~extended, 8
-        for place in range(figures):
-            out[at + place] = digits[number >> 4 * (figures - 1 - place) & 15]
-        at += figures
-        out[at] = 35
-        at += 1
-        if fd:
+        at += line_head(out + at, start, before, can_id, extended)
+        if some_fd and can_id in fd_ids:
             out[at] = 35
             out[at + 1] = 49
             at += 2
-        data, length = <const unsigned char*>PyBytes_AS_STRING(payload), len(payload)
-        for place in range(length):
-            out[at] = digits[data[place] >> 4]
-            out[at + 1] = digits[data[place] & 15]
+        data = <const unsigned char*>PyBytes_AS_STRING(payload)
+        for place in range(len(payload)):
+            out[at] = HEX[data[place] >> 4]
+            out[at + 1] = HEX[data[place] & 15]
             at += 2
         out[at] = 10
         at += 1
+    return text[:at]
+
+
+def table_lines(
+    bytes stamp, const long long[:] can_id, const unsigned char[:, :] payload, unsigned long long extended
+):
+    """Return classic frames of one length (n, length) as `frame_lines` does."""
+    cdef const char* start = PyBytes_AS_STRING(stamp)
+    cdef Py_ssize_t n = payload.shape[0], length = payload.shape[1], before = len(stamp), at = 0, row, place
+    text = PyBytes_FromStringAndSize(NULL, n * (before + 10 + 2 * length))
+    cdef char* out = PyBytes_AS_STRING(text)
+    with nogil:
+        for row in range(n):
+            at += line_head(out + at, start, before, can_id[row], extended)
+            for place in range(length):
+                out[at] = HEX[payload[row, place] >> 4]
+                out[at + 1] = HEX[payload[row, place] & 15]
+                at += 2
+            out[at] = 10
+            at += 1
     return text[:at]
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from struct import Struct
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,14 +11,13 @@ import numpy.typing as npt
 
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.dbc.batch_codec import BatchEncoder
+from candaemon.frames.payload_table import Payloads, PayloadTable
 from candaemon.objects.message_layout import MessageLayout
 from candaemon.objects.signals import AngleForm, form_of
 from candaemon.protection.checksums import FrameProtector
 
 QuantityValues: TypeAlias = Mapping[str, Floats | npt.NDArray[np.integer]]
 """Quantity → (m,) values of the slots written."""
-Payloads: TypeAlias = list[tuple[int, bytes]]
-"""CAN id and payload of frames."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,19 +131,21 @@ class LayoutWriter:
 
     def write(
         self,
-        frames: Payloads,
         slot: Integers,
         values: QuantityValues,
         occupied: Booleans,
         counter: int | Integers,
         new: Booleans | None,
         identity: Integers,
-    ) -> int:
-        """Append the frames; return how many values were saturated. Arguments as `ObjectWriter.write`."""
+    ) -> tuple[PayloadTable | None, int]:
+        """Return the frames, None where there are none, and how many values were saturated.
+
+        Arguments as `ObjectWriter.write`.
+        """
         if self.mine is not None:
             chosen = np.flatnonzero(self.mine[slot // self.points % len(self.mine)])
             if not len(chosen):
-                return 0
+                return None, 0
             slot, occupied, identity = slot[chosen], occupied[chosen], identity[chosen]
             values = {quantity: found[chosen] for quantity, found in values.items()}
             counter = counter if isinstance(counter, int) else counter[chosen]
@@ -183,8 +182,7 @@ class LayoutWriter:
             if not payloads.flags.writeable:
                 payloads = payloads.copy()
             self.protector.fill(ids, payloads)
-        frames += zip(ids.tolist(), _splitter(self.length, len(slot)).unpack(payloads.tobytes()), strict=True)
-        return saturated + outside
+        return PayloadTable(ids, payloads), saturated + outside
 
     def _by_message(self, slot: Integers, table: Floats, occupied: Booleans) -> tuple[Integers, Floats]:
         """Put the columns of objects, all points of each message side by side, into one column a message."""
@@ -255,18 +253,34 @@ class ObjectWriter:
             CAN id and payload: the first message of every slot, then the second, and so on.
 
         """
-        frames: Payloads = []
+        written = self._tables(slot, values, occupied, counter, new, identity)
+        return [frame for table in written for frame in table.listed()]
+
+    def _tables(
+        self,
+        slot: Integers,
+        values: QuantityValues,
+        occupied: Booleans,
+        counter: int | Integers,
+        new: Booleans | None,
+        identity: Integers | None = None,
+    ) -> list[PayloadTable]:
+        """Return what `write` returns, a table a message."""
         if not len(slot):
-            return frames
+            return []
         identity = slot if identity is None else identity
         new = None if new is None or not np.count_nonzero(new) else new
         if self.points > 1:
             slot, values, occupied, counter, new, identity = self._whole_messages(
                 slot, values, occupied, counter, new, identity
             )
+        tables = []
         for writer in self._writers:
-            self.saturated += writer.write(frames, slot, values, occupied, counter, new, identity)
-        return frames
+            table, saturated = writer.write(slot, values, occupied, counter, new, identity)
+            self.saturated += saturated
+            if table is not None:
+                tables.append(table)
+        return tables
 
     @property
     def frames_a_slot(self) -> int | None:
@@ -275,37 +289,29 @@ class ObjectWriter:
             return None
         return len(self._writers)
 
-    def write_cycles(self, cycles: Sequence[SlotValues]) -> list[Payloads]:
+    def write_cycles(self, cycles: Sequence[SlotValues]) -> list[list[PayloadTable]]:
         """Write the slots of several cycles at once, each message in the array operations that one cycle takes.
 
         Args:
             cycles: what the slots say, cycle by cycle; all with the same quantities.
 
         Returns:
-            The frames of each cycle, as `write` gives them.
+            The frames of each cycle in the order of `write`, a table a message.
 
         """
         of_slot = self.frames_a_slot
         if of_slot is None or len(cycles) == 1:
-            return [
-                self.write(each.slot, each.values, each.occupied, counter=each.counter, new=each.new) for each in cycles
-            ]
-        joined = self.write(
+            return [self._tables(each.slot, each.values, each.occupied, each.counter, each.new) for each in cycles]
+        joined = self._tables(
             np.concatenate([each.slot for each in cycles]),
             {name: np.concatenate([each.values[name] for each in cycles]) for name in cycles[0].values},
             np.concatenate([each.occupied for each in cycles]),
-            counter=np.concatenate([np.broadcast_to(each.counter, each.slot.shape) for each in cycles]),
-            new=np.concatenate([_none_new(each) if each.new is None else each.new for each in cycles]),
+            np.concatenate([np.broadcast_to(each.counter, each.slot.shape) for each in cycles]),
+            np.concatenate([_none_new(each) if each.new is None else each.new for each in cycles]),
         )
-        count = len(joined) // of_slot
         ends = np.cumsum([len(each.slot) for each in cycles]).tolist()
         return [
-            [
-                frame
-                for layout in range(of_slot)
-                for frame in joined[layout * count + end - len(each.slot) : layout * count + end]
-            ]
-            for each, end in zip(cycles, ends, strict=True)
+            [table.rows(end - len(each.slot), end) for table in joined] for each, end in zip(cycles, ends, strict=True)
         ]
 
     def _whole_messages(
@@ -346,9 +352,3 @@ class ObjectWriter:
 
 def _none_new(cycle: SlotValues) -> Booleans:
     return np.zeros(len(cycle.slot), np.bool_)
-
-
-@lru_cache
-def _splitter(length: int, count: int) -> Struct:
-    """Return what splits so many joined payloads in one call."""
-    return Struct(f"{length}s" * count)

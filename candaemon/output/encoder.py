@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite
-from typing import Final, TypeAlias, TypeVar, overload
+from typing import Final, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,8 @@ from candaemon.binding.bind_writer import MAY_BE_UNKNOWN
 from candaemon.binding.bound import BoundOutput
 from candaemon.ego.georeference import Georeference
 from candaemon.ego.pose import EgoPose
-from candaemon.objects.writer import Payloads, SlotValues
+from candaemon.frames.payload_table import Payloads, PayloadTable, TabledPayloads
+from candaemon.objects.writer import SlotValues
 from candaemon.output.quantities import EgoAcceleration, EgoAccelerationState, MountView, finder
 from candaemon.output.slots import OFF_PATH, SlotColumns, SlotEncoding, SlotState
 from candaemon.tracking.obstacles import TENTATIVE, Obstacles
@@ -69,7 +70,7 @@ class OutputEncoderState:
     saturated: int = 0
 
 
-class PlannedPayloads(Sequence[tuple[int, bytes]]):
+class PlannedPayloads(TabledPayloads):
     """CAN id and payload of a cycle's frames, written when somebody asks for them, with those of other cycles.
 
     Args:
@@ -81,34 +82,30 @@ class PlannedPayloads(Sequence[tuple[int, bytes]]):
     __slots__ = ("_count", "_encoder", "_status", "_written")
 
     def __init__(self, encoder: OutputEncoder, status: Payloads, count: int) -> None:
+        super().__init__()
         self._encoder, self._status, self._count = encoder, status, count
-        self._written: Payloads | None = None
+        self._written: Sequence[PayloadTable] | None = None
 
     def __len__(self) -> int:
         return self._count
 
-    @overload
-    def __getitem__(self, index: int) -> tuple[int, bytes]: ...
+    @property
+    def first(self) -> Payloads:
+        """The status."""
+        return self._status
 
-    @overload
-    def __getitem__(self, index: slice) -> Payloads: ...
-
-    def __getitem__(self, index: int | slice) -> tuple[int, bytes] | Payloads:
-        return self._all()[index]
-
-    def __iter__(self) -> Iterator[tuple[int, bytes]]:
-        return iter(self._all())
-
-    def _all(self) -> Payloads:
+    @property
+    def tables(self) -> Sequence[PayloadTable]:
+        """The frames of the slots, a table a message."""
         if self._written is None:
             self._encoder.write_planned()
         assert self._written is not None  # noqa: S101 # what is planned is written
         return self._written
 
-    def complete(self, slots: Payloads) -> None:
-        """Take the payloads of the slots."""
-        self._written = self._status + slots
-        self._count = len(self._written)
+    def complete(self, slots: Sequence[PayloadTable]) -> None:
+        """Take the frames of the slots."""
+        self._written = slots
+        self._count = len(self._status) + sum(map(len, slots))
 
 
 class OutputEncoder:

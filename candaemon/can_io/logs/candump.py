@@ -32,6 +32,7 @@ from candaemon.can_io.logs.stream import (
 from candaemon.frames.frame import EXTENDED, Frame
 from candaemon.frames.frame_batch import FrameBatch
 from candaemon.frames.frame_block import FD_LENGTHS, FrameBlock
+from candaemon.frames.payload_table import TabledPayloads
 from candaemon.frames.times import LATEST_NS
 
 Digits: TypeAlias = npt.NDArray[np.uint16]
@@ -400,7 +401,11 @@ def _batch_text(frames: FrameBatch, channels: Sequence[str]) -> bytes:
         return b""
     stamp, fd_ids = _stamp(frames.time_ns, channels[frames.bus]), frames.fd_ids
     if compiled.in_use:
-        return compiled.kernels.frame_lines(stamp.encode(), list(frames.payloads), fd_ids, EXTENDED)
+        start, payloads = stamp.encode(), frames.payloads
+        if fd_ids or not isinstance(payloads, TabledPayloads):
+            return compiled.kernels.frame_lines(start, list(payloads), fd_ids, EXTENDED)
+        lines = [compiled.kernels.table_lines(start, each.can_id, each.payload, EXTENDED) for each in payloads.tables]
+        return b"".join([compiled.kernels.frame_lines(start, payloads.first, fd_ids, EXTENDED), *lines])
     return "".join(
         [f"{stamp}{_identifier(can_id, can_id in fd_ids)}{data.hex().upper()}\n" for can_id, data in frames.payloads]
     ).encode()
