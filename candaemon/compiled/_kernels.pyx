@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 5
+REVISION = 6
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -460,7 +460,7 @@ def coordinated_turn(
     """Return means (n, D) after a turn over dt at rates (n,), and its Jacobian (n, D, D)."""
     cdef Py_ssize_t n = mean.shape[0], d = mean.shape[1], t, i
     cdef double angle, divisor, s, c, s_w, c_w, vx, vy
-    predicted_array, f_array = np.array(mean), np.zeros((n, d, d))
+    predicted_array, f_array = np.array(mean, order="C"), np.zeros((n, d, d))
     cdef double[:, ::1] predicted = predicted_array
     cdef double[:, :, ::1] f = f_array
     with nogil:
@@ -745,7 +745,7 @@ def turned_towards(
     """Return directions (k, 2) after a share of the turn towards the courses of what moves, and which way it drives."""
     cdef Py_ssize_t k = direction.shape[0], t
     cdef double speed, along, towards, x, y, norm
-    direction_array, forward_array = np.array(direction), np.array(forward)
+    direction_array, forward_array = np.array(direction, order="C"), np.array(forward)
     cdef double[:, ::1] turned = direction_array
     cdef double[::1] drives = forward_array
     with nogil:

@@ -211,10 +211,11 @@ def propagate(covariance: Floats, transition: Floats, noise: Floats) -> None:
         return
     width = range(covariance.shape[-1])
     half, both = np.zeros_like(covariance), np.zeros_like(covariance)
+    has = transition != 0.0
     for k in width:  # sums from the first term to the last, as the kernel adds them up; a matrix product does not
-        half += transition[:, :, k, None] * covariance[:, None, k]
+        half += np.where(has[:, :, k, None], transition[:, :, k, None] * covariance[:, None, k], 0.0)
     for k in width:
-        both += half[:, :, k, None] * transition[:, None, :, k]
+        both += np.where(has[:, None, :, k], half[:, :, k, None] * transition[:, None, :, k], 0.0)
     both += noise
     covariance[...] = np.where(np.tri(len(width), dtype=np.bool_), np.swapaxes(both, 1, 2), both)
     _forget_negative(covariance)

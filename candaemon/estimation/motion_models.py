@@ -91,10 +91,8 @@ class LinearModel:
 
     def axes(self, dt: float) -> tuple[Axis, Axis]:
         """Return the axis along and the axis across the direction of travel."""
-        along = self._axis(0, self.order, dt)
-        if self.isotropic:
-            return along, along
-        return along, self._axis(1, self.order if self.decay_time[1] is None else 1, dt)
+        across = self.order if self.decay_time[1] is None else 1
+        return self._axis(0, self.order, dt), self._axis(1, across, dt)
 
     def _axis(self, which: int, order: int, dt: float) -> Axis:
         time_constant = self.decay_time[which]

@@ -2,7 +2,7 @@
 
 It gives what an `Imm` of that one model gives. As in `AxisFilter`, whose tracks have x and y apart, all that is known
 of a track is one column of one array: the covariance by its upper triangle, then the variances that drive x and y. So
-a prediction is one matrix product for all tracks, and no covariance can lose its symmetry.
+tracks lie side by side in memory, and no covariance can lose its symmetry.
 """
 
 from __future__ import annotations

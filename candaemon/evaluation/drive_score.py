@@ -152,7 +152,7 @@ class _Stream:
         self.scans: list[tuple[Integers, Floats, Floats]] = []
         # one scan's predictions a cycle; room for twice as many before the oldest is dropped
         self.waiting: tuple[deque[tuple[int, Integers, Floats, Floats]], ...] = tuple(
-            deque(maxlen=2 * ceil(ahead / cycle_ns) + 2 * _TOGETHER) for ahead in horizons_ns
+            deque(maxlen=2 * ceil(ahead / cycle_ns) + _TOGETHER) for ahead in horizons_ns
         )
         self.fresh = 0
 
@@ -197,9 +197,8 @@ class PredictionScore:
         self.horizons = tuple(horizons)
         self.listener: Callable[[int, int, int, Indices, Floats, Floats], None] | None = None
         self._horizons_ns = tuple(round(horizon * 1e9) for horizon in horizons)
-        # a prediction may arrive up to a second after it was due, or with those of as many scans as are scored at once
-        late_ns = max(1_000_000_000, round(1.25 * _TOGETHER * max(cycles, default=0.0) * 1e9))
-        self._keep_ns = max(self._horizons_ns, default=0) + late_ns
+        # a prediction may arrive up to a second after it was due
+        self._keep_ns = max(self._horizons_ns, default=0) + 1_000_000_000
         self._minimum_ns = round(minimum_run * 1e9)
         self._streams = tuple(_Stream(round(cycle * 1e9), self._horizons_ns) for cycle in cycles)
         self._runs = RunSums(3 * len(self.horizons), self._keep_ns)
@@ -216,17 +215,23 @@ class PredictionScore:
             y: m to the left, shape (n,).
         """
         stream = self._streams[sensor]
-        if stream.times and time_ns <= stream.times[-1]:
-            self._settle(sensor)
-            stream.times.clear()
+        times = stream.times
+        if times and time_ns <= times[-1]:
+            self._settle()
+            times.clear()
             stream.scans.clear()
             for queue in stream.waiting:
                 queue.clear()
-        stream.times.append(time_ns)
+        times.append(time_ns)
         stream.scans.append((run, x, y))
         stream.fresh += 1
-        if stream.fresh >= (_TOGETHER if self.listener is None else 1):
-            self._settle(sensor)
+        kept_long = time_ns - times[0] > 2 * self._keep_ns
+        if kept_long or stream.fresh >= (_TOGETHER if self.listener is None else 1):
+            self._settle()
+            self._totals += self._total(self._runs.sweep(time_ns))
+        if kept_long:
+            old = bisect_left(times, time_ns - self._keep_ns)
+            del times[:old], stream.scans[:old]
 
     def predict(self, sensor: int, time_ns: int, horizon: int, run: Integers, x: Floats, y: Floats) -> None:
         """Add predictions, in the order of their times; they may arrive after the scan that they are compared with.
@@ -239,14 +244,16 @@ class PredictionScore:
             x: m forward in the vehicle axes of the due time, shape (n,).
             y: m to the left, shape (n,).
         """
-        self._streams[sensor].waiting[horizon].append((time_ns + self._horizons_ns[horizon], run, x, y))
+        queue = self._streams[sensor].waiting[horizon]
+        if len(queue) == queue.maxlen:
+            self._settle()
+        queue.append((time_ns + self._horizons_ns[horizon], run, x, y))
         if self.listener is not None:
-            self._settle(sensor)
+            self._settle()
 
     def result(self) -> tuple[PredictionError, ...]:
         """Return the errors so far, one row per horizon; open runs count once they are long enough."""
-        for sensor in range(len(self._streams)):
-            self._settle(sensor)
+        self._settle()
         count, x, y = (self._totals + self._total(self._runs.open())).reshape(-1, 3).T
         return tuple(
             PredictionError(horizon, sqrt(sx / n) if n else nan, sqrt(sy / n) if n else nan, int(n))
@@ -258,20 +265,16 @@ class PredictionScore:
         total: Floats = ended.sums[ended.last_ns - ended.first_ns >= self._minimum_ns].sum(axis=0)
         return total
 
-    def _settle(self, sensor: int) -> None:
-        """Compare the predictions whose due time the scans have reached."""
-        stream = self._streams[sensor]
-        times, scans = stream.times, stream.scans
-        if stream.fresh:
-            runs = [scan[0] for scan in scans[-stream.fresh :]]
-            self._runs.touch(np.repeat(times[-stream.fresh :], [len(run) for run in runs]), np.concatenate(runs))
-            stream.fresh = 0
-        for horizon in range(len(self.horizons)):
-            self._compare(sensor, horizon)
-        if times:
-            self._totals += self._total(self._runs.sweep(times[-1]))
-            old = bisect_left(times, times[-1] - self._keep_ns)
-            del times[:old], scans[:old]
+    def _settle(self) -> None:
+        """Compare the predictions whose due time the scans have reached, of all sensors: before any run is removed."""
+        for sensor, stream in enumerate(self._streams):
+            if stream.fresh:
+                runs = [scan[0] for scan in stream.scans[-stream.fresh :]]
+                times = np.repeat(stream.times[-stream.fresh :], [len(run) for run in runs])
+                self._runs.touch(times, np.concatenate(runs))
+                stream.fresh = 0
+            for horizon in range(len(self.horizons)):
+                self._compare(sensor, horizon)
 
     def _compare(self, sensor: int, horizon: int) -> None:
         """Compare the predictions of one horizon that are due with the scans, all at once."""

@@ -27,7 +27,7 @@ class DriveSink:
         """Take a cycle right after it was made, while the trackers still hold what its detections updated."""
 
     def add_obstacles(self, cycle: Cycle) -> None:
-        """Take a cycle's obstacles for the table of tracks: smoothed and later, where that is asked for."""
+        """Take a cycle's obstacles for the table of tracks: some cycles later, smoothed where that is asked for."""
 
     def finish(self) -> None:
         """Write what is left, at the end of the drive."""

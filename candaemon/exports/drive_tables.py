@@ -171,7 +171,7 @@ def track_rows(cycle: Cycle, sensors: Sequence[str]) -> tuple[int, dict[str, Val
 
 
 def detection_rows(cycle: Cycle, sensors: Sequence[str]) -> tuple[int, dict[str, Values]]:
-    """Return the detections of a cycle as rows of `DETECTIONS`; they must be those of the trackers' latest step."""
+    """Return the detections of a cycle as rows of `DETECTIONS`."""
     if cycle.detections is None:
         return 0, {}
     columns: dict[str, Values] = dict(detection_columns(cycle, sensors))

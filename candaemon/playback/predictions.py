@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from candaemon.arrays import Floats, Integers
@@ -26,8 +26,29 @@ class _Pending:
     positions: list[Floats]
 
 
+@dataclass(frozen=True, slots=True)
+class Predicted:
+    """Predictions of one cycle for one horizon, of which ego motion covers the due time.
+
+    Attributes:
+        time_ns: they were made at.
+        sensor: whose detections' reflections are predicted, by index.
+        horizon: index of the horizon.
+        ids: of the obstacles (m,).
+        objects: the sensor's numbers of the detections (m,).
+        position: expected, in the vehicle axes of the due time, m (m, 2).
+    """
+
+    time_ns: int
+    sensor: int
+    horizon: int
+    ids: Integers
+    objects: Integers
+    position: Floats
+
+
 class PredictionQueue:
-    """Predicts the position of each used detection's reflection; reports it once ego motion covers the due time.
+    """Predicts the position of each used detection's reflection, and places it once ego motion covers the due time.
 
     Args:
         pipeline: gives the trackers that predict, and the ego motion.
@@ -50,8 +71,8 @@ class PredictionQueue:
         self._score = score
         self._waiting: deque[_Pending] = deque()
 
-    def add(self, cycle: Cycle) -> None:
-        """Add one cycle's predictions, right after it."""
+    def add(self, cycle: Cycle) -> list[Predicted]:
+        """Add one cycle's predictions, right after it; return those that are due, for `tell` once it is scored."""
         tracker, detections, update = cycle.tracker, cycle.detections, cycle.update
         if tracker is not None and detections is not None and update is not None:
             obstacles = cycle.obstacles
@@ -64,30 +85,35 @@ class PredictionQueue:
                     [tracker.expected_positions(horizon) for horizon in self._horizons],
                 )
             )
-
-    def report(self, time_ns: int) -> None:
-        """Report the predictions that are due by the time of the latest cycle's obstacles, once these are scored."""
         known_ns = self._pipeline.ego.known_until_ns
         # bounds the queue where ego motion has stopped
-        latest_ns = max(known_ns, time_ns - _LONGEST_WAIT_NS)
+        latest_ns = max(known_ns, cycle.obstacles.time_ns - _LONGEST_WAIT_NS)
+        due: list[Predicted] = []
         while self._waiting and self._waiting[0].time_ns + max(self._horizons_ns) <= latest_ns:
-            self._report(self._waiting.popleft(), known_ns)
+            due += self._placed(self._waiting.popleft(), known_ns)
+        return due
 
-    def finish(self) -> None:
-        """Report the remaining predictions that are due before the last sample of ego motion; discard the others."""
+    def finish(self) -> list[Predicted]:
+        """Return the remaining predictions that are due before the last sample of ego motion; discard the others."""
         known_ns = self._pipeline.ego.known_until_ns
-        while self._waiting:
-            self._report(self._waiting.popleft(), known_ns)
+        due = [placed for waiting in self._waiting for placed in self._placed(waiting, known_ns)]
+        self._waiting.clear()
+        return due
 
-    def _report(self, waiting: _Pending, known_ns: int) -> None:
-        for k, (horizon, horizon_ns) in enumerate(zip(self._horizons, self._horizons_ns, strict=True)):
+    def tell(self, due: Iterable[Predicted]) -> None:
+        """Score and write predictions; the cycles up to the one that they came with are scored before."""
+        for each in due:
+            x, y = each.position.T
+            self._score.add_predictions(each.sensor, each.time_ns, each.horizon, x, y)
+            if self._writer is not None:
+                horizon = self._horizons[each.horizon]
+                self._writer.write_cycle(each.time_ns, horizon, each.ids, each.objects, x, y)
+
+    def _placed(self, waiting: _Pending, known_ns: int) -> Iterator[Predicted]:
+        """Yield the predictions of a cycle in the vehicle axes of their due times, as far as ego motion is known."""
+        for k, horizon_ns in enumerate(self._horizons_ns):
             due_ns = waiting.time_ns + horizon_ns
             pose = self._pipeline.ego.pose(due_ns) if due_ns <= known_ns else None
-            if pose is None:
-                continue
-            position = pose.to_vehicle(waiting.positions[k])
-            self._score.add_predictions(waiting.sensor, waiting.time_ns, k, position[:, 0], position[:, 1])
-            if self._writer is not None:
-                self._writer.write_cycle(
-                    waiting.time_ns, horizon, waiting.ids, waiting.objects, position[:, 0], position[:, 1]
-                )
+            if pose is not None:
+                position = pose.to_vehicle(waiting.positions[k])
+                yield Predicted(waiting.time_ns, waiting.sensor, k, waiting.ids, waiting.objects, position)

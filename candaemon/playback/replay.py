@@ -44,7 +44,7 @@ from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import begun, fingerprint
 from candaemon.playback.cycle_smoothing import CycleSmoother
-from candaemon.playback.predictions import PredictionQueue
+from candaemon.playback.predictions import Predicted, PredictionQueue
 from candaemon.playback.recording_files import Run, files_of, runs_of
 from candaemon.playback.stage_times import StageTimes
 from candaemon.printable import printable
@@ -77,8 +77,8 @@ class ReplayRequest:
         mcap: the drive for Foxglove; None: not written.
         detections: table of what the sensors said and what became of it; None: not written.
         time_range: what of the drive is replayed; with a beginning, the pipeline starts empty.
-        scored: score predictions, standing objects and duplicates too, which costs as much as a filter; False: NIS
-            alone, unless predictions are written.
+        scored: score predictions, standing objects and duplicates too, which costs half as much as tracking; False:
+            NIS alone, unless predictions are written.
     """
 
     log: Path
@@ -344,7 +344,7 @@ class _CycleOutputs:
         self._score = score
         smooth = request.smooth if request.tracks or request.parquet else None
         self._smoother = CycleSmoother(pipeline.trackers, smooth) if smooth is not None else None
-        self._waiting: list[Cycle] = []
+        self._waiting: list[tuple[Cycle, Sequence[Predicted]]] = []
         self._told: list[Cycle] = []
         self._together = TOGETHER if request.speed is None else 1
         self._predictions = (
@@ -360,10 +360,10 @@ class _CycleOutputs:
                 times.watch(table, {"write_cycle": "write tables"})
         for sink in self._writers.sinks:
             times.watch(sink, dict.fromkeys(("add_frames", "add_cycle", "add_obstacles"), "write tables"))
-        times.watch(self, {"_write_tracks": "write tables"})
+        times.watch(self, dict.fromkeys(("_followed", "_write_tracks"), "write tables"))
         times.watch(self._score, {"add": "scores"})
         if self._predictions is not None:
-            times.watch(self._predictions, {"add": "scores", "report": "scores"})
+            times.watch(self._predictions, {"add": "scores", "tell": "scores"})
 
     def write(self, cycle: Cycle) -> None:
         """Write and score one cycle."""
@@ -372,10 +372,8 @@ class _CycleOutputs:
         if self._writers.detections is not None and cycle.detections is not None:
             columns = detection_columns(cycle, self._names)
             self._writers.detections.write_cycle(cycle.detections.time_ns, columns)
-        if self._predictions is not None:
-            self._predictions.add(cycle)
-        self._waiting.append(cycle)
-        self._told += [cycle] if self._smoother is None else self._smoother.add(cycle)
+        self._waiting.append((cycle, () if self._predictions is None else self._predictions.add(cycle)))
+        self._told += self._followed(cycle)
         if len(self._waiting) >= self._together:
             self._write_waiting()
 
@@ -385,19 +383,23 @@ class _CycleOutputs:
             self._told += self._smoother.finish()
         self._write_waiting()
         if self._predictions is not None:
-            self._predictions.finish()
+            self._predictions.tell(self._predictions.finish())
+
+    def _followed(self, cycle: Cycle) -> list[Cycle]:
+        """Return the cycles that the tables of obstacles tell next."""
+        return [cycle] if self._smoother is None else list(self._smoother.add(cycle))
 
     def _write_waiting(self) -> None:
         """Write and score the cycles that wait, one after the other: each alone would find no cache warm."""
         waiting, self._waiting, told, self._told = self._waiting, [], self._told, []
         if self._writers.log is not None:
-            for cycle in waiting:
+            for cycle, _ in waiting:
                 self._writers.log.write(cycle.frames)
         self._write_tracks(told)
-        for cycle in waiting:
+        for cycle, due in waiting:
             self._score.add(cycle)
-        if self._predictions is not None and waiting:
-            self._predictions.report(waiting[-1].obstacles.time_ns)
+            if self._predictions is not None:
+                self._predictions.tell(due)
 
     def _write_tracks(self, cycles: Iterable[Cycle]) -> None:
         """Write the cycles that an output follows to the tables of obstacles."""

@@ -97,6 +97,65 @@ def test_a_lost_scan_or_a_step_back_leaves_nothing_to_compare() -> None:
     assert score.result()[0].samples == 0
 
 
+def samples(score: PredictionScore) -> list[int]:
+    return [error.samples for error in score.result()]
+
+
+def test_what_comes_in_bulk_at_the_end_of_a_drive_counts() -> None:
+    """The predictions of a short horizon wait for those of a long one."""
+    score, run, x = PredictionScore([0.5, 5.0], [0.05], minimum_run=0.0), objects(0), np.array([1.0])
+    for k in range(200):
+        score.measure(0, k * CYCLE_NS, run, x, x)
+        for horizon in (0, 1) if k >= 100 else ():
+            score.predict(0, (k - 100) * CYCLE_NS, horizon, run, x, x)
+    for k in range(100, 190):
+        score.predict(0, k * CYCLE_NS, 0, run, x, x)
+    assert samples(score) == [190, 100]
+
+
+def test_what_ego_motion_lets_wait_for_two_seconds_counts() -> None:
+    score, run, x = PredictionScore([0.5, 1.0], [0.05], minimum_run=0.0), objects(0), np.array([1.0])
+    told = 0
+    for k in range(400):
+        score.measure(0, k * CYCLE_NS, run, x, x)
+        known = k if k % 40 == 39 else k // 40 * 40 - 1
+        for at in range(told, max(known - 19, told)):
+            for horizon in (0, 1):
+                score.predict(0, at * CYCLE_NS, horizon, run, x, x)
+        told = max(known - 19, told)
+    assert samples(score) == [told, told]
+
+
+def test_a_sensor_that_pauses_keeps_what_its_runs_have_shown() -> None:
+    score, x, runs = PredictionScore([0.5, 1.0], [0.05, 0.05]), np.array([1.0]), range(6)
+    for run in runs:
+        for k in range(200):
+            time_ns = (200 * run + k) * CYCLE_NS
+            score.measure(0, time_ns, objects(1000), x, x)
+            if k >= 73:
+                continue
+            score.measure(1, time_ns, objects(run), x, x)
+            for horizon in (0, 1) if k >= 20 else ():
+                score.predict(1, time_ns - 20 * CYCLE_NS, horizon, objects(run), x, x)
+    assert samples(score) == [6 * 53, 6 * 53]
+
+
+def test_two_drives_one_after_the_other_with_two_sensors() -> None:
+    score, x = PredictionScore([0.5, 1.0], [0.05, 0.05]), np.array([1.0])
+    for k in range(100):
+        for sensor in (0, 1):
+            score.measure(sensor, k * CYCLE_NS, objects(sensor), x, x)
+            for horizon in (0, 1) if k >= 20 else ():
+                score.predict(sensor, (k - 20) * CYCLE_NS, horizon, objects(sensor), x, x)
+    for k in range(80, 90):
+        for sensor in (0, 1):
+            score.predict(sensor, k * CYCLE_NS, 0, objects(sensor), x, x)
+    for k in range(2000, 2100):
+        for sensor in (0, 1):
+            score.measure(sensor, k * CYCLE_NS, objects(sensor + 10), x, x)
+    assert samples(score) == [180, 160]
+
+
 def test_memory_is_bounded_over_many_runs() -> None:
     score = PredictionScore([0.5], [0.05], minimum_run=0.5)
     nothing = np.array([0.0, 0.0])

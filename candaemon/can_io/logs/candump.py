@@ -317,8 +317,6 @@ def _data(text: Bytes, shape: re.Match[bytes], valid: Booleans) -> Digits:
     return _digits(_PAIR[16], text[:, begin:end].view("<u2"), valid)
 
 
-"""The two digits of each byte, as one number."""
-
 CHUNK = 1 << 19
 """Bytes of text decoded at once, so that the arrays fit the processor's cache; more than `LONGEST_LINE`."""
 

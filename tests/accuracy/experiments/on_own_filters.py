@@ -142,9 +142,8 @@ def run(
                     predictions = PredictionQueue(pipeline, HORIZONS, None, score)
                     for cycle in cycles_of(simulation.frames(), pipeline):
                         score.add(cycle)
-                        predictions.add(cycle)
-                        predictions.report(cycle.obstacles.time_ns)
-                    predictions.finish()
+                        predictions.tell(predictions.add(cycle))
+                    predictions.tell(predictions.finish())
                     scores.append(score)
             name = f"{config}, walk {walk:g} m²/s"
             for row, ahead in enumerate(HORIZONS):

@@ -102,10 +102,10 @@ def drive_findings(config: str, tracker: tuple[tuple[str, Any], ...], most_cycle
     score, by_radar, ids = DriveScore(cycle_times, HORIZONS), ByRadar(cycle_times, HORIZONS), IdChanges(cycle_times)
     predictions = PredictionQueue(pipeline, HORIZONS, None, by_radar)
     for cycle in islice(cycles_of_log(pipeline, DATA / "rav4_drive" / LOGS[config]), most_cycles):
-        for each in (score, by_radar, ids, predictions):
+        for each in (score, by_radar, ids):
             each.add(cycle)
-        predictions.report(cycle.obstacles.time_ns)
-    predictions.finish()
+        predictions.tell(predictions.add(cycle))
+    predictions.tell(predictions.finish())
     allowance = 1.0 if config.endswith("_ins") else WITHOUT_INS
     for error in by_radar.predictions.result():
         along, across = AHEAD[error.horizon]
