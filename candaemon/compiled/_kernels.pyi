@@ -5,7 +5,6 @@ from candaemon.arrays import Booleans, Bytes, Floats, Indices, Integers
 
 REVISION: Final[int]
 
-def mixture(weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]: ...
 def mix(
     mean: Floats, covariance: Floats, probability: Floats, switch: Floats, has: Booleans
 ) -> tuple[Floats, Floats, Floats]: ...

@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 6
+REVISION = 7
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -28,43 +28,6 @@ cdef inline double larger(double a, double b) noexcept nogil:
 cdef inline double bounded(double a) noexcept nogil:
     a = larger(a, -FARTHEST)
     return a if a < FARTHEST or a != a else FARTHEST
-
-
-def mixture(const double[:, :, :] weights, const double[:, :, ::1] mean, const double[:, :, :, :] covariance):
-    """Return Σ wᵢ x̂ᵢ (n, J, D), and Σ wᵢ (Pᵢ + dᵢ dᵢᵀ) (n, J, D, D), for weights (n, J, M) and upper triangles of P."""
-    cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], d = mean.shape[2], c = covariance.shape[3]
-    cdef Py_ssize_t targets = weights.shape[1], t, i, j, a, b
-    cdef double w, total
-    cdef double off[16]
-    cdef const double* p
-    cdef double* s
-    mixed_array, spread_array = np.empty((n, targets, d)), np.zeros((n, targets, d, d))
-    cdef double[:, :, ::1] mixed = mixed_array
-    cdef double[:, :, :, ::1] spread = spread_array
-    with nogil:
-        for t in range(n):
-            for j in range(targets):
-                for a in range(d):
-                    total = weights[t, j, 0] * mean[t, 0, a]
-                    for i in range(1, m):
-                        total = total + weights[t, j, i] * mean[t, i, a]
-                    mixed[t, j, a] = total
-                for i in range(m):
-                    w = weights[t, j, i]
-                    for a in range(d):
-                        off[a] = mean[t, i, a] - mixed[t, j, a]
-                    for a in range(d):
-                        s = &spread[t, j, a, 0]
-                        if a < c:
-                            p = &covariance[t, i, a, 0]  # whose elements follow one another
-                            for b in range(a, c):
-                                s[b] = s[b] + (off[a] * off[b] + p[b]) * w
-                        for b in range(max(a, c), d):
-                            s[b] = s[b] + off[a] * off[b] * w
-                for a in range(d):
-                    for b in range(a):
-                        spread[t, j, a, b] = spread[t, j, b, a]
-    return mixed_array, spread_array
 
 
 def mix(
@@ -372,6 +335,18 @@ def take_speed(
     return nis_array
 
 
+cdef inline void weighted_sum(
+    double* total, double[16]* rows, const int* chosen, const double* weight, int begin, int end, int wide
+) noexcept nogil:
+    """Sum the chosen rows, each times its weight."""
+    cdef int term, b
+    for b in range(wide):
+        total[b] = 0.0
+    for term in range(begin, end):
+        for b in range(wide):
+            total[b] = total[b] + weight[term] * rows[chosen[term]][b]
+
+
 def propagate(double[:, :, :] covariance, const double[:, :, :] transition, const double[:, :, :] noise):
     """Replace symmetric P (n, D, D) by F P Fᵀ + Q, for F and Q (n or 1, D, D); a negative variance counts as known."""
     if covariance.shape[1] <= 8:
@@ -384,9 +359,8 @@ cdef inline void propagate_padded(
     double[:, :, :] covariance, const double[:, :, :] transition, const double[:, :, :] noise, int wide
 ) noexcept nogil:
     """Do it with rows of so many numbers, which the compiler knows: those beyond D are zero."""
-    cdef Py_ssize_t n = covariance.shape[0], d = covariance.shape[1], t, i, k, b, term, terms = 0
+    cdef Py_ssize_t n = covariance.shape[0], d = covariance.shape[1], t, i, k, b, terms = 0
     cdef bint own_f = transition.shape[0] > 1, own_q = noise.shape[0] > 1
-    cdef double factor
     cdef double p[16][16]
     cdef double half[16][16]  # (F P)ᵀ
     cdef double row[16]
@@ -410,21 +384,11 @@ cdef inline void propagate_padded(
             for b in range(d):
                 p[i][b] = covariance[t, i, b]
         for i in range(d):
-            for b in range(wide):
-                row[b] = 0.0
-            for term in range(first[i], first[i + 1]):
-                factor, k = value[term], column[term]
-                for b in range(wide):
-                    row[b] = row[b] + factor * p[k][b]
+            weighted_sum(row, p, column, value, first[i], first[i + 1], wide)
             for b in range(d):
                 half[b][i] = row[b]
         for i in range(d):
-            for b in range(wide):
-                row[b] = 0.0
-            for term in range(first[i], first[i + 1]):
-                factor, k = value[term], column[term]
-                for b in range(wide):
-                    row[b] = row[b] + half[k][b] * factor
+            weighted_sum(row, half, column, value, first[i], first[i + 1], wide)
             for b in range(i + 1):
                 covariance[t, b, i] = covariance[t, i, b] = row[b] + noise[t * own_q, b, i]
         for i in range(d):

@@ -400,8 +400,6 @@ def mixture(weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, 
         mean: (n, M, D).
         covariance: (n, M, C, C), of the first C ≤ D components; the others are certain within a model.
     """
-    if compiled.in_use and mean.shape[2] <= compiled.WIDEST and covariance.strides[-1] == covariance.itemsize:
-        return compiled.kernels.mixture(weights, np.ascontiguousarray(mean), covariance)
     # Triangles, tracks last: numpy is quickest along the last axis, and there are more tracks than components.
     n, m, d = mean.shape
     c, triangle = covariance.shape[-1], _packed(d)

@@ -166,7 +166,10 @@ class _Stream:
         return best if near else None
 
     def due(self, horizon: int) -> Iterator[tuple[int, int, Integers, Floats, Floats]]:
-        """Yield the predictions of a horizon that the scans have reached: the nearest scan, when they were due, …."""
+        """Yield the predictions of a horizon that are due: number of the scan nearest to then, due time, run, x and y.
+
+        Those without a scan near their due time are dropped.
+        """
         queue = self.waiting[horizon]
         while queue and self.times and queue[0][0] <= self.times[-1]:
             due_ns, run, x, y = queue.popleft()

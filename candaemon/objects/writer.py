@@ -253,23 +253,16 @@ class ObjectWriter:
             CAN id and payload: the first message of every slot, then the second, and so on.
 
         """
-        written = self._tables(slot, values, occupied, counter, new, identity)
+        written = self._tables(SlotValues(slot, values, occupied, counter, new), identity)
         return [frame for table in written for frame in table.listed()]
 
-    def _tables(
-        self,
-        slot: Integers,
-        values: QuantityValues,
-        occupied: Booleans,
-        counter: int | Integers,
-        new: Booleans | None,
-        identity: Integers | None = None,
-    ) -> list[PayloadTable]:
+    def _tables(self, told: SlotValues, identity: Integers | None = None) -> list[PayloadTable]:
         """Return what `write` returns, a table a message."""
+        slot, values, occupied, counter = told.slot, told.values, told.occupied, told.counter
         if not len(slot):
             return []
         identity = slot if identity is None else identity
-        new = None if new is None or not np.count_nonzero(new) else new
+        new = None if told.new is None or not np.count_nonzero(told.new) else told.new
         if self.points > 1:
             slot, values, occupied, counter, new, identity = self._whole_messages(
                 slot, values, occupied, counter, new, identity
@@ -301,17 +294,18 @@ class ObjectWriter:
         """
         of_slot = self.frames_a_slot
         if of_slot is None or len(cycles) == 1:
-            return [self._tables(each.slot, each.values, each.occupied, each.counter, each.new) for each in cycles]
-        joined = self._tables(
+            return [self._tables(each) for each in cycles]
+        joined = SlotValues(
             np.concatenate([each.slot for each in cycles]),
             {name: np.concatenate([each.values[name] for each in cycles]) for name in cycles[0].values},
             np.concatenate([each.occupied for each in cycles]),
             np.concatenate([np.broadcast_to(each.counter, each.slot.shape) for each in cycles]),
             np.concatenate([_none_new(each) if each.new is None else each.new for each in cycles]),
         )
+        tables = self._tables(joined)
         ends = np.cumsum([len(each.slot) for each in cycles]).tolist()
         return [
-            [table.rows(end - len(each.slot), end) for table in joined] for each, end in zip(cycles, ends, strict=True)
+            [table.rows(end - len(each.slot), end) for table in tables] for each, end in zip(cycles, ends, strict=True)
         ]
 
     def _whole_messages(
