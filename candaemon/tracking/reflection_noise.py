@@ -257,7 +257,9 @@ class ReflectionNoise:
 
     def walking(self, sensor: int) -> float:
         """Return how surely a sensor's reflections walk across, 0 to 1."""
-        learnt = self._estimate(sensor)
+        given, learnt = self._given[sensor], self._estimate(sensor)
+        if given is not None:
+            return float(given[1] > 0.0)
         if learnt is None:
             return _UNKNOWN if self._filters[sensor] else 0.0
         return min(max((learnt.ratio[1] - _RATIO_WALKS[0]) / (_RATIO_WALKS[1] - _RATIO_WALKS[0]), 0.0), 1.0)

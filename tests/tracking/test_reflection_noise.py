@@ -118,6 +118,15 @@ def test_a_walk_that_is_given_stands() -> None:
     noise = _observed(white=(0.1, 0.1), noise=ReflectionNoise({0: given}))
     assert noise.known(0)
     assert noise.walk(0) == (0.2, 0.5)
+    assert noise.walking(0) == 1.0
+
+
+def test_a_sensor_that_is_said_not_to_walk_does_not() -> None:
+    still = AlongAcross(along=0.0, across=0.0)
+    given = FRONT.model_copy(update={"noise": FRONT.noise.model_copy(update={"walk": still})})
+    noise = _observed(white=(0.03, 0.03), walk=(0.1, 0.1), noise=ReflectionNoise({0: given}))
+    assert noise.known(0)
+    assert (noise.walk(0), noise.walking(0)) == ((0.0, 0.0), 0.0)
 
 
 def test_what_is_no_number_and_a_scan_out_of_order_teach_nothing() -> None:
