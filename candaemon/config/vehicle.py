@@ -2,32 +2,48 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from candaemon.config.base import Settings
 
-
-class DrivingSettings(Settings):
-    """A body whose velocity lies along its axis: it speeds up, brakes and turns."""
-
-    acceleration: float = Field(gt=0, le=20, description="m/s², standard deviation along the course")
-    lateral_acceleration: float = Field(gt=0, le=20, description="m/s², standard deviation of turn rate × speed")
-    noise: float = Field(gt=0, le=100, description="(m/s²)²/Hz, white acceleration in any direction: slip")
-    dwell: float = Field(gt=0.02, le=1e4, description="s, mean time for which a body drives so")
+Acceleration = Annotated[float, Field(gt=0, le=20, description="m/s², standard deviation along the course")]
+LateralAcceleration = Annotated[float, Field(gt=0, le=20, description="m/s², standard deviation of turn rate × speed")]
+Slip = Annotated[float, Field(gt=0, le=100, description="(m/s²)²/Hz, white acceleration in any direction: slip")]
+Dwell = Annotated[float, Field(gt=0.02, le=1e4, description="s, mean time for which a body drives so")]
 
 
-def _cruising() -> DrivingSettings:
-    return DrivingSettings(acceleration=0.2, lateral_acceleration=0.06, noise=0.001, dwell=10.0)
+class CruisingSettings(Settings):
+    """A body that goes straight, at a speed that hardly changes: what turn rate it had fades at once."""
+
+    acceleration: Acceleration = 0.1
+    lateral_acceleration: LateralAcceleration = 0.06
+    noise: Slip = 0.001
+    dwell: Dwell = 10.0
+    turn_time: float = Field(0.1, gt=0.02, le=60, description="s, within which the turn rate fades")
 
 
-def _manoeuvring() -> DrivingSettings:
-    return DrivingSettings(acceleration=3.0, lateral_acceleration=1.0, noise=0.05, dwell=3.0)
+class ManoeuvringSettings(Settings):
+    """A body that speeds up or brakes, and may turn meanwhile."""
+
+    acceleration: Acceleration = 3.0
+    lateral_acceleration: LateralAcceleration = 1.0
+    noise: Slip = 0.05
+    dwell: Dwell = 3.0
 
 
-def _turning() -> DrivingSettings:
-    return DrivingSettings(acceleration=0.15, lateral_acceleration=5.0, noise=0.01, dwell=1.0)
+class TurningSettings(Settings):
+    """A body that turns at a speed that hardly changes."""
+
+    acceleration: Acceleration = 0.15
+    lateral_acceleration: LateralAcceleration = 5.0
+    noise: Slip = 0.01
+    dwell: Dwell = 2.0
+
+
+DrivingSettings = CruisingSettings | ManoeuvringSettings | TurningSettings
+"""A body whose velocity lies along its axis."""
 
 
 class StandingSettings(Settings):
@@ -80,15 +96,17 @@ class VehicleEstimatorSettings(Settings):
     """One interacting multiple model filter an obstacle, for the motion of its body; see docs/estimators.md."""
 
     kind: Literal["vehicle"]
-    cruising: DrivingSettings = Field(default_factory=_cruising)
-    manoeuvring: DrivingSettings = Field(default_factory=_manoeuvring)
-    turning: DrivingSettings = Field(default_factory=_turning)
+    cruising: CruisingSettings = Field(default_factory=CruisingSettings)
+    manoeuvring: ManoeuvringSettings = Field(default_factory=ManoeuvringSettings)
+    turning: TurningSettings = Field(default_factory=TurningSettings)
     standing: StandingSettings = Field(default_factory=StandingSettings)
     sliding: SlidingSettings = Field(default_factory=SlidingSettings)
     free: FreeSettings = Field(default_factory=FreeSettings)
     reflections: ReflectionPlaceSettings = Field(default_factory=ReflectionPlaceSettings)
     acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the acceleration")
-    turn_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the turn rate")
+    turn_time: float = Field(
+        1.5, gt=0.05, le=60, description="s, correlation time of the turn rate of what manoeuvres or turns"
+    )
     turn_rate: float = Field(0.5, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
     first_acceleration: float = Field(1.0, gt=0, le=20, description="m/s², standard deviation of a body's first one")
     evidence: float = Field(

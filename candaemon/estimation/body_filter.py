@@ -36,6 +36,7 @@ _LOG_2_PI = float(np.log(2.0 * np.pi))
 _LEAST_PROBABILITY = 1e-6
 _SLOW = 1.0  # m/s, below which the course says nothing of the axis
 _STOPPABLE = 3.0  # m/s in every mode that moves, from which nothing comes to stand at once
+_LEAST_TURNING = 1e-3  # share of the turn rates that is never hidden: a variance that fades for minutes would be zero
 _FULL_TURN = 0.6  # rad/s; no vehicle turns faster
 
 
@@ -51,6 +52,7 @@ class BodyMode:
         velocity_noise: white acceleration in any direction, (m/s²)²/Hz.
         bias_walk: random walk of the bias beyond the sensors' own, m²/s.
         dwell: mean time for which a body stays in the mode, s.
+        turn_time: correlation time of ω, s.
         settles: whether, where the sensors' walk hides it, its velocity across the axis settles and it hardly turns.
     """
 
@@ -60,6 +62,7 @@ class BodyMode:
     velocity_noise: float
     bias_walk: float
     dwell: float
+    turn_time: float
     settles: bool = False
 
 
@@ -71,7 +74,6 @@ class BodyDynamics:
         first_acceleration: standard deviation of a body's first acceleration, if its mode has no smaller one, m/s².
         acceleration_time: correlation time of the acceleration, s.
         turn_rate: largest standard deviation of ω, rad/s, which holds at low speed.
-        turn_time: correlation time of ω, s.
         standing: standard deviation of the speed of what stands, m/s.
         bias_time: time constant with which the bias returns to zero, s.
         first_bias: standard deviation of a body's first bias, m.
@@ -82,7 +84,6 @@ class BodyDynamics:
     first_acceleration: float
     acceleration_time: float
     turn_rate: float
-    turn_time: float
     standing: float
     bias_time: float
     first_bias: float
@@ -127,6 +128,9 @@ class BodyFilter:
         self._walk = _column([mode.bias_walk for mode in modes])
         self._settles = _column([mode.settles for mode in modes])
         self._dwell = _column([mode.dwell for mode in modes])
+        self._turn_time = _column([mode.turn_time for mode in modes])
+        others = np.array([[dynamics.acceleration_time], [dynamics.bias_time], [dynamics.bias_time]])
+        self._memory = np.vstack([self._turn_time.T, np.broadcast_to(others, (3, len(modes)))])
         self._state = self._empty()
         self._buffer = np.empty(0)
         self.linking = False
@@ -307,7 +311,7 @@ class BodyFilter:
         after[0, 2], after[1, 2] = -turned_y * steered, turned_x * steered
         for at, component in ((0, vx), (1, vy)):
             after[at, 3] = np.where(fast, component / divisor, axis[:, at]) * steered
-        decay = np.exp(-dt / np.array([dynamics.turn_time, dynamics.acceleration_time] + 2 * [dynamics.bias_time]))
+        decay = np.exp(-dt / self._memory)
         velocity = np.stack(
             [turned_x * moves + after[0, 3] * acceleration, turned_y * moves + after[1, 3] * acceleration]
         )
@@ -322,7 +326,7 @@ class BodyFilter:
             gain[2:] -= settled[:, None] * (left[:, None] * after).sum(axis=0)
         mean[POSITION] += half * (mean[VELOCITY] * moves + velocity)
         mean[VELOCITY] = velocity
-        mean[4:] *= decay[:, None, None]
+        mean[4:] *= decay[:, :, None]
         return BodyTransition(gain, decay)
 
     def _add_noise(self, dt: float, axis: Floats, walk: Floats, hidden: Floats) -> None:
@@ -342,8 +346,8 @@ class BodyFilter:
         covariance[6, 7] += more * c * sine
         covariance[7, 6] += more * c * sine
         speed = np.hypot(mean[2], mean[3])
-        turn_rate = self._turn_rates(speed) * np.maximum(1.0 - self._settles * hidden, 0.0)
-        covariance[TURN, TURN] += turn_rate**2 * -np.expm1(-2.0 * dt / dynamics.turn_time)
+        turn_rate = self._turn_rates(speed) * np.maximum(1.0 - self._settles * hidden, _LEAST_TURNING)
+        covariance[TURN, TURN] += turn_rate**2 * -np.expm1(-2.0 * dt / self._turn_time)
         gained = -np.expm1(-2.0 * dt / dynamics.acceleration_time)
         covariance[ACCELERATION, ACCELERATION] += self._acceleration**2 * gained
 

@@ -21,7 +21,7 @@ class BodyTransition:
 
     Attributes:
         gain: (4, 4, M, n).
-        decay: of both components of w and of b (4,).
+        decay: of both components of w and of b (4, M).
     """
 
     gain: Floats
@@ -32,7 +32,7 @@ class BodyTransition:
         after = np.einsum("abin,bcin->acin", self.gain, columns[2:6])
         columns[:2] += after[:2]
         columns[2:4] = after[2:]
-        columns[4:] *= self.decay[:, None, None, None]
+        columns[4:] *= self.decay[:, None, :, None]
 
     def propagate(self, covariance: Floats) -> None:
         """Make F P Fᵀ of covariances P (8, 8, M, n), in place."""

@@ -13,11 +13,12 @@ MODE_NAMES = ("cruising", "manoeuvring", "turning", "standing", "sliding", "free
 
 def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
     """Return the modes in the order of `CRUISING`, `MANOEUVRING`, `TURNING`, `STANDING`, `SLIDING`, `FREE`."""
-    cruising, manoeuvring, sliding, free = settings.cruising, settings.manoeuvring, settings.sliding, settings.free
+    sliding, free = settings.sliding, settings.free
+    cruising = _driving(settings.cruising, settings.cruising.turn_time)
     return (
-        _driving(cruising, settles=True),
-        _driving(manoeuvring, settles=True),
-        _driving(settings.turning, settles=True),
+        cruising,
+        _driving(settings.manoeuvring, settings.turn_time),
+        _driving(settings.turning, settings.turn_time),
         BodyMode(
             moves=False,
             acceleration=0.0,
@@ -25,8 +26,9 @@ def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
             velocity_noise=0.0,
             bias_walk=0.0,
             dwell=settings.standing.dwell,
+            turn_time=settings.turn_time,
         ),
-        replace(_driving(cruising, settles=True), bias_walk=sliding.walk, dwell=sliding.dwell),
+        replace(cruising, bias_walk=sliding.walk, dwell=sliding.dwell),
         BodyMode(
             moves=True,
             acceleration=0.0,
@@ -34,11 +36,12 @@ def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
             velocity_noise=free.noise,
             bias_walk=0.0,
             dwell=free.dwell,
+            turn_time=settings.turn_time,
         ),
     )
 
 
-def _driving(settings: DrivingSettings, *, settles: bool) -> BodyMode:
+def _driving(settings: DrivingSettings, turn_time: float) -> BodyMode:
     return BodyMode(
         moves=True,
         acceleration=settings.acceleration,
@@ -46,7 +49,8 @@ def _driving(settings: DrivingSettings, *, settles: bool) -> BodyMode:
         velocity_noise=settings.noise,
         bias_walk=0.0,
         dwell=settings.dwell,
-        settles=settles,
+        turn_time=turn_time,
+        settles=True,
     )
 
 
@@ -57,7 +61,6 @@ def dynamics_of(settings: VehicleEstimatorSettings) -> BodyDynamics:
         first_acceleration=settings.first_acceleration,
         acceleration_time=settings.acceleration_time,
         turn_rate=settings.turn_rate,
-        turn_time=settings.turn_time,
         standing=settings.standing.speed,
         bias_time=places.bias_time,
         first_bias=places.first_bias,

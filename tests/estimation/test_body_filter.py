@@ -36,16 +36,18 @@ DYNAMICS = BodyDynamics(
     first_acceleration=1.0,
     acceleration_time=1.5,
     turn_rate=0.3,
-    turn_time=2.0,
     standing=0.15,
     bias_time=1.2,
     first_bias=0.2,
     evidence=1.0,
 )
 DRIVING = BodyMode(
-    moves=True, acceleration=2.0, lateral_acceleration=1.5, velocity_noise=0.05, bias_walk=0.1, dwell=3.0, settles=True
+    moves=True, acceleration=2.0, lateral_acceleration=1.5, velocity_noise=0.05, bias_walk=0.1, dwell=3.0,
+    turn_time=2.0, settles=True,
+)  # fmt: skip
+FREE = BodyMode(
+    moves=True, acceleration=0.0, lateral_acceleration=0.0, velocity_noise=2.0, bias_walk=0.0, dwell=1.0, turn_time=2.0
 )
-FREE = BodyMode(moves=True, acceleration=0.0, lateral_acceleration=0.0, velocity_noise=2.0, bias_walk=0.0, dwell=1.0)
 ORIGIN, OWN = np.array([1.0, -2.0]), np.array([12.0, 1.0])
 ROUNDING = 1e-9
 SEEDS = st.integers(0, 2**32 - 1)
@@ -90,7 +92,7 @@ def plain_motion(x: Floats, dt: float, mode: BodyMode, axis: Floats, settling: f
     if mode.settles:
         after = after - (1.0 - exp(-settling * dt)) * (left @ after) * left
     before = x[2:4] if mode.moves else np.zeros(2)
-    fade = np.exp(-dt / np.array([DYNAMICS.turn_time, DYNAMICS.acceleration_time, *[DYNAMICS.bias_time] * 2]))
+    fade = np.exp(-dt / np.array([mode.turn_time, DYNAMICS.acceleration_time, *[DYNAMICS.bias_time] * 2]))
     return np.concatenate([x[:2] + dt / 2 * (before + after), after, x[4:] * fade])
 
 
@@ -121,7 +123,7 @@ def noiseless(mode: BodyMode) -> tuple[BodyMode, BodyDynamics]:
     """Return a mode and dynamics without process noise, so that the covariance shows the Jacobian alone."""
     still = BodyMode(
         moves=True, acceleration=mode.acceleration and 1e-9, lateral_acceleration=0.0, velocity_noise=0.0,
-        bias_walk=0.0, dwell=1.0,
+        bias_walk=0.0, dwell=1.0, turn_time=mode.turn_time,
     )  # fmt: skip
     return still, DYNAMICS
 
@@ -156,7 +158,7 @@ def test_the_noise_is_that_of_its_modes() -> None:
     expected[np.ix_([0, 2], [0, 2])] = expected[np.ix_([1, 3], [1, 3])] = block
     turn = rotation(angle)
     expected[6:, 6:] = turn @ np.diag([0.3, 0.1]) @ turn.T * dt + np.eye(2) * 0.1 * dt
-    expected[4, 4] = (1.5 / 20.0) ** 2 * (1 - exp(-2 * dt / DYNAMICS.turn_time))
+    expected[4, 4] = (1.5 / 20.0) ** 2 * (1 - exp(-2 * dt / DRIVING.turn_time))
     expected[5, 5] = 2.0**2 * (1 - exp(-2 * dt / DYNAMICS.acceleration_time))
     np.testing.assert_allclose(q, expected, atol=1e-12)
 
