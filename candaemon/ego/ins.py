@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import asin, atan2, copysign, cos, hypot, pi, remainder, sin, tau
+from math import asin, atan2, copysign, cos, hypot, pi, radians, remainder, sin, tau
 from typing import Final
 
 from candaemon.config.ego import BiasSettings, InsSettings
@@ -88,6 +88,7 @@ class InsMotion:
             unseen_acceleration=settings.unseen_acceleration,
             speed_variance=settings.noise.velocity**2,
             smoothing=settings.smoothing,
+            heading_variance=radians(settings.noise.heading_deg) ** 2,
         )
         self._state = InsMotionState(self._epoch.state, self.history.state)
 

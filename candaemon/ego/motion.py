@@ -162,6 +162,7 @@ class MotionHistory:
         unseen_acceleration: m/s², by which the velocity may have changed since the last sample.
         speed_variance: of a fresh sample, (m/s)².
         smoothing: s, time constant of the acceleration.
+        heading_variance: of a sample's heading, rad².
 
     Attributes:
         state: the samples.
@@ -175,11 +176,12 @@ class MotionHistory:
         unseen_acceleration: float,
         speed_variance: float,
         smoothing: float,
+        heading_variance: float = 0.0,
     ) -> None:
         self._age_limit = age_limit
         self._dead_reckoning = dead_reckoning
         self._unseen_acceleration = unseen_acceleration
-        self._speed_variance = speed_variance
+        self._speed_variance, self._heading_variance = speed_variance, heading_variance
         self._standing = 2 * sqrt(speed_variance)
         self._smoothing = smoothing
         self.state = MotionHistoryState()
@@ -300,6 +302,7 @@ class MotionHistory:
             a.yaw_rate + share * (b.yaw_rate - a.yaw_rate),
             variance,
             status,
+            self._heading_variance,
         )
 
     def _extrapolated(self, last: Sample, time_ns: int) -> EgoPose:
@@ -331,6 +334,7 @@ class MotionHistory:
             last.yaw_rate if age == fresh else 0.0,
             variance,
             status,
+            self._heading_variance,
         )
 
     def _reliability(self, age: float) -> tuple[float, EgoStatus]:

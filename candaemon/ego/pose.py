@@ -32,6 +32,7 @@ class EgoPose:
         yaw_rate: positive to the left, rad/s.
         speed_variance: of each velocity component, (m/s)².
         status: how reliable it is.
+        heading_variance: of the heading against true north, rad²; 0 where the frame turns with the heading's error.
     """
 
     time_ns: int
@@ -43,12 +44,20 @@ class EgoPose:
     yaw_rate: float
     speed_variance: float
     status: EgoStatus
+    heading_variance: float = 0.0
 
     @property
     def rotation(self) -> Floats:
         """Rotation from vehicle axes to those of the local frame, 2 × 2."""
         c, s = cos(self.heading), sin(self.heading)
         return np.array([[c, -s], [s, c]])
+
+    @property
+    def velocity_covariance(self) -> Floats:
+        """Covariance of its velocity over ground in vehicle axes, 2 × 2, (m/s)²: a wrong heading turns it."""
+        c, s = cos(self.heading), sin(self.heading)
+        turned = np.array([c * self.vn - s * self.ve, -(c * self.ve + s * self.vn)])
+        return self.speed_variance * np.eye(2) + self.heading_variance * np.outer(turned, turned)
 
     def place(self, x: float, y: float) -> tuple[Floats, Floats]:
         """Return where a point fixed to the vehicle is in the local frame (2,), and its velocity over ground (2,)."""

@@ -11,18 +11,25 @@ from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import POSITION, TURN, VELOCITY, acceleration
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
-from candaemon.tracking.box import classes, place_variance
+from candaemon.tracking.box import classes, place_covariance, wandering
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.update import Used
 
 _HISTORY_LENGTH = 32  # scans in an obstacle's history
 _LEAST_SPEED = 0.5  # m/s; slower, nothing turns
 _SURELY = 0.9  # probability of standing
+_CLOSE = 0.1  # m
 _SETTLED = 2.0  # s, after which what never moved stands
 
 
 def report(
-    bodies: Bodies, pose: EgoPose, used: Used, slack_ns: int, shown: Booleans, existence: Floats | None = None
+    bodies: Bodies,
+    pose: EgoPose,
+    used: Used,
+    slack_ns: int,
+    wander_time: float,
+    shown: Booleans,
+    existence: Floats | None = None,
 ) -> Obstacles:
     """Return the obstacles in vehicle axes and in the local frame.
 
@@ -31,6 +38,7 @@ def report(
         pose: ego pose.
         used: the detections of this cycle and the bodies they updated.
         slack_ns: how long an obstacle may be without a detection and not count as coasting.
+        wander_time: within which reflections wander over their bodies, s.
         shown: which obstacles are reported (k,).
         existence: their probabilities of existence (k,); None: the shares of recent scans in which they were seen.
     """
@@ -41,9 +49,12 @@ def report(
     both = np.zeros((4, 4))
     both[:2, :2] = both[2:, 2:] = turn
     covariance = both.T @ moments.covariance[:, :4, :4] @ both
-    covariance[:, :2, :2] += place_variance(obstacles.alone)[:, None, None] * np.eye(2)
-    deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    sight = place / np.maximum(np.hypot(place[:, 0], place[:, 1]), _CLOSE)[:, None]
     axis = obstacles.axis @ turn
+    lies = place_covariance(bodies, axis, sight)
+    covariance[:, :2, :2] += lies
+    covariance[:, 2:, 2:] += pose.velocity_covariance + wandering(lies, sight, wander_time)
+    deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     standing = bodies.filter.probability[:, STANDING] > _SURELY
     old = (pose.time_ns - obstacles.first_ns) * 1e-9 > _SETTLED

@@ -21,6 +21,8 @@ from candaemon.tracking.columns import Table
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
+_COURSE_SPEED = 3.0  # m/s, what was ever faster has a known axis
+
 
 def _integers() -> Integers:
     return np.zeros(0, dtype=np.int64)
@@ -305,7 +307,10 @@ class Bodies:
         self.obstacles.leader[bodies] = leaders
 
     def return_reference(self, dt: float, time_ns: int, return_time: float) -> None:
-        """Let the reference points return to the middle of what is seen of the bodies, without a speed of their own.
+        """Let the reference points return to what is seen of the bodies, without a speed of their own.
+
+        Along a body that point follows the end that faces us, the more the less we see of the body's side; across it,
+        the middle of what is seen.
 
         Args:
             dt: s since the scan before.
@@ -314,14 +319,21 @@ class Bodies:
         """
         obstacles, reflections = self.obstacles, self.reflections
         seen = np.flatnonzero(reflections.last_ns == time_ns)
-        body, count = reflections.body[seen], np.zeros(len(obstacles))
         if not len(seen) or not reflections.offset[seen].any():
             return
-        count = np.maximum(np.bincount(body, minlength=len(obstacles)), 1)
-        middle = np.stack(
-            [np.bincount(body, reflections.offset[seen, axis], len(obstacles)) / count for axis in (0, 1)], axis=1
-        )
-        step = -np.expm1(-dt / return_time) * middle
+        body, place = reflections.body[seen], reflections.offset[seen]
+        count = np.bincount(body, minlength=len(obstacles))
+        sums = np.stack([np.bincount(body, each, len(obstacles)) for each in place.T], axis=1)
+        target = np.asarray(sums / np.maximum(count, 1)[:, None], dtype=np.float64)
+        several = (count > 1) & (obstacles.fastest > _COURSE_SPEED)
+        facing = to_travel_axes(obstacles.facing, obstacles.axis)[:, 0]
+        towards_us, half = np.copysign(1.0, facing), 0.5 * obstacles.length
+        end = np.full(len(obstacles), -np.inf)
+        np.maximum.at(end, body, towards_us[body] * place[:, 0])
+        from_end = towards_us * (np.where(several, end, 0.0) - half + np.abs(facing))
+        share = np.where(several, np.minimum(np.abs(facing) / half, 1.0), 0.0)
+        target[:, 0] += share * (from_end - target[:, 0])
+        step = -np.expm1(-dt / return_time) * target
         reflections.offset -= step[reflections.body]
         self.filter.shift(from_travel_axes(step, obstacles.axis))
         self.changed()

@@ -31,6 +31,7 @@ _NEAR, _ALONE = 30.0, 1.5  # m and s for which a car would have shown several re
 _NEVER_ALONE = -1e12  # s: of what has shown several
 _MOVED, _RIDING = 0.5, 9.0  # m/s
 _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
+_ANYWHERE = 12.0**-0.5  # of a length, standard deviation of a place anywhere on it
 _TOLD = 0.1  # m²; a width known better was told
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 _TRUCK_LENGTH, _NARROW, _WALKING = 7.0, 1.1, 3.5
@@ -134,13 +135,37 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
     return from_travel_axes(facing_point(observer, obstacles.length / 2, obstacles.width / 2), obstacles.axis)
 
 
-def place_variance(alone: Floats) -> Floats:
-    """Return how uncertain it is where on bodies the reflections lie, as the variance of each component (k,), m².
+def place_covariance(bodies: Bodies, axis: Floats, sight: Floats) -> Floats:
+    """Return how uncertain it is where on bodies the reflections lie: covariances (k, 2, 2), m².
+
+    Of a body that shows its side, the reflections may lie anywhere along it.
 
     Args:
-        alone: as in `BodyTable`: what showed several reflections is large.
+        bodies: with their boxes.
+        axis: unit vectors along them (k, 2), in the axes wanted.
+        sight: unit vectors of the lines of sight to them (k, 2), in the same axes.
     """
-    return np.where(alone < 0.0, _LARGE_PLACE, np.where(alone > _ALONE, _SMALL_PLACE, _PLACE)) ** 2
+    obstacles = bodies.obstacles
+    unresolved = np.where(obstacles.alone > _ALONE, _SMALL_PLACE, _PLACE)
+    anywhere = np.where(obstacles.alone < 0.0, _LARGE_PLACE, unresolved) ** 2
+    shown = obstacles.length * (axis[:, 0] * sight[:, 1] - axis[:, 1] * sight[:, 0])
+    along = _ANYWHERE * shown[:, None] * axis
+    return np.asarray(anywhere[:, None, None] * np.eye(2) + along[:, :, None] * along[:, None])
+
+
+def wandering(place: Floats, sight: Floats, time: float) -> Floats:
+    """Return how uncertain velocities are as the reflections wander over the bodies: covariances (k, 2, 2), (m/s)².
+
+    The speed along the line of sight is measured; across it, it follows from places alone.
+
+    Args:
+        place: covariances of where the reflections lie (k, 2, 2), m².
+        sight: unit vectors of the lines of sight (k, 2).
+        time: within which they wander so far, s.
+    """
+    left = np.stack([-sight[:, 1], sight[:, 0]], axis=1)
+    speed = np.einsum("ki,kij,kj->k", left, place, left) / time**2
+    return np.asarray(speed[:, None, None] * left[:, :, None] * left[:, None])
 
 
 def classes(

@@ -212,7 +212,13 @@ class VehicleTracker:
             self.smoother_history = SmootherHistory(self._bodies.obstacles.id.copy(), state, covariance, *link)
         reported_existence = self._bodies.obstacles.existence if self._by_existence else None
         return report(
-            self._bodies, pose, self._used(detections), self._slack_ns, self._reported(pose), reported_existence
+            self._bodies,
+            pose,
+            self._used(detections),
+            self._slack_ns,
+            self._places.spread_time,
+            self._reported(pose),
+            reported_existence,
         )
 
     def expected_positions(self, horizon: float) -> Floats:

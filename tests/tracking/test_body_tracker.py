@@ -402,3 +402,39 @@ def test_a_scan_an_hour_older_moves_nothing() -> None:
         told = fed.scan(t, lorry(t))
     late = fed.coast(told.time_ns * 1e-9 - 3600.0)
     assert np.abs(late.east - told.east).max() < 1.0
+
+
+def test_the_reference_point_of_a_lorry_ahead_is_its_rear() -> None:
+    """It is the end that faces us, not the middle of what is seen."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(5)
+    for t in times(1, 160):
+        told = fed.scan(t, noisy(rng, lorry(t)))
+    assert len(told) == 1
+    assert told.x[0] - (40.0 + SPEED * t) == pytest.approx(0.0, abs=0.6)
+
+
+def test_a_wrong_heading_of_ours_shows_in_what_is_said_of_velocities() -> None:
+    own = replace(pose(ve=20.0, vn=0.0, speed_variance=0.05**2), heading_variance=0.01**2)
+    along, across = np.sqrt(np.diagonal(own.velocity_covariance))
+    assert along == pytest.approx(0.05)
+    assert across == pytest.approx(hypot(0.05, 20.0 * 0.01))
+    exact, turned = HandFedVehicles(), HandFedVehicles()
+    for t in times(1, 100):
+        at = pose(t, east=20.0 * t, ve=20.0)
+        told = exact.scan(t, [car(1, t, 40.0)], ego=at)
+        other = turned.scan(t, [car(1, t, 40.0)], ego=replace(at, heading_variance=0.01**2))
+    assert other.svy[0] == pytest.approx(hypot(told.svy[0], 0.2))
+    assert other.svx[0] == pytest.approx(told.svx[0])
+    assert (other.x == told.x).all()
+
+
+def test_where_on_its_side_a_car_is_seen_is_not_known() -> None:
+    """A car that crosses may show any place along its side: so much is said of its place and speed along it."""
+    ahead, crossing = HandFedVehicles(), HandFedVehicles()
+    for t in times(1, 60):
+        behind = ahead.scan(t, [car(1, t, 40.0)])
+        beside = crossing.scan(t, [Seen(1, 40.0, 10.0 * t - 15.0, 0.0, 10.0)])
+    assert behind.sy[0] < 0.5
+    assert 0.25 * 4.5 < beside.sy[0] < 0.35 * 4.5
+    assert beside.sx[0] < 0.6
+    assert beside.svy[0] > 0.5 > beside.svx[0]
