@@ -13,12 +13,12 @@ from candaemon.config.estimators import (
     CaEstimatorSettings,
     EstimatorSettings,
     FederatedEstimatorSettings,
-    ImmEstimatorSettings,
     IntersectionEstimatorSettings,
     MlkfEstimatorSettings,
     SingleModelEstimatorSettings,
 )
 from candaemon.config.names import Name
+from candaemon.config.vehicle import VehicleEstimatorSettings
 
 MOST_TRACKS: Final = 4096
 """Reflections that a tracker can be asked to keep."""
@@ -123,7 +123,7 @@ class LifecycleSettings(Settings):
 class TrackerSettings(Settings):
     """How detections become obstacles."""
 
-    estimator: EstimatorSettings = Field(default_factory=ImmEstimatorSettings)
+    estimator: EstimatorSettings = Field(default_factory=lambda: VehicleEstimatorSettings(kind="vehicle"))
     travel: TravelSettings = Field(default_factory=TravelSettings)
     association: AssociationSettings = Field(default_factory=AssociationSettings)
     reflections: ReflectionSettings = Field(default_factory=ReflectionSettings)

@@ -100,7 +100,8 @@ def test_check_tells_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     for words in (
         "interface", "output adds", "OBSTACLE_00_A … OBSTACLE_31_A", "Target1 … Target64", "0x500 … 0x53F",
-        "by counter CAN_TX_TRACK_ROLLING_COUNT", "IMM of CV, CA, CT", "-0.00174533", "crc8_sae_j1850", "warnings",
+        "by counter CAN_TX_TRACK_ROLLING_COUNT", "IMM of a vehicle's motion", "-0.00174533",
+        "crc8_sae_j1850", "warnings",
     ):  # fmt: skip
         assert words in out
 

@@ -313,7 +313,7 @@ def _twice(tree: Tree) -> None:
 
 
 CONTRADICTIONS: dict[str, Callable[[Tree], object]] = {
-    "the tracks' time is out of range": lambda tree: tree["trackers"]["trackers"][0].update(time_ns=-NEVER_NS),
+    "the obstacles' time is out of range": lambda tree: tree["trackers"]["trackers"][0].update(time_ns=-NEVER_NS),
     "two obstacles have the same number": _twice,
     "beyond 62 bits": lambda tree: tree["trackers"]["identities"].update(given=LARGEST_INTEGER + 1),
 }

@@ -21,8 +21,6 @@ AUTOMOTIVE = {
 """Largest RMSE of position (m) and velocity (m/s) of a point target."""
 MLKF_FACTORS = {"automotive_cruise": (2.4, 11.0), "automotive_cut_in": (1.5, 1.7)}
 """Most times the error of `imm` in position and velocity, which cruises by a model of constant velocity."""
-VEHICLE = ("automotive_brake", "automotive_cut_in")
-"""Drives on which `vehicle` holds the same."""
 DRAMAS = ("highway", "stop_and_go", "intersection", "guard_rail", "turning_ego")
 LONG = {"highway", "stop_and_go", "guard_rail"}
 """Drives of which even one takes long."""
@@ -54,11 +52,10 @@ def test_a_point_target_is_tracked_as_well_as_can_be(name: str, seeds: int) -> N
     assert sum(run.id_switches for run in runs(name, seeds)) == 0
 
 
-@pytest.mark.parametrize("name", VEHICLE)
-@pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=pytest.mark.slow)])
-def test_the_vehicle_estimator_tracks_a_point_that_manoeuvres_as_well(name: str, seeds: int) -> None:
+@seeds_of(*AUTOMOTIVE)
+def test_the_models_of_points_track_one_as_well(name: str, seeds: int) -> None:
     position, velocity = AUTOMOTIVE[name]
-    tracker = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}})
+    tracker = TrackerSettings.model_validate({"estimator": {"kind": "imm"}})
     found = [drive("esr_ins", scenario(name), seed, tracker)[0] for seed in range(seeds)]
     assert sum(each.id_switches for each in found) == 0
     assert np.sqrt(np.mean([each.errors.position**2 for each in found])) <= position

@@ -10,6 +10,7 @@ import pytest
 
 from candaemon.arrays import Integers
 from candaemon.binding.bind import bind
+from candaemon.config.estimators import ImmEstimatorSettings
 from candaemon.config.load import load_config
 from candaemon.config.tracker import TrackerSettings
 from candaemon.errors import ConfigError
@@ -21,12 +22,13 @@ from candaemon.tracking.tracker import Tracker
 from tests.support.builders import car, detections, pose
 from tests.support.paths import ROOT
 
+POINTS = TrackerSettings(estimator=ImmEstimatorSettings())
 LANES = ((20.0, 0.0), (20.0, 6.0), (45.0, -3.5), (70.0, 0.0))
 
 
 @pytest.mark.parametrize("identified", [False, True])
 def test_slots_that_change_places_leave_the_obstacles_alone(identified: bool) -> None:
-    tracker, random = Tracker(TrackerSettings()), np.random.default_rng(3)
+    tracker, random = Tracker(POINTS), np.random.default_rng(3)
     for k in range(60):
         t, slots = 0.05 * k, random.permutation(len(LANES))
         at = pose(t)
@@ -44,7 +46,7 @@ def test_slots_that_change_places_leave_the_obstacles_alone(identified: bool) ->
 
 
 def test_an_id_that_another_sensor_tells_stays() -> None:
-    tracker = Tracker(TrackerSettings())
+    tracker = Tracker(POINTS)
     for k in range(40):
         at = pose(0.05 * k)
         scan = detections(at, [car(7, 0.05 * k, 30.0)], sensor=k % 2, noise=(0.1,) * 3)
