@@ -11,7 +11,7 @@ from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import POSITION, TURN, VELOCITY, acceleration
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
-from candaemon.tracking.box import classes, place_covariance, wandering
+from candaemon.tracking.box import classes, place_covariance, size_known, wandering
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.update import Used
 
@@ -59,7 +59,8 @@ def report(
     standing = bodies.filter.probability[:, STANDING] > _SURELY
     old = (pose.time_ns - obstacles.first_ns) * 1e-9 > _SETTLED
     standing |= old & (obstacles.fastest < _LEAST_SPEED)
-    centre = place - obstacles.facing @ turn
+    sized = size_known(bodies)
+    centre = place - np.where(sized[:, None], obstacles.facing @ turn, 0.0)
     status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
     status[~obstacles.confirmed] = TENTATIVE
     if existence is None:
@@ -85,10 +86,10 @@ def report(
         age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
         existence=existence.copy(),
         sensors=obstacles.sensors.copy(),
-        heading=np.arctan2(axis[:, 1], axis[:, 0]),
+        heading=np.where(obstacles.directed, np.arctan2(axis[:, 1], axis[:, 0]), np.nan),
         yaw_rate=np.where(speed > _LEAST_SPEED, mean[:, TURN], 0.0),
-        length=obstacles.length.copy(),
-        width=obstacles.width.copy(),
+        length=np.where(sized, obstacles.length, np.nan),
+        width=np.where(sized, obstacles.width, np.nan),
         center_x=centre[:, 0],
         center_y=centre[:, 1],
         kind=classes(obstacles.length, obstacles.width, obstacles.length_variance, speed, standing),

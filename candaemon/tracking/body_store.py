@@ -77,8 +77,10 @@ class BodyTable(Table):
         confirmed: whether it ever was.
         leader: row of the reflection whose bias the filter estimates.
         axis: unit vector along the body, local frame.
+        directed: whether its course, or a sensor, has ever told that axis well.
         length, width: of its box, m.
         length_variance, width_variance: of those, m².
+        extent: how much of its length its reflections have shown, m.
         alone: time for which it was near and showed one reflection only, s; below 0 once it has shown several.
         fastest: greatest speed it had, m/s.
         facing: reference point minus centre of the box (n, 2), local frame, m.
@@ -97,10 +99,12 @@ class BodyTable(Table):
     confirmed: Booleans = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     leader: Integers = field(default_factory=_integers)
     axis: Floats = field(default_factory=_pairs)
+    directed: Booleans = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     length: Floats = field(default_factory=_numbers)
     width: Floats = field(default_factory=_numbers)
     length_variance: Floats = field(default_factory=_numbers)
     width_variance: Floats = field(default_factory=_numbers)
+    extent: Floats = field(default_factory=_numbers)
     alone: Floats = field(default_factory=_numbers)
     fastest: Floats = field(default_factory=_numbers)
     facing: Floats = field(default_factory=_pairs)
@@ -262,10 +266,12 @@ class Bodies:
             confirmed=np.zeros(1, dtype=np.bool_),
             leader=np.array([len(self.reflections)]),
             axis=axis[None],
+            directed=np.zeros(1, dtype=np.bool_),
             length=np.array([length]),
             width=np.array([width]),
             length_variance=np.array([_LENGTH_SPREAD**2]),
             width_variance=np.array([_WIDTH_SPREAD**2]),
+            extent=np.zeros(1),
             alone=np.zeros(1),
             fastest=np.zeros(1),
             facing=np.zeros((1, 2)),
@@ -355,6 +361,7 @@ class Bodies:
         obstacles.sensors[old] |= obstacles.sensors[young]
         obstacles.existence[old] = max(obstacles.existence[old], obstacles.existence[young])
         obstacles.unseen[old] = min(obstacles.unseen[old], obstacles.unseen[young])
+        obstacles.extent[old] = max(obstacles.extent[old], obstacles.extent[young])
 
     def take_up(self, young: int, old: int) -> None:
         """Let one body go on as another, which is to be deleted: under its number, since its first detection."""
@@ -367,6 +374,9 @@ class Bodies:
             for name in ("length", "width", "length_variance", "width_variance"):
                 column = getattr(obstacles, name)
                 column[young] = column[old]
+        obstacles.extent[young] = max(obstacles.extent[young], obstacles.extent[old])
+        if obstacles.directed[old] and not obstacles.directed[young]:
+            obstacles.directed[young], obstacles.axis[young] = True, obstacles.axis[old]
 
     def split(self, splitting: Indices) -> None:
         """Give each of the reflections (none of them leading) a body of its own, which moves as the one it leaves."""
@@ -439,10 +449,12 @@ _LENGTH_SPREAD, _WIDTH_SPREAD = 2.0, 0.4  # m, of vehicles about a car's
 _COPIED = (
     "first_ns",
     "axis",
+    "directed",
     "length",
     "width",
     "length_variance",
     "width_variance",
+    "extent",
     "alone",
     "fastest",
     "facing",

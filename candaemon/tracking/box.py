@@ -32,7 +32,8 @@ _NEVER_ALONE = -1e12  # s: of what has shown several
 _MOVED, _RIDING = 0.5, 9.0  # m/s
 _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
 _ANYWHERE = 12.0**-0.5  # of a length, standard deviation of a place anywhere on it
-_TOLD = 0.1  # m²; a width known better was told
+_TOLD, _TOLD_LENGTH = 0.1, 1.0  # m²; a width or length known better was told
+_ENOUGH = 2.5  # m of a length; what showed so much is no rider
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 _TRUCK_LENGTH, _NARROW, _WALKING = 7.0, 1.1, 3.5
 
@@ -80,6 +81,7 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
     told = np.stack([np.cos(heading[known]), np.sin(heading[known])], axis=1)
     turned = axis[body[known]] + _HEADING_SHARE * (told - axis[body[known]])
     axis[body[known]] = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-6)[:, None]
+    bodies.obstacles.directed[body[known]] = True
 
 
 def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices, dt: float) -> None:
@@ -118,6 +120,7 @@ def _grow(bodies: Bodies, time_ns: int) -> None:
     known &= (time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     shown = np.where(known & (high > low), high - low + _MARGIN, 0.0)
     obstacles.length += _GROWTH * np.maximum(shown - obstacles.length, 0.0)
+    obstacles.extent += _GROWTH * np.maximum(shown - obstacles.extent, 0.0)
     long = (obstacles.length > _TRUCK_LENGTH) & (obstacles.width_variance > _TOLD)
     obstacles.width = np.where(long, TRUCK_WIDTH, obstacles.width)
 
@@ -168,6 +171,13 @@ def wandering(place: Floats, sight: Floats, time: float) -> Floats:
     return np.asarray(speed[:, None, None] * left[:, :, None] * left[:, None])
 
 
+def size_known(bodies: Bodies) -> Booleans:
+    """Return of which bodies (k,) the size is known: a sensor told it, they are small, or enough of them was seen."""
+    obstacles = bodies.obstacles
+    told, small = obstacles.length_variance < _TOLD_LENGTH, obstacles.length < CAR_LENGTH / 2
+    return told | small | (obstacles.extent > _ENOUGH)
+
+
 def classes(
     length: Floats, width: Floats, length_variance: Floats, speed: Floats, standing: Booleans
 ) -> NDArray[np.int8]:
@@ -180,7 +190,7 @@ def classes(
         speed: m/s.
         standing: which bodies stand and never moved.
     """
-    told = (length_variance < 1.0) | (length < CAR_LENGTH / 2)
+    told = (length_variance < _TOLD_LENGTH) | (length < CAR_LENGTH / 2)
     kind = np.full(len(length), UNKNOWN, dtype=np.int8)
     kind[told & (width >= _NARROW)] = CAR
     kind[length > _TRUCK_LENGTH] = TRUCK

@@ -42,6 +42,7 @@ from candaemon.tracking.update import PredictedReflections, TrackerCounts, Updat
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 _AXIS_TIME = 0.15  # s, with which the axis follows the course
+_COURSE_ERROR = 0.1  # rad, standard deviation of a course that tells the axis
 _CROSSING = 0.7  # m/s across the axis: faster than a walk or a slide looks, it is motion
 _LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
 _LEAST_RATE = 1e-6  # 1/s
@@ -458,6 +459,7 @@ class VehicleTracker:
         squared = (velocity * velocity).sum(axis=1)
         spread = moments.covariance[:, 2, 2] + moments.covariance[:, 3, 3]
         known = squared / (squared + 4.0 * spread + 0.25)
+        obstacles.directed |= spread < _COURSE_ERROR**2 * squared
         _, hidden = self._walks()
         time = _AXIS_TIME + hidden * (self.settings.travel.time_constant - _AXIS_TIME)
         share = known * known * -np.expm1(-self._dt / time)
