@@ -21,7 +21,7 @@ from candaemon.tracking.box import CAR_LENGTH, CAR_WIDTH
 from candaemon.tracking.reflections import to_travel_axes
 
 _FIRST_SHARE = np.array([0.3, 0.15, 0.1, 0.15, 0.01, 0.29])  # of the modes, in their order
-_LEAST_SHARE = 1e-3
+_LEAST_SHARE, _MOST_STANDING = 1e-3, 0.9
 _STANDING_SPREAD = 0.1  # m/s
 
 
@@ -85,11 +85,17 @@ class BodyInitiation:
             measurement.noise[at],
             np.stack([mean for mean, _ in modes])[None],
             np.stack([covariance for _, covariance in modes])[None],
-            _first_shares(speeds)[None],
+            _first_shares(speeds, self._spread(heading))[None],
         )
         velocity = modes[CRUISING][0]
         backwards = float(velocity @ heading) < 0.0
         return bodies.add(detections.time_ns, -heading if backwards else heading, CAR_LENGTH, CAR_WIDTH)
+
+    def _spread(self, heading: Floats) -> Floats:
+        """Return the covariance (2, 2) of the velocity of what moves, of which nothing was measured, (m/s)²."""
+        left = np.array([-heading[1], heading[0]])
+        along, across = self._first_speed.along, self._first_speed.across
+        return along**2 * np.outer(heading, heading) + across**2 * np.outer(left, left)
 
     @staticmethod
     def _first_velocity(
@@ -121,10 +127,20 @@ def _speeds(row: int, measurement: Measurement) -> list[Projection]:
     return [speed for speed in speeds if np.isfinite(speed.value[0])]
 
 
-def _first_shares(speeds: Sequence[Projection]) -> Floats:
-    """Return the first probabilities of the modes: what has a speed hardly stands."""
+def _first_shares(speeds: Sequence[Projection], driving: Floats) -> Floats:
+    """Return the first probabilities of the modes: what has a speed hardly stands, what has none most likely does.
+
+    Args:
+        speeds: that were measured.
+        driving: covariance (2, 2) of the velocity of what moves, before them, (m/s)².
+    """
     shares = _FIRST_SHARE.copy()
+    odds = shares[STANDING] / (1.0 - shares[STANDING])
     for speed in speeds:
-        shares[STANDING] *= np.exp(-0.5 * speed.value[0] ** 2 / (speed.variance[0] + _STANDING_SPREAD**2))
-    shares[STANDING] = max(shares[STANDING], _LEAST_SHARE)
-    return np.asarray(shares / shares.sum())
+        still = speed.variance[0] + _STANDING_SPREAD**2
+        moving = speed.variance[0] + (speed.direction @ driving @ speed.direction.T)[0, 0]
+        odds *= np.sqrt(moving / still) * np.exp(-0.5 * speed.value[0] ** 2 * (1 / still - 1 / moving))
+    stands = min(max(odds / (1.0 + odds), _LEAST_SHARE), _MOST_STANDING)
+    shares *= (1.0 - stands) / (1.0 - shares[STANDING])
+    shares[STANDING] = stands
+    return np.asarray(shares)
