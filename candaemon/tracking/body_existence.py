@@ -20,14 +20,14 @@ from candaemon.radar.mounting import SensorView
 from candaemon.tracking import existence
 from candaemon.tracking.body_association import Association
 from candaemon.tracking.body_modes import STANDING
-from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.body_store import Bodies, BodyTable
 from candaemon.tracking.sensor_visibility import Visibility, VisibilityState
 
 _UNKNOWN_PROBABILITY = 0.9  # of detection, by a sensor whose settings are not known
 _SURE = 0.9  # probability of existence from which on detection rates are learnt
 _POST = 0.3  # m, size of what is not confirmed, or never moved and has no known size, as far as it hides others
 _MOVED = 2.0  # m/s
-_MARGIN = 1.05  # for what leaves in the time between scans
+_MARGIN = 1.2  # for what leaves in the time between scans, and for a miss among the detections that confirm
 _LEAST_LIMIT = 1.05  # factor by which a scan can change the odds at least
 
 
@@ -108,7 +108,7 @@ class BodyExistence:
             ratio[association.body[rows]] = self._ratios(bodies, association, detections, rows, density)
         raised = existence.detected(obstacles.existence, probability, ratio)
         raised = np.where(seen, np.maximum(raised, obstacles.existence), raised)
-        obstacles.existence = np.where(weighed, self._limited(obstacles.existence, raised), obstacles.existence)
+        obstacles.existence = np.where(weighed, self._limited(obstacles, raised), obstacles.existence)
         obstacles.in_sight = np.where(seen, 1.0, np.where(familiar & looked_at, share, obstacles.in_sight))
         obstacles.unseen[seen] = 0.0
 
@@ -126,10 +126,14 @@ class BodyExistence:
         if sensor in self._visibility.state.sensors:
             self._visibility.learn_clutter(sensor, false)
 
-    def _limited(self, before: Floats, after: Floats) -> Floats:
-        """Return probabilities after a scan whose odds differ from those before by the limit at most."""
-        odds = before / (1.0 - before)
-        odds = np.clip(after / (1.0 - after), odds / self._limit, odds * self._limit)
+    def _limited(self, obstacles: BodyTable, after: Floats) -> Floats:
+        """Return probabilities after a scan whose odds differ from those before by the limit at most.
+
+        What is not confirmed loses half as much by a miss: what comes into view at its edge is missed now and then.
+        """
+        odds = obstacles.existence / (1.0 - obstacles.existence)
+        least = odds / np.where(obstacles.confirmed, self._limit, np.sqrt(self._limit))
+        odds = np.clip(after / (1.0 - after), least, odds * self._limit)
         return existence.bounded(odds / (1.0 + odds))
 
     def _looked_at(self, detections: Detections, place: Floats) -> Booleans:
