@@ -16,6 +16,7 @@ from candaemon.estimation.body_filter import BIAS, POSITION
 from candaemon.estimation.outline import facing_point
 from candaemon.pipeline.cycle import Cycle
 from candaemon.playback.cycle_smoothing import CycleSmoother
+from candaemon.tracking.body_modes import STANDING as STANDS
 from candaemon.tracking.obstacles import CONFIRMED, PEDESTRIAN, STANDING, TRUCK, Obstacles
 from tests.support.builders import HandFedVehicles, Seen, assert_sane, car, place, pose, times
 from tests.support.effort import examples
@@ -214,13 +215,33 @@ def test_sizes_that_are_told_become_the_boxes() -> None:
 def test_the_reference_point_faces_us_and_belongs_to_the_box() -> None:
     fed, rng = HandFedVehicles(), np.random.default_rng(8)
     for t in times(1, 100):
-        told = fed.scan(t, noisy(rng, [car(0, t, 40.0, 6.0)]))
+        told = fed.scan(t, noisy(rng, [car(0, t, 40.0, 6.0)]), length=np.array([4.4]), width=np.array([1.9]))
     centre = np.array([told.center_x[0], told.center_y[0]])
     turn = told.heading[0]
     rotation = np.array([[cos(turn), -sin(turn)], [sin(turn), cos(turn)]])
     expected = centre + rotation @ facing_point((-centre @ rotation)[None], told.length / 2, told.width / 2)[0]
     np.testing.assert_allclose([told.x[0], told.y[0]], expected, atol=0.05)
     assert told.center_x[0] > told.x[0]
+
+
+def test_a_size_or_heading_that_nothing_has_told_is_not_told() -> None:
+    """One reflection, at first of a speed along the line of sight alone; later the course tells the heading."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(8)
+    told = [fed.scan(t, noisy(rng, [Seen(0, 50.0 - 3.0 * t, -20.0 + 9.0 * t, -3.0, 9.0)])) for t in times(1, 80)]
+    assert np.isnan(told[0].heading[0])
+    assert told[-1].heading[0] == pytest.approx(np.arctan2(9.0, -3.0), abs=0.05)
+    for each in told:
+        assert np.isnan([each.length[0], each.width[0]]).all()
+        assert (each.center_x[0], each.center_y[0]) == (each.x[0], each.y[0])
+
+
+def test_what_shows_no_speed_along_the_line_of_sight_stands_at_first() -> None:
+    """A post, and a car that drives as fast as we do, seen once."""
+    fed, at = HandFedVehicles(), pose(0.05, ve=20.0)
+    fed.scan(0.05, [Seen(0, 100.0, 4.0), Seen(1, 60.0, -4.0, 20.0)], ego=at)
+    _, probability = fed.tracker.mode_probabilities()
+    assert probability[0, STANDS] > 0.8
+    assert probability[1, STANDS] < 0.01
 
 
 @pytest.mark.parametrize("course", [0.0, 0.6, 2.5])
