@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
@@ -33,6 +34,20 @@ def simulated_log(path: Path, seconds: float) -> Path:
 def full_binding() -> Binding:
     """Bind the ESR's configuration with all its defaults."""
     return bind(load_config(ROOT / "config/esr_ins.yaml"))
+
+
+def imm_config(folder: Path) -> Path:
+    """Write that configuration with the estimator that the naive chain has, too, into a folder; return its path."""
+    path = folder / "imm.yaml"
+    text = (ROOT / "config/esr_ins.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
+    path.write_text(f"{text}tracker: {{estimator: {{kind: imm}}}}\n", encoding="utf-8")
+    return path
+
+
+def imm_binding() -> Binding:
+    """Bind the ESR's configuration with the IMM and all its defaults."""
+    with TemporaryDirectory() as folder:
+        return bind(load_config(imm_config(Path(folder))))
 
 
 def reduced_binding() -> Binding:

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 
 import yaml
 
-from .chains import HERE, ROOT, simulated_log
+from .chains import HERE, ROOT, imm_config, simulated_log
 
 SECONDS, NAIVE_SECONDS = 80.0, 8.0
 """Length of the drives, s: a chain that takes ten times as long is given a tenth. A run over a tenth of a second shows
@@ -72,7 +72,8 @@ COMMANDS = (
     _naive("naive chain, CS-KF", "CurrentStatistical"),
     _naive("naive chain, filterpy's IMM", "InteractingModels"),
     Command("replay -o, CS-KF", _replay(_REDUCED), "naive chain, CS-KF"),
-    Command("replay -o, all defaults", _replay(_FULL), "naive chain, filterpy's IMM"),
+    Command("replay -o, IMM with its defaults", _replay("{folder}/imm.yaml"), "naive chain, filterpy's IMM"),
+    Command("replay -o, all defaults", _replay(_FULL), "replay -o, IMM with its defaults"),
     Command("replay with tables and scores", _replay(_FULL, *_SCORED), "replay -o, all defaults"),
     Command("simulate", ("-m", "candaemon", "simulate", "{scenario}", str(_FULL), *_SIMULATED)),
     Command("evaluate", ("-m", "candaemon", "evaluate", "{folder}/t.csv", "{folder}/truth.csv")),
@@ -104,8 +105,9 @@ def cpu_seconds(arguments: Sequence[str]) -> float:
 
 
 def drive(log: Path, seconds: float) -> Path:
-    """Simulate a drive, with its scenario and a folder for results beside it; return the log."""
+    """Simulate a drive, with its scenario and a folder for results beside it, in it the IMM's YAML; return the log."""
     log.with_suffix("").mkdir()
+    imm_config(log.with_suffix(""))
     scenario = yaml.safe_load((ROOT / "config/scenarios/dense.yaml").read_text(encoding="utf-8"))
     log.with_suffix(".yaml").write_text(yaml.safe_dump(scenario | {"duration": seconds}), encoding="utf-8")
     return simulated_log(log, seconds)

@@ -11,7 +11,7 @@ from candaemon.binding.bound import Binding
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings
 
 from . import naive, parts
-from .chains import count, full_binding, naive_cycles, reduced_binding, replayed, simulated_log
+from .chains import count, imm_binding, naive_cycles, reduced_binding, replayed, simulated_log
 from .timing import Comparison
 
 Maker: TypeAlias = Callable[[Path], Comparison]
@@ -85,7 +85,7 @@ def _axes(folder: Path) -> Comparison:
 
 CHAINS: dict[str, Maker] = {
     "cs": partial(_chain, "chain, CS-KF", reduced_binding, naive.CurrentStatistical, 20.0),
-    "imm": partial(_chain, "chain, all defaults, IMM", full_binding, naive.InteractingModels, 5.0),
+    "imm": partial(_chain, "chain, IMM with its defaults", imm_binding, naive.InteractingModels, 5.0),
 }
 PARTS: dict[str, Maker] = {
     "decode": partial(_codec, "decode", "decode", "decode_with_cantools", 2.5),

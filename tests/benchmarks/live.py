@@ -17,6 +17,7 @@ from typing import Any, Final
 
 from candaemon.status.losses import LOSS_CAUSES
 
+from .chains import imm_config
 from .live_driver import Datagram, make_drive, undisturbed
 from .live_sides import Measured, Side, ahead_of_others
 from .live_wire import HERE, ROOT, cycle_time, free_wire, on_wire
@@ -36,20 +37,20 @@ class Case:
 
     Attributes:
         name: what is compared.
-        config: candaemon's configuration.
+        config: candaemon's configuration; None: that of the IMM with its defaults.
         kind: of the naive daemon's filter.
         rate: frames/s, which the naive daemon can take.
     """
 
     name: str
-    config: Path
+    config: Path | None
     kind: str
     rate: float
 
 
 CASES = {
     "cs": Case("live, CS-KF", HERE / "esr_bench.yaml", "cs", 4000),
-    "imm": Case("live, all defaults, IMM", FULL, "imm", 1200),
+    "imm": Case("live, IMM with its defaults", None, "imm", 1200),
 }
 """The naive daemon takes 15 to 30 ms for a cycle of its IMM: at 4,000 frames/s, 50 cycles/s, it would fall behind."""
 
@@ -101,11 +102,12 @@ def compare(case: Case, folder: Path, *, blocks: int, seconds: float) -> Compare
     """
     warming = _WARMING_CYCLES * cycle_time(case.rate)
     span = warming + seconds
-    drive = _drive(case.config, case.rate, blocks * span, folder)
+    config = case.config or imm_config(folder)
+    drive = _drive(config, case.rate, blocks * span, folder)
     with (
         ahead_of_others(),
-        Side(case.config, case.rate, folder / "candaemon") as ours,
-        Side(case.config, case.rate, folder / "naive", kind=case.kind) as naive,
+        Side(config, case.rate, folder / "candaemon") as ours,
+        Side(config, case.rate, folder / "naive", kind=case.kind) as naive,
     ):
         sides = (ours, naive)
         for side in sides:

@@ -10,6 +10,7 @@ import pytest
 
 from candaemon import compiled
 from candaemon.arrays import Floats
+from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
 from candaemon.estimation.filter_bank import FilterBank
@@ -24,7 +25,7 @@ from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.tracking.association import pair_nis
 from candaemon.tracking.estimator_factory import make_estimator
 from candaemon.tracking.reflections import near_pairs
-from tests.benchmarks.chains import full_binding, simulated_log
+from tests.benchmarks.chains import full_binding, imm_binding, simulated_log
 
 pytestmark = pytest.mark.skipif(not compiled.in_use, reason="the kernels are not compiled: no compiler or no Cython")
 
@@ -160,9 +161,12 @@ def test_the_same_points_are_near_one_another(monkeypatch: pytest.MonkeyPatch) -
         np.testing.assert_array_equal(one, other)
 
 
-def test_a_replay_and_the_saved_state_at_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("bound", [full_binding, imm_binding], ids=["vehicle", "imm"])
+def test_a_replay_and_the_saved_state_at_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bound: Callable[[], Binding]
+) -> None:
     log, outputs = simulated_log(tmp_path / "in.log", 3.0), iter((tmp_path / "a.log", tmp_path / "b.log"))
-    binding = full_binding()
+    binding = bound()
 
     def computed() -> list[Floats]:
         output = next(outputs)
