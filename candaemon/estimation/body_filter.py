@@ -37,6 +37,7 @@ _LEAST_PROBABILITY = 1e-6
 _SLOW = 1.0  # m/s, below which the course says nothing of the axis
 _STOPPABLE = 3.0  # m/s in every mode that moves, from which nothing comes to stand at once
 _LEAST_TURNING = 1e-3  # share of the turn rates that is never hidden: a variance that fades for minutes would be zero
+_UNSEEN_ACCELERATION = 0.1  # m/s² that a link adds: what stands has none at all, which would tie velocities to rounding
 _FULL_TURN = 0.6  # rad/s; no vehicle turns faster
 
 
@@ -248,6 +249,8 @@ class BodyFilter:
         first, second = report_jacobian(was), report_jacobian(mean)
         cross = first @ covariance_was @ np.swapaxes(transition, 1, 2) @ np.swapaxes(second, 1, 2)
         state, predicted = reported(mean, covariance)
+        for at in (4, 5):
+            predicted[:, at, at] += _UNSEEN_ACCELERATION**2
         return Link(state, predicted, smoothing_gain(cross, predicted))
 
     def _interact(self, dt: float) -> None:

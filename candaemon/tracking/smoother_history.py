@@ -59,14 +59,16 @@ def with_motion(obstacles: Obstacles, smoothed: Smoothed, pose: EgoPose) -> Obst
 
     Args:
         obstacles: of one cycle.
-        smoothed: their motion, in the same order.
+        smoothed: the motion of these, and of others that are not reported.
         pose: ego pose in that cycle.
     """
-    state, turn = smoothed.mean, pose.rotation
+    order = np.argsort(smoothed.keys)
+    rows = order[np.searchsorted(smoothed.keys, obstacles.id, sorter=order)]
+    state, turn = smoothed.mean[rows], pose.rotation
     place = pose.to_vehicle(state[:, :2])
     velocity, acceleration = state[:, 2:4] @ turn, state[:, 4:] @ turn
     turn_both = np.kron(np.eye(2), turn)
-    covariance = turn_both.T @ smoothed.covariance[:, :4, :4] @ turn_both
+    covariance = turn_both.T @ smoothed.covariance[rows, :4, :4] @ turn_both
     deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
     return replace(
         obstacles,
