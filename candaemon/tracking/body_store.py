@@ -21,6 +21,7 @@ from candaemon.tracking.columns import Table
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
+_LATE_NS = 150_000_000  # for which a reflection still shows where its body ends
 _LEAST_NORMAL = 1e-12  # 1/m²
 _COURSE_SPEED = 3.0  # m/s, what was ever faster has a known axis
 
@@ -332,12 +333,14 @@ class Bodies:
         count = np.bincount(body, minlength=len(obstacles))
         sums = np.stack([np.bincount(body, each, len(obstacles)) for each in place.T], axis=1)
         target = np.asarray(sums / np.maximum(count, 1)[:, None], dtype=np.float64)
-        several = (count > 1) & (obstacles.fastest > _COURSE_SPEED)
+        late = np.flatnonzero(reflections.last_ns >= time_ns - _LATE_NS)  # those of other sensors, too
+        owner = reflections.body[late]
+        several = (np.bincount(owner, minlength=len(obstacles)) > 1) & (obstacles.fastest > _COURSE_SPEED)
         facing, aside = to_travel_axes(obstacles.facing, obstacles.axis).T
         towards_us, half = np.copysign(1.0, facing), 0.5 * obstacles.length
         normal = np.square(facing / np.square(obstacles.length)), np.square(aside / np.square(obstacles.width))
         end = np.full(len(obstacles), -np.inf)
-        np.maximum.at(end, body, towards_us[body] * place[:, 0])
+        np.maximum.at(end, owner, towards_us[owner] * reflections.offset[late, 0])
         from_end = towards_us * (np.where(several, end, 0.0) - half + np.abs(facing))
         share = np.where(several, normal[0] / np.maximum(normal[0] + normal[1], _LEAST_NORMAL), 0.0)
         target[:, 0] += share * (from_end - target[:, 0])
