@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, sin
+from math import cos, exp, sin, sqrt
 
 import numpy as np
 
@@ -85,17 +85,11 @@ class BodyInitiation:
             measurement.noise[at],
             np.stack([mean for mean, _ in modes])[None],
             np.stack([covariance for _, covariance in modes])[None],
-            _first_shares(speeds, self._spread(heading))[None],
+            _first_shares(speeds, _unmeasured(heading, along, across))[None],
         )
         velocity = modes[CRUISING][0]
         backwards = float(velocity @ heading) < 0.0
         return bodies.add(detections.time_ns, -heading if backwards else heading, CAR_LENGTH, CAR_WIDTH)
-
-    def _spread(self, heading: Floats) -> Floats:
-        """Return the covariance (2, 2) of the velocity of what moves, of which nothing was measured, (m/s)²."""
-        left = np.array([-heading[1], heading[0]])
-        along, across = self._first_speed.along, self._first_speed.across
-        return along**2 * np.outer(heading, heading) + across**2 * np.outer(left, left)
 
     @staticmethod
     def _first_velocity(
@@ -106,9 +100,7 @@ class BodyInitiation:
         The prior is what traffic does: fast along the vehicle's heading, slow across it. Each speed that the sensor
         measured updates it.
         """
-        left = np.array([-heading[1], heading[0]])
-        mean = np.zeros((1, 2))
-        covariance = (along**2 * np.outer(heading, heading) + across**2 * np.outer(left, left))[None]
+        mean, covariance = np.zeros((1, 2)), _unmeasured(heading, along, across)[None]
         for speed in speeds:
             innovation = speed.value - (speed.direction * mean).sum(axis=1)
             update_scalar(mean, covariance, speed.direction, innovation, speed.variance)
@@ -127,6 +119,12 @@ def _speeds(row: int, measurement: Measurement) -> list[Projection]:
     return [speed for speed in speeds if np.isfinite(speed.value[0])]
 
 
+def _unmeasured(heading: Floats, along: float, across: float) -> Floats:
+    """Return the covariance (2, 2) of the velocity of what moves, before anything was measured of it, (m/s)²."""
+    left = np.array([-heading[1], heading[0]])
+    return np.asarray(along**2 * np.outer(heading, heading) + across**2 * np.outer(left, left))
+
+
 def _first_shares(speeds: Sequence[Projection], driving: Floats) -> Floats:
     """Return the first probabilities of the modes: what has a speed hardly stands, what has none most likely does.
 
@@ -137,9 +135,11 @@ def _first_shares(speeds: Sequence[Projection], driving: Floats) -> Floats:
     shares = _FIRST_SHARE.copy()
     odds = shares[STANDING] / (1.0 - shares[STANDING])
     for speed in speeds:
-        still = speed.variance[0] + _STANDING_SPREAD**2
-        moving = speed.variance[0] + (speed.direction @ driving @ speed.direction.T)[0, 0]
-        odds *= np.sqrt(moving / still) * np.exp(-0.5 * speed.value[0] ** 2 * (1 / still - 1 / moving))
+        value, variance = float(speed.value[0]), float(speed.variance[0])
+        still = variance + _STANDING_SPREAD**2
+        moving = variance + float((speed.direction @ driving @ speed.direction.T)[0, 0])
+        if moving > still:  # at range 0 a speed has no direction, and tells nothing
+            odds *= sqrt(moving / still) * exp(-0.5 * value * value * (1.0 / still - 1.0 / moving))
     stands = min(max(odds / (1.0 + odds), _LEAST_SHARE), _MOST_STANDING)
     shares *= (1.0 - stands) / (1.0 - shares[STANDING])
     shares[STANDING] = stands

@@ -21,7 +21,6 @@ from candaemon.tracking.columns import Table
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
-_LATE_NS = 150_000_000  # for which a reflection still shows where its body ends
 _LEAST_NORMAL = 1e-12  # 1/m²
 _COURSE_SPEED = 3.0  # m/s, what was ever faster has a known axis
 
@@ -314,7 +313,7 @@ class Bodies:
         """Let other reflections lead bodies; they keep their offsets, so that the reference points stay."""
         self.obstacles.leader[bodies] = leaders
 
-    def return_reference(self, dt: float, time_ns: int, return_time: float) -> None:
+    def return_reference(self, dt: float, time_ns: int, return_time: float, patience_ns: int) -> None:
         """Let the reference points return to what is seen of the bodies, without a speed of their own.
 
         Along a body that point follows the end that faces us, the more the less we see of the body's side; across it,
@@ -324,6 +323,7 @@ class Bodies:
             dt: s since the scan before.
             time_ns: of the scan.
             return_time: time constant, s.
+            patience_ns: for which a reflection still shows where its body ends.
         """
         obstacles, reflections = self.obstacles, self.reflections
         seen = np.flatnonzero(reflections.last_ns == time_ns)
@@ -333,14 +333,14 @@ class Bodies:
         count = np.bincount(body, minlength=len(obstacles))
         sums = np.stack([np.bincount(body, each, len(obstacles)) for each in place.T], axis=1)
         target = np.asarray(sums / np.maximum(count, 1)[:, None], dtype=np.float64)
-        late = np.flatnonzero(reflections.last_ns >= time_ns - _LATE_NS)  # those of other sensors, too
-        owner = reflections.body[late]
+        recent = np.flatnonzero(reflections.last_ns >= time_ns - patience_ns)  # those of other sensors, too
+        owner = reflections.body[recent]
         several = (np.bincount(owner, minlength=len(obstacles)) > 1) & (obstacles.fastest > _COURSE_SPEED)
         facing, aside = to_travel_axes(obstacles.facing, obstacles.axis).T
         towards_us, half = np.copysign(1.0, facing), 0.5 * obstacles.length
         normal = np.square(facing / np.square(obstacles.length)), np.square(aside / np.square(obstacles.width))
         end = np.full(len(obstacles), -np.inf)
-        np.maximum.at(end, owner, towards_us[owner] * reflections.offset[late, 0])
+        np.maximum.at(end, owner, towards_us[owner] * reflections.offset[recent, 0])
         from_end = towards_us * (np.where(several, end, 0.0) - half + np.abs(facing))
         share = np.where(several, normal[0] / np.maximum(normal[0] + normal[1], _LEAST_NORMAL), 0.0)
         target[:, 0] += share * (from_end - target[:, 0])

@@ -204,7 +204,8 @@ class VehicleTracker:
         self._confirm_and_delete(pose, detections)
         if detections is not None and self.settings.reflections.merge and len(self):
             self._hand_over()
-            self._bodies.return_reference(self._dt, self._state.time_ns, self._places.return_time)
+            patience_ns = int(self.settings.reflections.patience * 1e9)
+            self._bodies.return_reference(self._dt, self._state.time_ns, self._places.return_time, patience_ns)
             self._merge_and_split()
         self._bodies.obstacles.facing = box.facing_offsets(self._bodies, pose)
         if link is not None:

@@ -84,18 +84,16 @@ def test_long_inputs(name: str) -> None:
         load(name)(chance.randbytes(2000))
 
 
-NOTHING_CONFIRMED = {"tesla_continental"}
-"""Of whose random objects with this seed none is taken for an obstacle."""
 FEW_FRAMES = {"ford_mrr_fd", "volkswagen_meb"}
 """Their objects come in few long frames without counter or checksum, of which hardly any is lost or fails."""
 
 
 @pytest.mark.parametrize("config", [*CONFIGS, "demo of imm", "demo of vehicle", "toyota_rav4_ins of vehicle"])
 def test_random_and_mutated_frames(config: str) -> None:
-    result = run(Share(config, frames=4000, seed=7))
+    result = run(Share(config, frames=4000, seed=1))
     assert result.cycles > 10
     assert result.most > 3
-    assert result.sent > (0 if config in NOTHING_CONFIRMED else result.cycles)  # obstacles too, not the status alone
+    assert result.sent > result.cycles  # obstacles too, not the status alone
     assert result.refused > (0 if config in FEW_FRAMES else 100)
 
 

@@ -16,6 +16,7 @@ from candaemon.cli.main import main
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.results import Evaluation
 from candaemon.tracking.obstacles import MOTION
+from tests.benchmarks.chains import imm_config
 from tests.support.paths import ROOT
 
 KEPT = ("time", "id", "state", "age", "objects")
@@ -82,11 +83,10 @@ def test_errors_shrink(brake: Drive, cut_in: Drive) -> None:
         assert after.id_switches == before.id_switches
 
 
-def test_errors_of_point_models_shrink(tmp_path: Path) -> None:
-    config = tmp_path / "points.yaml"
-    text = (ROOT / "config" / "esr_ins.yaml").read_text().replace("../dbc", str(ROOT / "dbc"))
-    config.write_text(f"{text}tracker: {{estimator: {{kind: imm}}}}\n")
-    for scenario in ("automotive_brake", "automotive_cut_in"):
+def test_errors_shrink_below_those_of_point_models(brake: Drive, cut_in: Drive, tmp_path: Path) -> None:
+    """Smoothing halves what `imm` errs in velocity, and what is smoothed by default errs by less than that half."""
+    config = imm_config(tmp_path)
+    for scenario, default in (("automotive_brake", brake), ("automotive_cut_in", cut_in)):
         folder = tmp_path / scenario
         folder.mkdir()
         drive = Drive(scenario, folder, config)
@@ -94,6 +94,8 @@ def test_errors_of_point_models_shrink(tmp_path: Path) -> None:
         assert after.errors.position < 0.8 * before.errors.position
         assert after.errors.velocity < 0.5 * before.errors.velocity
         assert after.errors.acceleration < 0.8 * before.errors.acceleration
+        assert 4 * 0.6 < after.nees.mean < 4 * 1.5
+        assert default.evaluation("smoothed").errors.velocity < 0.5 * before.errors.velocity
 
 
 def test_two_runs_give_the_same_bytes(brake: Drive, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from candaemon.pipeline.cycle import Cycle
 from candaemon.playback.cycle_smoothing import CycleSmoother
 from candaemon.tracking.body_modes import STANDING as STANDS
 from candaemon.tracking.obstacles import CONFIRMED, PEDESTRIAN, STANDING, TRUCK, Obstacles
-from tests.support.builders import HandFedVehicles, Seen, assert_sane, car, place, pose, times
+from tests.support.builders import HandFedVehicles, Seen, assert_sane, car, detections, place, pose, times
 from tests.support.effort import examples
 
 SPEED = 20.0
@@ -242,6 +242,15 @@ def test_what_shows_no_speed_along_the_line_of_sight_stands_at_first() -> None:
     _, probability = fed.tracker.mode_probabilities()
     assert probability[0, STANDS] > 0.8
     assert probability[1, STANDS] < 0.01
+
+
+@pytest.mark.parametrize("speed", [0.0, 90.0, 1e200])
+def test_a_speed_at_range_0_leaves_numbers(speed: float) -> None:
+    fed, at = HandFedVehicles(), pose(0.05, ve=20.0)
+    assert_sane(fed.scan(0.05, [Seen(0, 0.0, 0.0)], ego=at))
+    scan = detections(at, [Seen(1, 0.0, 0.0)], sensor=0, noise=(0.1, 0.1, 0.06))
+    rate = np.array([speed])
+    assert_sane(fed.tracker.step(replace(scan, measurement=replace(scan.measurement, range_rate=rate)), at))
 
 
 @pytest.mark.parametrize("course", [0.0, 0.6, 2.5])
