@@ -22,9 +22,10 @@ class SensorEncoder:
     """Writes one sensor's scans.
 
     An object keeps its slot. Where the DBC has an identity signal, the objects are instead packed into the first slots
-    and only the identity is constant, as with such radars; it is the slot assigned by the simulation, plus 1. Where
-    there is no identity, the objects are listed by their distance, and nothing is constant. Where a header counts the
-    objects that follow, or all share one message, only occupied slots are sent; otherwise all are.
+    and only the identity is constant, as with such radars. An identity that is a signal of its own is the slot assigned
+    by the simulation, plus 1: such radars call an empty place 0. Where there is no identity, the objects are listed by
+    their distance, and nothing is constant. Where a header counts the objects that follow, or all share one message,
+    only occupied slots are sent; otherwise all are.
 
     Args:
         sensor: of the configuration, bound to its DBC.
@@ -50,6 +51,8 @@ class SensorEncoder:
         self._used_only = form.multiplexed or (isinstance(scan, HeaderScan) and scan.used_only)
         objects = {message.can_id: (part.index, message) for part in self._writer.layouts for message in part.messages}
         self._fd = frozenset(can_id for can_id, (_, message) in objects.items() if message.is_fd)
+        own = self._packed or all(part.id_signal is None for part in self._writer.layouts)
+        self._first_identity = int(bool(form.identity) and own)
         self._rank = {can_id: part for can_id, (part, _) in objects.items()} if form.multiplexed else {}
         self._headers = sensor.headers
         self._last_id = sensor.trigger_id
@@ -137,7 +140,7 @@ class SensorEncoder:
         """Return the object id with which each occupied slot is read, shape (n,)."""
         if self._listed:
             return _ranks(report)
-        return report.slot + 1 if self._packed else report.slot
+        return report.slot + self._first_identity
 
     def _objects(self, report: SlotReport, index: int) -> list[tuple[int, bytes]]:
         """Return the object messages, in order of the message layout's parts."""
@@ -147,7 +150,7 @@ class SensorEncoder:
         values = dict(zip(report.quantities, report.values, strict=True))
         if self._used_only:
             occupied = np.ones(count, dtype=bool)
-            identity = held + 1 if self._packed else held
+            identity = held + self._first_identity
             return self._writer.write(place, values, occupied, counter=index, new=report.new, identity=identity)
         slots = self._writer.slots
         spread = {name: _spread(row, place, slots) for name, row in values.items()}
@@ -155,7 +158,7 @@ class SensorEncoder:
         occupied[place], new[place] = True, report.new
         identity = np.arange(slots)
         if self._packed:
-            identity[place] = held + 1
+            identity[place] = held + self._first_identity
         return self._writer.write(np.arange(slots), spread, occupied, counter=index, new=new, identity=identity)
 
     def _in_order(self, sent: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
