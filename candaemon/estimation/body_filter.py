@@ -25,8 +25,9 @@ import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.arrays.rows import checked_state
+from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.body_transition import BodyTransition
-from candaemon.estimation.measurement import Measurement, line_of_sight
+from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.smoothing import Link, smoothing_gain
 
 WIDTH = 8
@@ -205,6 +206,11 @@ class BodyFilter:
         """Move the reference points by steps (n, 2), m: what they lie on has turned, or is another part of the body."""
         self._state.mean[:, :, POSITION] += step[:, None]
 
+    def settle(self, step: Floats) -> None:
+        """Move the reference points by steps (n, 2), m, that the bias had: what the sensors see stays where it is."""
+        self._state.mean[:, :, POSITION] += step[:, None]
+        self._state.mean[:, :, BIAS] -= step[:, None]
+
     def loosen(self, rows: Indices, variance: float) -> None:
         """Let it be open again where on rows' bodies the leading reflections lie: position and bias, not their sum.
 
@@ -358,13 +364,16 @@ class BodyFilter:
         """Return the standard deviations of ω in each mode at speeds (M, n), m/s: (M, n), rad/s."""
         return np.minimum(self._lateral_acceleration / np.maximum(speed, _SLOW), self._dynamics.turn_rate)
 
-    def update(self, rows: Indices, measurement: Measurement, alike: float = 1.0) -> Floats:
+    def update(
+        self, rows: Indices, measurement: Measurement, alike: float = 1.0, rates: BodyRates | None = None
+    ) -> Floats:
         """Update the given rows with a measurement each.
 
         Args:
             rows: of the bodies (m,).
-            measurement: one each.
+            measurement: one each; its range rates are not used.
             alike: how surely its errors are like those of the sensor's scan before, 0 to 1.
+            rates: range rates of those bodies, any number each.
 
         Returns:
             The NIS of each (m,), weighted as the modes are.
@@ -375,20 +384,16 @@ class BodyFilter:
         if not every:
             mean, covariance, prior = (array.take(rows, axis=-1) for array in (mean, covariance, prior))
         nis, log_likelihood = self._update_position(mean, covariance, measurement)
-        if measurement.range_rate is not None and measurement.range_rate_variance is not None:
-            reflection = mean[:4].copy()
-            reflection[:2] += mean[BIAS]
-            rate, row = line_of_sight(reflection.T, measurement.origin, measurement.velocity)
-            x, y, vx, vy = np.ascontiguousarray(row.T)
-            innovation = measurement.range_rate - rate.T
-            seen = {0: x, 1: y, 2: vx, 3: vy, 6: x, 7: y}
-            self._update_scalar(
-                mean, covariance, seen, innovation, measurement.range_rate_variance, nis, log_likelihood
-            )
-        for part in measurement.projections:
-            x, y = part.direction.T
-            innovation = part.value - (x * mean[2] + y * mean[3])
-            self._update_scalar(mean, covariance, {2: x, 3: y}, innovation, part.variance, nis, log_likelihood)
+        for part in () if rates is None else rates.components(_shown(mean, prior)):
+            (slope_x, slope_y), (x, y) = part.slope.T, part.direction.T
+            place_x, place_y = mean[0] + mean[6], mean[1] + mean[7]
+            innovation = part.value - (slope_x * place_x + slope_y * place_y + x * mean[2] + y * mean[3])
+            seen = {0: slope_x, 1: slope_y, 2: x, 3: y, 6: slope_x, 7: slope_y}
+            self._update_scalar(mean, covariance, seen, innovation, part.variance, nis, log_likelihood)
+        for projection in measurement.projections:
+            x, y = projection.direction.T
+            innovation = projection.value - (x * mean[2] + y * mean[3])
+            self._update_scalar(mean, covariance, {2: x, 3: y}, innovation, projection.variance, nis, log_likelihood)
         evidence = 1.0 + alike * (self._dynamics.evidence - 1.0)
         weight = prior * np.exp(evidence * (log_likelihood - log_likelihood.max(axis=0)))
         weight = np.maximum(weight / weight.sum(axis=0), _LEAST_PROBABILITY)
@@ -468,6 +473,18 @@ class BodyFilter:
     def _empty(self) -> BodyFilterState:
         m = len(self._dwell)
         return BodyFilterState(np.zeros((0, m, WIDTH)), np.zeros((0, m, WIDTH, WIDTH)), np.zeros((0, m)))
+
+
+def _shown(mean: Floats, probability: Floats) -> Floats:
+    """Return places where the sensors see bodies, and velocities (m, 4), over all modes.
+
+    Args:
+        mean: (8, M, m).
+        probability: (M, m).
+    """
+    shown = mean[:4].copy()
+    shown[:2] += mean[BIAS]
+    return np.ascontiguousarray((shown * probability).sum(axis=1).T)
 
 
 def _column(values: Sequence[float]) -> Floats:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.arrays import Floats, Indices
+from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.measurement import Measurement, Projection
 
 _FINITE = 1e-12
@@ -13,11 +14,12 @@ _LEAST_VARIANCE = 1e-4  # m²; an angle's noise is none at range 0, and no place
 
 def of_bodies(
     measurement: Measurement, body: Indices, offset: Floats, spread: Floats, speed_share: float
-) -> tuple[Indices, Measurement]:
-    """Return the bodies that were detected, ascending, and what their leading reflections would have measured.
+) -> tuple[Indices, Measurement, BodyRates | None]:
+    """Return the detected bodies, ascending, what their leading reflections would have measured, and the range rates.
 
-    Positions are brought to the leading reflection by the known offsets and weighted with their information; speeds
-    are those of one rigid body and averaged with theirs.
+    Positions are brought to the leading reflection by the known offsets and weighted with their information; components
+    of the velocity are those of one rigid body and averaged with theirs. Range rates are left as they are: each has a
+    line of sight of its own.
 
     Args:
         measurement: m detections.
@@ -52,19 +54,19 @@ def of_bodies(
         mean[known] = total(np.where(weight > 0.0, value, 0.0) * weight)[known] / weights[known]
         return mean, speed_share / np.maximum(weights, _FINITE)
 
-    rate = rate_variance = None
-    if measurement.range_rate is not None and measurement.range_rate_variance is not None:
-        rate, rate_variance = averaged(measurement.range_rate, measurement.range_rate_variance)
     projections = tuple(
         Projection(part.direction[first], *averaged(part.value, part.variance)) for part in measurement.projections
     )
-    return rows, Measurement(
+    combined = Measurement(
         position,
         covariance,
         measurement.origin,
         measurement.velocity,
-        rate,
-        rate_variance,
-        projections,
-        measurement.sensor,
+        projections=projections,
+        sensor=measurement.sensor,
     )
+    if measurement.range_rate is None or measurement.range_rate_variance is None:
+        return rows, combined, None
+    sensor = measurement.origin, measurement.velocity
+    rates = BodyRates(measurement.range_rate, measurement.range_rate_variance, group, offset, *sensor, speed_share)
+    return rows, combined, rates

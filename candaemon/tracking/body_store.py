@@ -22,6 +22,7 @@ from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
 _LEAST_NORMAL = 1e-12  # 1/m²
+_BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
 _COURSE_SPEED = 3.0  # m/s, what was ever faster has a known axis
 
 
@@ -326,6 +327,7 @@ class Bodies:
             patience_ns: for which a reflection still shows where its body ends.
         """
         obstacles, reflections = self.obstacles, self.reflections
+        self._keep_bias_within(dt)
         seen = np.flatnonzero(reflections.last_ns == time_ns)
         if not len(seen) or not reflections.offset[seen].any():
             return
@@ -348,6 +350,17 @@ class Bodies:
         reflections.offset -= step[reflections.body]
         self.filter.shift(from_travel_axes(step, obstacles.axis))
         self.changed()
+
+    def _keep_bias_within(self, dt: float) -> None:
+        """Let the reference points follow reflections that would otherwise lie beyond their bodies."""
+        obstacles = self.obstacles
+        bias = to_travel_axes(self.moments().mean[:, BIAS], obstacles.axis)
+        half = 0.5 * np.stack([obstacles.length, obstacles.width], axis=1)
+        beyond = bias - np.minimum(np.maximum(bias, -half), half)
+        if beyond.any():
+            step = -np.expm1(-dt / _BEYOND_TIME) * beyond
+            self.filter.settle(from_travel_axes(step, obstacles.axis))
+            self.changed()
 
     def merge(self, young: int, old: int) -> None:
         """Give the reflections of one body to another; the row left without reflections is to be deleted."""

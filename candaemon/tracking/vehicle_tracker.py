@@ -399,8 +399,8 @@ class VehicleTracker:
         self._note_rates(row, offset, detections, rows)
         alike = self._alike(detections.sensor)
         speed_share = 1.0 + alike * (self._places.speed_noise**2 - 1.0)
-        seen, combined = of_bodies(measurement, body, offset, reflections.variance[row], speed_share)
-        bodies.filter.update(seen, combined, alike)
+        seen, combined, rates = of_bodies(measurement, body, offset, reflections.variance[row], speed_share)
+        bodies.filter.update(seen, combined, alike, rates)
         bodies.changed()
         place = measurement.position - bodies.moments().shown[body, :2] - offset
         noise = 0.5 * (measurement.noise[:, 0, 0] + measurement.noise[:, 1, 1])

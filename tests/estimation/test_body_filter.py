@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from candaemon.arrays import Floats
+from candaemon.arrays import Floats, Indices
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.estimation.body_filter import (
     ACCELERATION,
@@ -25,6 +25,7 @@ from candaemon.estimation.body_filter import (
     report_jacobian,
     reported,
 )
+from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.tracking.body_modes import STANDING, dynamics_of, modes_of
 from tests.support.builders import random_covariance, rotation
@@ -77,6 +78,15 @@ def seen(position: Floats, seed: int, *, rated: bool = True, projected: bool = T
     parts = (Projection(directions(n, seed + 1), rng.normal(size=n) * 5, rng.uniform(0.1, 1, n)),) if projected else ()
     variance = None if rate is None else np.full(n, 0.04)
     return Measurement(position.copy(), random_covariance(rng, 2, n) * 0.2, ORIGIN, OWN, rate, variance, parts)
+
+
+def updated(bodies: BodyFilter, rows: Indices, measurement: Measurement, alike: float = 1.0) -> Floats:
+    """Update with a measurement, its range rates each along the line of sight to its body; return the NIS."""
+    rates, m = None, len(rows)
+    if measurement.range_rate is not None and measurement.range_rate_variance is not None:
+        values = measurement.range_rate, measurement.range_rate_variance
+        rates = BodyRates(*values, np.arange(m), np.zeros((m, 2)), measurement.origin, measurement.velocity)
+    return bodies.update(rows, measurement, alike, rates)
 
 
 def plain_motion(x: Floats, dt: float, mode: BodyMode, axis: Floats, settling: float) -> Floats:
@@ -194,7 +204,7 @@ def test_an_update_of_places_is_the_dense_one() -> None:
     before = bodies.state
     mean, covariance, prior = before.mean.copy(), before.covariance.copy(), before.probability.copy()
     measurement = seen(mean[:, 0, :2] + 0.5, 8, rated=False, projected=False)
-    nis = bodies.update(np.arange(6), measurement)
+    nis = updated(bodies, np.arange(6), measurement)
     for row in range(6):
         likelihood, expected_nis = np.zeros(2), np.zeros(2)
         for mode in range(2):
@@ -217,7 +227,7 @@ def test_parts_are_taken_one_after_the_other() -> None:
     bodies = spawned((DRIVING,), 5, 9)
     mean, covariance = bodies.state.mean[:, 0].copy(), bodies.state.covariance[:, 0].copy()
     measurement = seen(mean[:, :2] + 0.3, 10, projected=False)
-    bodies.update(np.arange(5), measurement)
+    updated(bodies, np.arange(5), measurement)
     for row in range(5):
         x, p = mean[row], covariance[row]
         for part in (slice(0, 2), slice(2, 3)):
@@ -229,6 +239,39 @@ def test_parts_are_taken_one_after_the_other() -> None:
         np.testing.assert_allclose(bodies.state.covariance[row, 0], p, atol=ROUNDING)
 
 
+def test_range_rates_of_one_body_tell_what_they_tell_one_after_the_other() -> None:
+    """Of bodies whose place is known: two components of the velocity are all that five range rates know."""
+    bodies, rng = spawned((DRIVING,), 2, 21), np.random.default_rng(22)
+    for side in (bodies.state.covariance, np.swapaxes(bodies.state.covariance, 2, 3)):
+        side[:, :, [0, 1, 6, 7]] = 0.0
+    mean, covariance = bodies.state.mean[:, 0].copy(), bodies.state.covariance[:, 0].copy()
+    measurement = seen(mean[:, :2] + mean[:, 6:], 23, rated=False, projected=False)
+    body, offset = np.array([0, 1, 0, 0, 1]), rng.normal(size=(5, 2)) * [8.0, 15.0]
+    value, variance = rng.normal(size=5) * 5.0, rng.uniform(1e-4, 1e-3, 5)
+    value[2] = np.nan
+    bodies.update(np.arange(2), measurement, 1.0, BodyRates(value, variance, body, offset, ORIGIN, OWN))
+    for row in range(2):
+        x, p = mean[row], covariance[row]
+        for k in np.flatnonzero((body == row) & np.isfinite(value)):
+            sight, h = x[:2] + x[6:] + offset[k] - ORIGIN, np.zeros(8)
+            h[2:4] = sight / hypot(*sight)
+            gain = p @ h / (h @ p @ h + variance[k])
+            x, p = x + gain * (value[k] - h[2:4] @ (x[2:4] - OWN)), p - np.outer(gain, h @ p)
+        np.testing.assert_allclose(bodies.state.mean[row, 0], x, atol=ROUNDING)
+        np.testing.assert_allclose(bodies.state.covariance[row, 0], p, atol=ROUNDING)
+
+
+def test_a_component_that_hardly_anything_tells_is_left_out() -> None:
+    """Two reflections side by side far away: they know the speed across to tens of metres a second, no better."""
+    aside, value = np.array([[0.0, -0.5], [0.0, 0.5]]), np.array([19.0, 19.2])
+    rates = BodyRates(value, np.full(2, 0.04), np.zeros(2, np.intp), aside, np.zeros(2), np.zeros(2))
+    (only,) = rates.components(np.array([[100.0, 0.0, 20.0, 5.0]]))
+    np.testing.assert_allclose(np.abs(only.direction), [[1.0, 0.0]], atol=1e-3)
+    np.testing.assert_allclose(only.variance, 0.02, rtol=1e-3)
+    silent = replace(rates, value=np.full(2, np.nan))
+    assert silent.components(np.ones((1, 4))) == ()
+
+
 def test_speeds_that_were_not_measured_change_nothing() -> None:
     rated, silent = spawned(MODES, 4, 11), spawned(MODES, 4, 11)
     measurement = seen(rated.state.mean[:, 0, :2], 12)
@@ -236,7 +279,7 @@ def test_speeds_that_were_not_measured_change_nothing() -> None:
     measurement.range_rate[:] = np.nan
     measurement.projections[0].value[:] = np.nan
     bare = Measurement(measurement.position, measurement.noise, ORIGIN, OWN)
-    np.testing.assert_allclose(rated.update(np.arange(4), measurement), silent.update(np.arange(4), bare))
+    np.testing.assert_allclose(updated(rated, np.arange(4), measurement), updated(silent, np.arange(4), bare))
     for name in ("mean", "covariance", "probability"):
         np.testing.assert_allclose(getattr(rated.state, name), getattr(silent.state, name), atol=1e-12)
 
@@ -245,8 +288,8 @@ def test_rows_are_updated_as_if_they_were_alone() -> None:
     every, some = spawned(MODES, 5, 13), spawned(MODES, 5, 13)
     measurement, rows = seen(every.state.mean[:, 0, :2], 14), np.array([3, 1])
     before = some.state.mean[[0, 2, 4]].copy()
-    nis = every.update(np.arange(5), measurement)
-    np.testing.assert_allclose(some.update(rows, measurement.take(rows)), nis[rows])
+    nis = updated(every, np.arange(5), measurement)
+    np.testing.assert_allclose(updated(some, rows, measurement.take(rows)), nis[rows])
     np.testing.assert_allclose(some.state.mean[rows], every.state.mean[rows])
     np.testing.assert_allclose(some.state.covariance[rows], every.state.covariance[rows])
     np.testing.assert_array_equal(some.state.mean[[0, 2, 4]], before)
@@ -294,7 +337,7 @@ def test_long_runs_stay_sound(settling: float) -> None:
         assert measurement.range_rate is not None
         measurement.range_rate[rng.random(len(rows)) < 0.3] = np.nan
         if len(rows):
-            bodies.update(rows, measurement)
+            updated(bodies, rows, measurement)
         if k % 100 == 0:
             assert_sound(bodies)
     assert_sound(bodies)
@@ -316,7 +359,7 @@ def test_errors_that_are_alike_tell_the_modes_apart_less() -> None:
         bodies = spawned((DRIVING, FREE), 6, 3, replace(DYNAMICS, evidence=0.5))
         bodies.state.mean[:, 1] = bodies.state.mean[:, 0]
         before = bodies.probability.copy()
-        bodies.update(np.arange(6), seen(bodies.state.mean[:, 0, :2] + 1.0, 5), alike)
+        updated(bodies, np.arange(6), seen(bodies.state.mean[:, 0, :2] + 1.0, 5), alike)
         odds = bodies.probability / before
         shares.append(np.log(odds[:, 0] / odds[:, 1]))
     unbounded = np.abs(shares[0]) < 12.5  # beyond, a share is the least there is
@@ -340,7 +383,7 @@ def test_absurd_measurements_leave_numbers(
     measurement = Measurement(np.array(place).reshape(2, 2), noise, ORIGIN, OWN, np.full(2, rate), np.full(2, 0.01))
     for _ in range(3):
         bodies.predict(dt, directions(2, seed), np.zeros((2, 2)), np.zeros(2))
-        nis = bodies.update(np.arange(2), measurement)
+        nis = updated(bodies, np.arange(2), measurement)
         assert np.isfinite(nis).all()
         assert (nis >= 0.0).all()
     state = bodies.state
@@ -360,7 +403,8 @@ def test_what_a_body_does_shows_in_the_modes() -> None:
         bodies.predict(0.05, axis, np.zeros((1, 2)), np.zeros(1))
         place = np.array([[x, y]]) + rng.normal(size=(1, 2)) * 0.1
         rate = np.array([speed])
-        bodies.update(
+        updated(
+            bodies,
             np.array([0]),
             Measurement(place, np.eye(2)[None] * 0.01, np.array([0.0, y]), np.zeros(2), rate, np.array([0.09])),
         )
@@ -399,6 +443,11 @@ def test_steps_and_open_places_keep_what_is_measured() -> None:
     place = np.hstack([np.eye(2), np.zeros((2, 4)), np.eye(2)])
     np.testing.assert_allclose(place @ covariance[2] @ place.T, place @ untouched[2] @ place.T, atol=1e-12)
     assert covariance[2, 0, 0] > untouched[2, 0, 0] + 0.4
+    bodies.settle(np.array([[0.5, -1.0], [0.0, 0.0], [0.0, 0.0]]))
+    settled, _ = bodies.combined()
+    np.testing.assert_allclose(settled[0, POSITION] - after[0, POSITION], [0.5, -1.0], atol=1e-12)
+    np.testing.assert_allclose(settled[:, POSITION] + settled[:, BIAS], after[:, POSITION] + after[:, BIAS])
+    bodies.settle(np.array([[-0.5, 1.0], [0.0, 0.0], [0.0, 0.0]]))
     bodies.shift(np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 2.0]]))
     moved, _ = bodies.combined()
     np.testing.assert_allclose(moved[:, :2] - after[:, :2], [[1.0, 0.0], [0.0, 0.0], [0.0, 2.0]], atol=1e-12)

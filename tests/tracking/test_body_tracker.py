@@ -468,3 +468,27 @@ def test_where_on_its_side_a_car_is_seen_is_not_known() -> None:
     assert 0.25 * 4.5 < beside.sy[0] < 0.35 * 4.5
     assert beside.sx[0] < 0.6
     assert beside.svy[0] > 0.5 > beside.svx[0]
+
+
+def test_what_passes_close_by_keeps_its_velocity() -> None:
+    """A lorry overtakes us in the next lane: each of its reflections comes nearer, or goes, at a speed of its own."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(7)
+    for t in times(1, 140):
+        along = -30.0 + 8.0 * t + np.array(LORRY)
+        told = fed.scan(t, noisy(rng, [Seen(key, x, 4.0, 8.0, 0.0) for key, x in enumerate(along.tolist())]))
+        if t > 2.0:
+            assert len(told) == 1
+            assert hypot(told.vx[0] - 8.0, told.vy[0]) < 0.7
+
+
+def test_no_reflection_lies_beyond_its_body_for_long() -> None:
+    """What the filter takes for a bias of metres is where the body is."""
+    fed = HandFedVehicles()
+    for t in times(1, 60):
+        fed.scan(t, [car(0, t, 40.0)])
+    bodies = fed.tracker._bodies
+    bodies.filter.settle(np.array([[-9.0, 0.0]]))
+    bodies.changed()
+    for t in times(60, 80):
+        fed.scan(t, [car(0, t, 40.0)])
+    assert abs(bodies.moments().mean[0, BIAS][0]) < bodies.obstacles.length[0] / 2 + 0.2
