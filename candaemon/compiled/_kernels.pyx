@@ -7,13 +7,13 @@ numpy. No shape is checked here: the callers give arrays of the right ones.
 """
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
-from libc.math cimport NAN, copysign, fabs, isfinite, llrint, sqrt
+from libc.math cimport INFINITY, NAN, copysign, fabs, isfinite, llrint, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 7
+REVISION = 8
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -925,3 +925,137 @@ def near_pairs(const double[:] x, const double[:] y, double reach):
                     before[at] = earlier
                     at += 1
     return later_array, earlier_array
+
+
+cdef inline void fetch(double* own, const double* column, Py_ssize_t lanes) noexcept nogil:
+    """Copy a component of some bodies; lanes without a body hold that of the last one."""
+    cdef Py_ssize_t l
+    if lanes == LANES:
+        memcpy(own, column, LANES * sizeof(double))
+    else:
+        for l in range(LANES):
+            own[l] = column[l if l < lanes else lanes - 1]
+
+
+cdef inline void put(double* column, const double* own, Py_ssize_t lanes) noexcept nogil:
+    """Copy a component of some bodies back."""
+    cdef Py_ssize_t l
+    if lanes == LANES:
+        memcpy(column, own, LANES * sizeof(double))
+    else:
+        for l in range(lanes):
+            column[l] = own[l]
+
+
+def mix_bodies(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    const double[:, ::1] probability,
+    const double[:, :] leave,
+    const double[:, :] dwell,
+    const double[:, :] others,
+):
+    """Mix the modes of bodies (8, M, n) and (8, 8, M, n) in place; return the predicted probabilities (M, n).
+
+    A mode is left with a probability (M, 1), for the others by their dwell (M, 1), whose sum is given, too (M, 1).
+    """
+    cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, i, a, b, l
+    cdef double share, kept, pull
+    cdef double filled[16][LANES]
+    cdef double own[16][LANES]
+    cdef double pooled[16][LANES]
+    cdef double value[16][LANES]
+    cdef double off[8][16][LANES]
+    cdef double mixed[8][16][LANES]
+    cdef double origin[LANES]
+    cdef double pool[LANES]
+    predicted_array = np.empty((m, n))
+    cdef double[:, ::1] predicted = predicted_array
+    with nogil:
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            for i in range(m):
+                share = leave[i, 0] / others[i, 0]
+                fetch(own[i], &probability[i, t], lanes)
+                for l in range(LANES):
+                    filled[i][l] = share * own[i][l]
+            for l in range(LANES):
+                pool[l] = filled[0][l]
+            for i in range(1, m):
+                for l in range(LANES):
+                    pool[l] = pool[l] + filled[i][l]
+            for i in range(m):
+                pull = dwell[i, 0]
+                kept = 1.0 - leave[i, 0] - pull * (leave[i, 0] / others[i, 0])
+                for l in range(LANES):
+                    own[i][l] = kept * own[i][l]
+                    value[i][l] = own[i][l] + pull * pool[l]
+                    own[i][l] = own[i][l] / value[i][l]
+                    pooled[i][l] = pull / value[i][l]
+                put(&predicted[i, t], value[i], lanes)
+            for a in range(8):
+                fetch(origin, &mean[a, 0, t], lanes)
+                for i in range(m):
+                    fetch(off[a][i], &mean[a, i, t], lanes)
+                    for l in range(LANES):
+                        off[a][i][l] = off[a][i][l] - origin[l]
+                for l in range(LANES):
+                    pool[l] = filled[0][l] * off[a][0][l]
+                for i in range(1, m):
+                    for l in range(LANES):
+                        pool[l] = pool[l] + filled[i][l] * off[a][i][l]
+                for i in range(m):
+                    for l in range(LANES):
+                        mixed[a][i][l] = off[a][i][l] * own[i][l] + pooled[i][l] * pool[l]
+                        value[i][l] = mixed[a][i][l] + origin[l]
+                    put(&mean[a, i, t], value[i], lanes)
+            for a in range(8):
+                for b in range(a, 8):
+                    for i in range(m):
+                        fetch(value[i], &covariance[a, b, i, t], lanes)
+                        for l in range(LANES):
+                            value[i][l] = value[i][l] + off[a][i][l] * off[b][i][l]
+                    for l in range(LANES):
+                        pool[l] = filled[0][l] * value[0][l]
+                    for i in range(1, m):
+                        for l in range(LANES):
+                            pool[l] = pool[l] + filled[i][l] * value[i][l]
+                    for i in range(m):
+                        for l in range(LANES):
+                            value[i][l] = value[i][l] * own[i][l] + pooled[i][l] * pool[l]
+                            value[i][l] = value[i][l] - mixed[a][i][l] * mixed[b][i][l]
+                        put(&covariance[a, b, i, t], value[i], lanes)
+                        put(&covariance[b, a, i, t], value[i], lanes)
+    return predicted_array
+
+
+def keep_moving_bodies(
+    const double[:, :, ::1] mean,
+    double[:, ::1] probability,
+    const double[:, :] moves,
+    double stoppable,
+    double least,
+):
+    """Give the modes that stand the least probability, in place (M, n), where all that move (M, 1) are faster than that.
+
+    Means are (8, M, n).
+    """
+    cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], t, i
+    cdef double slowest, speed, total
+    with nogil:
+        for t in range(n):
+            slowest = INFINITY
+            for i in range(m):
+                if moves[i, 0] > 0.0:
+                    speed = sqrt(mean[2, i, t] * mean[2, i, t] + mean[3, i, t] * mean[3, i, t])
+                    if speed < slowest or speed != speed:
+                        slowest = speed
+            for i in range(m):
+                if moves[i, 0] == 0.0 and slowest > stoppable:
+                    probability[i, t] = least
+            total = probability[0, t]
+            for i in range(1, m):
+                total = total + probability[i, t]
+            for i in range(m):
+                probability[i, t] = probability[i, t] / total

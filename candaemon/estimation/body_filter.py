@@ -23,10 +23,11 @@ from math import prod
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.arrays.rows import checked_state
 from candaemon.estimation.body_rates import BodyRates
-from candaemon.estimation.body_transition import BodyTransition
+from candaemon.estimation.body_transition import BodyTransition, symmetrise_upper
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.smoothing import Link, smoothing_gain
 
@@ -99,7 +100,7 @@ class BodyFilterState:
 
     Attributes:
         mean: (n, M, 8).
-        covariance: (n, M, 8, 8).
+        covariance: (n, M, 8, 8), symmetric to the last bit.
         probability: of the modes (n, M).
     """
 
@@ -130,6 +131,7 @@ class BodyFilter:
         self._walk = _column([mode.bias_walk for mode in modes])
         self._settles = _column([mode.settles for mode in modes])
         self._dwell = _column([mode.dwell for mode in modes])
+        self._others = self._dwell.sum() - self._dwell
         self._turn_time = _column([mode.turn_time for mode in modes])
         others = np.array([[dynamics.acceleration_time], [dynamics.bias_time], [dynamics.bias_time]])
         self._memory = np.vstack([self._turn_time.T, np.broadcast_to(others, (3, len(modes)))])
@@ -142,8 +144,13 @@ class BodyFilter:
         return len(self._state.probability)
 
     @property
+    def _compiled(self) -> bool:
+        """Whether the kernels compute, which have room for so many modes."""
+        return compiled.in_use and len(self._dwell) <= compiled.WIDEST
+
+    @property
     def state(self) -> BodyFilterState:
-        """All that it remembers.
+        """All that it remembers; covariances that are set become symmetric.
 
         Raises:
             ValueError: a state that is set does not fit the filter.
@@ -154,6 +161,7 @@ class BodyFilter:
     def state(self, state: BodyFilterState) -> None:
         self._state = checked_state(state, self._empty())
         state.mean, state.covariance = np.asfortranarray(state.mean), np.asfortranarray(state.covariance)
+        symmetrise_upper(state.covariance.T)
         state.probability = np.asfortranarray(state.probability)
 
     @property
@@ -185,6 +193,7 @@ class BodyFilter:
         covariance[:, :, TURN, TURN] = np.square(self._turn_rates(speed)).T
         first = np.minimum(self._acceleration, dynamics.first_acceleration)
         covariance[:, :, ACCELERATION, ACCELERATION] = np.square(first).T
+        symmetrise_upper(covariance.T)
         state = self._state
         self._set(
             np.concatenate([state.mean.T, mean.T], axis=-1),
@@ -263,21 +272,25 @@ class BodyFilter:
         """Mix the modes' estimates, and predict the modes' probabilities (Blom and Bar-Shalom 1988)."""
         if len(self._dwell) == 1:
             return
-        dwell = self._dwell
+        dwell, others = self._dwell, self._others
         leave = -np.expm1(-dt / dwell)
         prior, mean, covariance = self.probability.T, self._state.mean.T, self._state.covariance.T
+        if self._compiled:
+            predicted = compiled.kernels.mix_bodies(mean, covariance, prior, leave, dwell, others)
+            self._state.probability = predicted.T
+            return
         # what leaves a mode goes to the others by their dwell: the part of a pool that all modes fill, but for its own
-        share = leave / (dwell.sum() - dwell)
-        filled = share * prior
-        predicted = (1.0 - leave - dwell * share) * prior + dwell * filled.sum(axis=0)
-        own, pooled = (1.0 - leave - dwell * share) * prior / predicted, dwell / predicted
+        share = leave / others
+        filled, own = share * prior, (1.0 - leave - dwell * share) * prior
+        predicted = own + dwell * _total(filled)
+        own, pooled = own / predicted, dwell / predicted
         origin = mean[:, :1].copy()
         mean -= origin
         covariance += self._outer(mean, mean)
-        pool = np.einsum("in,cin->cn", filled, mean)
+        pool = _weighted(filled, mean)
         mean *= own
         mean += pooled * pool[:, None]
-        pool = np.einsum("in,cdin->cdn", filled, covariance)
+        pool = _weighted(filled, covariance)
         covariance *= own
         covariance += np.multiply(pooled, pool[:, :, None], out=self._room(covariance.shape))
         covariance -= self._outer(mean, mean)
@@ -287,10 +300,13 @@ class BodyFilter:
     def _keep_moving(self) -> None:
         """Let what moves fast not stand at the next moment: unseen, it would seem to slow down without a reason."""
         mean, probability = self._state.mean.T, self.probability.T
-        speed = np.hypot(mean[2], mean[3]).min(axis=0, where=self._moves > 0.0, initial=np.inf)
+        if self._compiled:
+            compiled.kernels.keep_moving_bodies(mean, probability, self._moves, _STOPPABLE, _LEAST_PROBABILITY)
+            return
+        speed = _speed(mean).min(axis=0, where=self._moves > 0.0, initial=np.inf)
         stands = (self._moves == 0.0) & (speed > _STOPPABLE)
         probability[...] = np.where(stands, _LEAST_PROBABILITY, probability)
-        probability /= probability.sum(axis=0)
+        probability /= _total(probability)
 
     def _outer(self, left: Floats, right: Floats) -> Floats:
         """Return the products of vectors (8, M, n) and (8, M, n): (8, 8, M, n), for the moment only as of `_room`."""
@@ -411,20 +427,26 @@ class BodyFilter:
         x, y = x - mean[0] - mean[6], y - mean[1] - mean[7]
         cross_x, cross_y = covariance[0] + covariance[6], covariance[1] + covariance[7]  # H P, (8, M, m) each
         noise = measurement.noise
-        a = cross_x[0] + cross_x[6] + noise[:, 0, 0]
+        # no less than the noise, nor than its determinant, which rounding hides where a body flies off
+        a = np.maximum(cross_x[0] + cross_x[6] + noise[:, 0, 0], noise[:, 0, 0])
         b = cross_y[0] + cross_y[6] + noise[:, 0, 1]
         d = cross_y[1] + cross_y[7] + noise[:, 1, 1]
-        # no less than that of the noise, which rounding hides where a body flies off
-        least = noise[:, 0, 0] * noise[:, 1, 1] - noise[:, 0, 1] ** 2
-        determinant = np.maximum(a * d - b * b, least)
-        weighted_x, weighted_y = (d * x - b * y) / determinant, (a * y - b * x) / determinant
-        nis = x * weighted_x + y * weighted_y
-        mean += cross_x * weighted_x + cross_y * weighted_y
-        gain_x = (d / determinant) * cross_x - (b / determinant) * cross_y
-        gain_y = (a / determinant) * cross_y - (b / determinant) * cross_x
-        covariance -= self._outer(gain_x, cross_x)
-        covariance -= self._outer(gain_y, cross_y)
-        return nis, -0.5 * (nis + np.log(determinant)) - _LOG_2_PI
+        least = noise[:, 0, 0] * noise[:, 1, 1] - noise[:, 0, 1] * noise[:, 0, 1]
+        first = 1.0 / np.sqrt(a)
+        slope = b * first
+        rest = np.maximum(d - slope * slope, least / a)
+        second = 1.0 / np.sqrt(rest)
+        x *= first
+        y = (y - slope * x) * second
+        cross_x *= first
+        cross_y -= slope * cross_x
+        cross_y *= second
+        mean += cross_x * x
+        mean += cross_y * y
+        covariance -= self._outer(cross_x, cross_x)
+        covariance -= self._outer(cross_y, cross_y)
+        nis = x * x + y * y
+        return nis, -0.5 * (nis + np.log(a * rest)) - _LOG_2_PI
 
     def _update_scalar(
         self,
@@ -453,10 +475,11 @@ class BodyFilter:
             row = {component: np.where(known, value, 0.0) for component, value in row.items()}
         cross = sum((covariance[component] * value for component, value in row.items()), start=np.zeros(()))
         s = sum((cross[component] * value for component, value in row.items()), start=variance)
-        gain = cross / s
-        mean += gain * innovation
-        covariance -= self._outer(gain, cross)
-        part = innovation**2 / s
+        root = 1.0 / np.sqrt(s)
+        cross, innovation = cross * root, innovation * root
+        mean += cross * innovation
+        covariance -= self._outer(cross, cross)
+        part = innovation * innovation
         nis += part
         log_likelihood -= np.where(known, 0.5 * (part + np.log(s) + _LOG_2_PI), 0.0)
 
@@ -490,6 +513,27 @@ def _shown(mean: Floats, probability: Floats) -> Floats:
 def _column(values: Sequence[float]) -> Floats:
     """Return a number of each mode (M, 1)."""
     return np.array(values, dtype=np.float64)[:, None]
+
+
+def _total(terms: Floats) -> Floats:
+    """Return the sum over the modes (M, n), from the first to the last."""
+    total = terms[0].copy()
+    for term in terms[1:]:
+        total += term
+    return np.asarray(total)
+
+
+def _weighted(weight: Floats, values: Floats) -> Floats:
+    """Return the sum over the modes of weights (M, n) times values (…, M, n), from the first to the last."""
+    total: Floats = weight[0] * values[..., 0, :]
+    for mode in range(1, len(weight)):
+        total += weight[mode] * values[..., mode, :]
+    return total
+
+
+def _speed(mean: Floats) -> Floats:
+    """Return the speeds (…) of states (8, …), m/s; hypot, which libraries round in ways of their own, is not needed."""
+    return np.asarray(np.sqrt(mean[2] * mean[2] + mean[3] * mean[3]))
 
 
 def acceleration(mean: Floats) -> Floats:

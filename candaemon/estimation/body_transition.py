@@ -12,6 +12,8 @@ import numpy as np
 
 from candaemon.arrays import Floats
 
+_UPPER = np.triu_indices(8, 1)
+
 
 @dataclass(frozen=True, slots=True)
 class BodyTransition:
@@ -29,15 +31,18 @@ class BodyTransition:
 
     def apply(self, columns: Floats) -> None:
         """Multiply columns (8, k, M, n) by F from the left, in place."""
-        after = np.einsum("abin,bcin->acin", self.gain, columns[2:6])
+        after = self.gain[:, 0, None] * columns[2]
+        for at in range(1, 4):
+            after += self.gain[:, at, None] * columns[2 + at]
         columns[:2] += after[:2]
         columns[2:4] = after[2:]
         columns[4:] *= self.decay[:, None, :, None]
 
     def propagate(self, covariance: Floats) -> None:
-        """Make F P Fᵀ of covariances P (8, 8, M, n), in place."""
+        """Make F P Fᵀ of covariances P (8, 8, M, n), in place; they stay symmetric to the last bit."""
         self.apply(covariance)
         self.apply(np.swapaxes(covariance, 0, 1))
+        symmetrise_upper(covariance)
 
     def dense(self) -> Floats:
         """Return F (8, 8, M, n)."""
@@ -47,3 +52,8 @@ class BodyTransition:
             matrix[at, at] = 1.0
         self.apply(matrix)
         return matrix
+
+
+def symmetrise_upper(covariance: Floats) -> None:
+    """Make matrices (8, 8, …) symmetric in place, as their upper triangles are."""
+    covariance[_UPPER[::-1]] = covariance[_UPPER]

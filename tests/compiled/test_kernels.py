@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,8 @@ from candaemon.arrays import Floats
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
+from candaemon.config.vehicle import VehicleEstimatorSettings
+from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import mix
 from candaemon.estimation.kalman import propagate, symmetrise, update_position, update_scalar
@@ -23,6 +25,7 @@ from candaemon.frames.frame_batch import FrameBatch
 from candaemon.pipeline.saved_state import dump
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.tracking.association import pair_nis
+from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.estimator_factory import make_estimator
 from candaemon.tracking.reflections import near_pairs
 from tests.benchmarks.chains import full_binding, imm_binding, simulated_log
@@ -132,6 +135,42 @@ def test_how_well_pairs_fit(with_rate: bool, monkeypatch: pytest.MonkeyPatch) ->
     speed = (rate, variance) if with_rate else (None, None)
     measurement = Measurement(position, noise, origin, np.array([7.0, 0.1]), *speed)
     both(monkeypatch, lambda: [pair_nis(mean, covariance, measurement)])
+
+
+MODES = modes_of(VehicleEstimatorSettings(kind="vehicle"))
+DYNAMICS = dynamics_of(VehicleEstimatorSettings(kind="vehicle"))
+
+
+def bodies_of(n: int, modes: Sequence[BodyMode]) -> BodyFilter:
+    """Return a filter of n bodies; one is at rest, one knows nothing or all of itself, one races."""
+    random, m = np.random.default_rng(n), len(modes)
+    mean = random.normal(size=(n, m, 8)) * [40.0, 20.0, 12.0, 6.0, 0.5, 1.0, 0.3, 0.3]
+    root = random.normal(size=(n, m, 8, 8))
+    mean[1:2, :, 2:4], mean[2:3] = 0.0, 0.0
+    root[2:3] = 0.0
+    mean[3:4], root[4:5] = mean[3:4] * 1e6, root[4:5] * 1e9
+    bodies = BodyFilter(modes, DYNAMICS)
+    bodies.state = BodyFilterState(mean, root @ np.swapaxes(root, -1, -2), random.dirichlet(np.ones(m), n))
+    return bodies
+
+
+def told(bodies: BodyFilter) -> list[Floats]:
+    """Return all that a filter of bodies remembers, and the number one, which no filter without bodies is."""
+    state = bodies.state
+    np.testing.assert_array_equal(state.covariance, np.swapaxes(state.covariance, -1, -2))
+    return [np.append(each, 1.0) for each in (state.mean, state.covariance, state.probability)]
+
+
+@pytest.mark.parametrize("modes", [MODES, MODES[:1], MODES[3:4], MODES[2:4]], ids=["all", "one", "standing", "two"])
+@pytest.mark.parametrize("bodies", [0, 1, 5, 8, 19])
+def test_mixing_of_bodies(bodies: int, modes: Sequence[BodyMode], monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        tracked = bodies_of(bodies, modes)
+        tracked._interact(0.05)
+        tracked._keep_moving()
+        return told(tracked)
+
+    both(monkeypatch, computed)
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])
