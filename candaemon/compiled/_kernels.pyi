@@ -60,3 +60,20 @@ def mix_bodies(
     mean: Floats, covariance: Floats, probability: Floats, leave: Floats, dwell: Floats, others: Floats
 ) -> Floats: ...
 def keep_moving_bodies(mean: Floats, probability: Floats, moves: Floats, stoppable: float, least: float) -> None: ...
+def step_bodies(
+    mean: Floats,
+    covariance: Floats,
+    turned: Floats,
+    modes: Floats,
+    decay: Floats,
+    drive: Floats,
+    axis: Floats,
+    walk: Floats,
+    hidden: Floats,
+    settling: Floats | None,
+    gain: Floats | None,
+    dt: float,
+    slow: float,
+    turn_rate: float,
+    least_turning: float,
+) -> None: ...

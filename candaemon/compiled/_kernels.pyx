@@ -1059,3 +1059,196 @@ def keep_moving_bodies(
                 total = total + probability[i, t]
             for i in range(m):
                 probability[i, t] = probability[i, t] / total
+
+
+cdef inline double smaller(double a, double b) noexcept nogil:
+    """np.minimum: not a number if one is not."""
+    return a if a < b or a != a else b
+
+
+def step_bodies(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    const double[:, :, ::1] turned,
+    const double[:, ::1] modes,
+    const double[:, ::1] decay,
+    const double[:, :, ::1] drive,
+    const double[:, :] axis,
+    const double[:, :] walk,
+    const double[:] hidden,
+    const double[:, ::1] settling,
+    double[:, :, :, ::1] gain,
+    double dt,
+    double slow,
+    double turn_rate,
+    double least_turning,
+):
+    """Predict means (8, M, n) and covariances (8, 8, M, n) of bodies in place.
+
+    Cosines and sines of the turns are given (2, M, n). Rows of the modes (3, M): whether they move,
+    deviation of the lateral acceleration, whether they settle. What drives them (7, M, 1): what is added to a place's
+    variance, to place with speed, to a speed, to the bias; share of the variance of ω, variance of a; dt if they steer.
+    Shares that settle (M, n) and room for the gain of `BodyTransition` (4, 4, M, n) may be None.
+    """
+    cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, i, a, b, c, k, l
+    cdef double half_step = 0.5 * dt, factor, other
+    cdef bint settles = settling is not None, told = gain is not None
+    cdef double state[8][LANES]
+    cdef double cosine[LANES]
+    cdef double sine[LANES]
+    cdef double speed[LANES]
+    cdef double divisor[LANES]
+    cdef double along[LANES]
+    cdef double share[LANES]
+    cdef double spread[LANES]
+    cdef double across[LANES]
+    cdef double concealed[LANES]
+    cdef double unit[2][LANES]
+    cdef double left[2][LANES]
+    cdef double wander[2][LANES]
+    cdef double velocity[2][LANES]
+    cdef double after[2][4][LANES]
+    cdef double f[4][4][LANES]
+    cdef double p[8][8][LANES]
+    cdef double half[4][8][LANES]
+    with nogil:
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            for l in range(LANES):
+                k = t + (l if l < lanes else lanes - 1)
+                unit[0][l] = axis[k, 0]
+                unit[1][l] = axis[k, 1]
+                wander[0][l] = walk[k, 0]
+                wander[1][l] = walk[k, 1]
+                concealed[l] = hidden[k]
+            for l in range(LANES):
+                left[0][l] = -unit[1][l]
+                left[1][l] = unit[0][l]
+            for i in range(m):
+                for a in range(8):
+                    fetch(state[a], &mean[a, i, t], lanes)
+                fetch(cosine, &turned[0, i, t], lanes)
+                fetch(sine, &turned[1, i, t], lanes)
+                factor, other = modes[0, i], drive[6, i, 0]
+                for l in range(LANES):
+                    speed[l] = sqrt(state[2][l] * state[2][l] + state[3][l] * state[3][l])
+                    divisor[l] = larger(speed[l], slow)
+                    velocity[0][l] = cosine[l] * state[2][l] - sine[l] * state[3][l]
+                    velocity[1][l] = sine[l] * state[2][l] + cosine[l] * state[3][l]
+                    after[0][0][l] = cosine[l] * factor
+                    after[1][1][l] = cosine[l] * factor
+                    after[1][0][l] = sine[l] * factor
+                    after[0][1][l] = -after[1][0][l]
+                    after[0][2][l] = -velocity[1][l] * other
+                    after[1][2][l] = velocity[0][l] * other
+                for a in range(2):
+                    for l in range(LANES):
+                        along[l] = state[2 + a][l] / divisor[l]
+                        along[l] = along[l] if speed[l] > slow else unit[a][l]
+                        after[a][3][l] = along[l] * other
+                        velocity[a][l] = velocity[a][l] * factor + after[a][3][l] * state[5][l]
+                    for k in range(4):
+                        for l in range(LANES):
+                            f[a][k][l] = half_step * after[a][k][l]
+                            f[2 + a][k][l] = after[a][k][l]
+                    for l in range(LANES):
+                        f[a][a][l] = f[a][a][l] + half_step * factor
+                if settles:
+                    fetch(share, &settling[i, t], lanes)
+                    for l in range(LANES):
+                        along[l] = left[0][l] * velocity[0][l] + left[1][l] * velocity[1][l]
+                    for a in range(2):
+                        for l in range(LANES):
+                            velocity[a][l] = velocity[a][l] - share[l] * left[a][l] * along[l]
+                    for k in range(4):
+                        for l in range(LANES):
+                            along[l] = left[0][l] * after[0][k][l] + left[1][l] * after[1][k][l]
+                        for a in range(2):
+                            for l in range(LANES):
+                                f[2 + a][k][l] = f[2 + a][k][l] - share[l] * left[a][l] * along[l]
+                for a in range(2):
+                    for l in range(LANES):
+                        state[a][l] = state[a][l] + half_step * (state[2 + a][l] * factor + velocity[a][l])
+                        state[2 + a][l] = velocity[a][l]
+                for a in range(4):
+                    other = decay[a, i]
+                    for l in range(LANES):
+                        state[4 + a][l] = state[4 + a][l] * other
+                for a in range(8):
+                    put(&mean[a, i, t], state[a], lanes)
+                if told:
+                    for a in range(4):
+                        for k in range(4):
+                            put(&gain[a, k, i, t], f[a][k], lanes)
+                for a in range(8):
+                    for b in range(a, 8):
+                        fetch(p[a][b], &covariance[a, b, i, t], lanes)
+                for a in range(2, 5):
+                    for b in range(a + 1, 6):
+                        for l in range(LANES):
+                            p[b][a][l] = p[a][b][l]
+                # F P, but for what its lower rows and the symmetry tell
+                for a in range(4):
+                    for c in range(2, 8):
+                        for l in range(LANES):
+                            half[a][c][l] = f[a][0][l] * p[2][c][l]
+                        for k in range(1, 4):
+                            for l in range(LANES):
+                                half[a][c][l] = half[a][c][l] + f[a][k][l] * p[2 + k][c][l]
+                        if a < 2:
+                            for l in range(LANES):
+                                half[a][c][l] = p[a][c][l] + half[a][c][l]
+                for a in range(2):
+                    for c in range(a, 2):
+                        for l in range(LANES):
+                            half[a][c][l] = f[a][0][l] * p[c][2][l]
+                        for k in range(1, 4):
+                            for l in range(LANES):
+                                half[a][c][l] = half[a][c][l] + f[a][k][l] * p[c][2 + k][l]
+                        for l in range(LANES):
+                            half[a][c][l] = p[a][c][l] + half[a][c][l]
+                # that times Fᵀ
+                for a in range(4):
+                    for b in range(a, 4):
+                        for l in range(LANES):
+                            p[a][b][l] = f[b][0][l] * half[a][2][l]
+                        for k in range(1, 4):
+                            for l in range(LANES):
+                                p[a][b][l] = p[a][b][l] + f[b][k][l] * half[a][2 + k][l]
+                        if b < 2:
+                            for l in range(LANES):
+                                p[a][b][l] = half[a][b][l] + p[a][b][l]
+                    for b in range(4, 8):
+                        other = decay[b - 4, i]
+                        for l in range(LANES):
+                            p[a][b][l] = half[a][b][l] * other
+                for a in range(4, 8):
+                    for b in range(a, 8):
+                        factor, other = decay[a - 4, i], decay[b - 4, i]
+                        for l in range(LANES):
+                            p[a][b][l] = p[a][b][l] * factor * other
+                for a in range(2):
+                    for l in range(LANES):
+                        p[a][a][l] = p[a][a][l] + drive[0, i, 0]
+                        p[a][2 + a][l] = p[a][2 + a][l] + drive[1, i, 0]
+                        p[2 + a][2 + a][l] = p[2 + a][2 + a][l] + drive[2, i, 0]
+                factor = drive[3, i, 0]
+                for l in range(LANES):
+                    across[l] = factor + wander[1][l] * dt
+                    spread[l] = (wander[0][l] - wander[1][l]) * dt
+                    p[6][6][l] = p[6][6][l] + (across[l] + spread[l] * unit[0][l] * unit[0][l])
+                    p[7][7][l] = p[7][7][l] + (across[l] + spread[l] * unit[1][l] * unit[1][l])
+                    p[6][7][l] = p[6][7][l] + spread[l] * unit[0][l] * unit[1][l]
+                factor, other = modes[1, i], modes[2, i]
+                for l in range(LANES):
+                    speed[l] = sqrt(velocity[0][l] * velocity[0][l] + velocity[1][l] * velocity[1][l])
+                    spread[l] = smaller(factor / larger(speed[l], slow), turn_rate)
+                    spread[l] = spread[l] * larger(1.0 - other * concealed[l], least_turning)
+                    p[4][4][l] = p[4][4][l] + spread[l] * spread[l] * drive[4, i, 0]
+                    p[5][5][l] = p[5][5][l] + drive[5, i, 0]
+                for a in range(8):
+                    put(&covariance[a, a, i, t], p[a][a], lanes)
+                    for b in range(a + 1, 8):
+                        put(&covariance[a, b, i, t], p[a][b], lanes)
+                        put(&covariance[b, a, i, t], p[a][b], lanes)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import prod
+from math import expm1, prod
 
 import numpy as np
 
@@ -135,6 +135,8 @@ class BodyFilter:
         self._turn_time = _column([mode.turn_time for mode in modes])
         others = np.array([[dynamics.acceleration_time], [dynamics.bias_time], [dynamics.bias_time]])
         self._memory = np.vstack([self._turn_time.T, np.broadcast_to(others, (3, len(modes)))])
+        self._modes = np.hstack([self._moves, self._lateral_acceleration, self._settles]).T.copy()
+        self._standing, self._variance = (1.0 - self._moves) * dynamics.standing**2, self._acceleration**2
         self._state = self._empty()
         self._buffer = np.empty(0)
         self.linking = False
@@ -250,10 +252,8 @@ class BodyFilter:
         self._interact(dt)
         self._keep_moving()
         before = self.combined() if self.linking else None
-        transition = self._transition(dt, axis, hidden)
-        transition.propagate(self._state.covariance.T)
-        self._add_noise(dt, axis, walk, hidden)
-        if before is not None:
+        transition = self._step(dt, axis, walk, hidden)
+        if before is not None and transition is not None:
             weighted = np.einsum("in,cdin->ncd", self.probability.T, transition.dense())
             self.link = self._linked(before, weighted)
 
@@ -319,15 +319,77 @@ class BodyFilter:
             self._buffer = np.empty(size)
         return self._buffer[:size].reshape(shape)
 
-    def _transition(self, dt: float, axis: Floats, hidden: Floats) -> BodyTransition:
-        """Predict the means; return their Jacobians F."""
-        dynamics, mean = self._dynamics, self._state.mean.T
-        moves, steered = self._moves, self._steers * dt
+    def _step(self, dt: float, axis: Floats, walk: Floats, hidden: Floats) -> BodyTransition | None:
+        """Predict means and covariances in each mode; return F, which the kernel tells only if `linking`."""
+        mean, covariance, drive = self._state.mean.T, self._state.covariance.T, self._drive(dt)
+        decay = np.exp(-dt / self._memory)
+        turn = np.minimum(np.maximum(mean[TURN], -_FULL_TURN), _FULL_TURN) * drive[6]
+        turned = np.empty((2, *turn.shape))
+        np.cos(turn, out=turned[0])
+        np.sin(turn, out=turned[1])
+        settling = None
+        if hidden.any():
+            settling = -np.expm1(-dt / self._dynamics.settling * hidden * self._settles)
+        if not self._compiled:
+            transition = self._transition(dt, axis, turned, drive[6], decay, settling)
+            transition.propagate(covariance)
+            self._add_noise(dt, axis, walk, hidden, drive)
+            return transition
+        gain = np.empty((4, 4, *turn.shape)) if self.linking else None
+        compiled.kernels.step_bodies(
+            mean,
+            covariance,
+            turned,
+            self._modes,
+            decay,
+            drive,
+            axis,
+            walk,
+            hidden,
+            settling,
+            gain,
+            dt,
+            _SLOW,
+            self._dynamics.turn_rate,
+            _LEAST_TURNING,
+        )
+        return None if gain is None else BodyTransition(gain, decay)
+
+    def _drive(self, dt: float) -> Floats:
+        """Return what drives each mode in a step of dt, s: (7, M, 1).
+
+        Added to the variance of a place, to that of place with speed, of a speed and of the bias; the share of the
+        variance of ω that is added; added to the variance of a; and dt, if it steers.
+        """
+        dynamics, white = self._dynamics, self._velocity_noise
+        drive = np.empty((7, *white.shape))
+        drive[0] = white * (dt**3 / 3.0)
+        drive[1] = white * (dt**2 / 2.0)
+        drive[2] = white * dt + self._standing
+        drive[3] = self._walk * dt
+        drive[4] = -np.expm1(-2.0 * dt / self._turn_time)
+        drive[5] = self._variance * -expm1(-2.0 * dt / dynamics.acceleration_time)
+        drive[6] = self._steers * dt
+        return drive
+
+    def _transition(
+        self, dt: float, axis: Floats, turned: Floats, steered: Floats, decay: Floats, settling: Floats | None
+    ) -> BodyTransition:
+        """Predict the means; return their Jacobians F.
+
+        Args:
+            dt: s.
+            axis: of the bodies (n, 2).
+            turned: cosine and sine of the turns (2, M, n).
+            steered: dt of the modes that steer, else 0 (M, 1).
+            decay: as in `BodyTransition`.
+            settling: share of a velocity across the axis that goes (M, n); None: nothing of any.
+        """
+        mean, moves = self._state.mean.T, self._moves
         vx, vy, acceleration = mean[2], mean[3], mean[ACCELERATION]
-        speed = np.hypot(vx, vy)
+        speed = _speed(mean)
         fast, divisor = speed > _SLOW, np.maximum(speed, _SLOW)
-        turn = np.minimum(np.maximum(mean[TURN], -_FULL_TURN), _FULL_TURN) * steered
-        c, s = np.cos(turn), np.sin(turn)
+        c, s = turned
         turned_x, turned_y = c * vx - s * vy, s * vx + c * vy
         after = np.empty((2, 4, *speed.shape))  # velocity by velocity, ω and a
         after[0, 0] = after[1, 1] = c * moves
@@ -336,7 +398,6 @@ class BodyFilter:
         after[0, 2], after[1, 2] = -turned_y * steered, turned_x * steered
         for at, component in ((0, vx), (1, vy)):
             after[at, 3] = np.where(fast, component / divisor, axis[:, at]) * steered
-        decay = np.exp(-dt / self._memory)
         velocity = np.stack(
             [turned_x * moves + after[0, 3] * acceleration, turned_y * moves + after[1, 3] * acceleration]
         )
@@ -344,37 +405,34 @@ class BodyFilter:
         gain = np.concatenate([half * after, after])
         for at in (0, 1):
             gain[at, at] += half * moves
-        if hidden.any():
-            left = np.stack([-axis[:, 1], axis[:, 0]])[:, None]
-            settled = -np.expm1(-dt / dynamics.settling * hidden * self._settles) * left
-            velocity -= settled * (left * velocity).sum(axis=0)
-            gain[2:] -= settled[:, None] * (left[:, None] * after).sum(axis=0)
+        if settling is not None:
+            left_x, left_y = -axis[:, 1], axis[:, 0]
+            settled = np.stack([settling * left_x, settling * left_y])
+            velocity -= settled * (left_x * velocity[0] + left_y * velocity[1])
+            gain[2:] -= settled[:, None] * (left_x * after[0] + left_y * after[1])
         mean[POSITION] += half * (mean[VELOCITY] * moves + velocity)
         mean[VELOCITY] = velocity
         mean[4:] *= decay[:, :, None]
         return BodyTransition(gain, decay)
 
-    def _add_noise(self, dt: float, axis: Floats, walk: Floats, hidden: Floats) -> None:
+    def _add_noise(self, dt: float, axis: Floats, walk: Floats, hidden: Floats, drive: Floats) -> None:
         """Add the process noise Q of a step of dt, s, to the predicted covariances."""
-        dynamics, mean, covariance = self._dynamics, self._state.mean.T, self._state.covariance.T
-        white = self._velocity_noise
+        mean, covariance = self._state.mean.T, self._state.covariance.T
         for at in (0, 1):
-            covariance[at, at] += white * (dt**3 / 3.0)
-            covariance[at, 2 + at] += white * (dt**2 / 2.0)
-            covariance[2 + at, at] += white * (dt**2 / 2.0)
-            covariance[2 + at, 2 + at] += white * dt + (1.0 - self._moves) * dynamics.standing**2
+            covariance[at, at] += drive[0]
+            covariance[at, 2 + at] += drive[1]
+            covariance[2 + at, at] += drive[1]
+            covariance[2 + at, 2 + at] += drive[2]
         c, sine = axis[:, 0], axis[:, 1]
-        across = self._walk * dt + walk[:, 1] * dt
+        across = drive[3] + walk[:, 1] * dt
         more = (walk[:, 0] - walk[:, 1]) * dt
         covariance[6, 6] += across + more * c * c
         covariance[7, 7] += across + more * sine * sine
         covariance[6, 7] += more * c * sine
         covariance[7, 6] += more * c * sine
-        speed = np.hypot(mean[2], mean[3])
-        turn_rate = self._turn_rates(speed) * np.maximum(1.0 - self._settles * hidden, _LEAST_TURNING)
-        covariance[TURN, TURN] += turn_rate**2 * -np.expm1(-2.0 * dt / self._turn_time)
-        gained = -np.expm1(-2.0 * dt / dynamics.acceleration_time)
-        covariance[ACCELERATION, ACCELERATION] += self._acceleration**2 * gained
+        turn_rate = self._turn_rates(_speed(mean)) * np.maximum(1.0 - self._settles * hidden, _LEAST_TURNING)
+        covariance[TURN, TURN] += turn_rate * turn_rate * drive[4]
+        covariance[ACCELERATION, ACCELERATION] += drive[5]
 
     def _turn_rates(self, speed: Floats) -> Floats:
         """Return the standard deviations of ω in each mode at speeds (M, n), m/s: (M, n), rad/s."""

@@ -173,6 +173,38 @@ def test_mixing_of_bodies(bodies: int, modes: Sequence[BodyMode], monkeypatch: p
     both(monkeypatch, computed)
 
 
+@pytest.mark.parametrize("linking", [False, True])
+@pytest.mark.parametrize("settling", [0.0, 1.0])
+@pytest.mark.parametrize("modes", [MODES, MODES[:1], MODES[3:4]], ids=["all", "one", "standing"])
+@pytest.mark.parametrize("bodies", [0, 1, 8, 19])
+def test_prediction_of_bodies(
+    bodies: int, modes: Sequence[BodyMode], settling: float, linking: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random = np.random.default_rng(6)
+    angle, walk, hidden = random.uniform(-3.0, 3.0, bodies), random.random((bodies, 2)), random.random(bodies)
+    axis = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+    def computed() -> list[Floats]:
+        tracked = bodies_of(bodies, modes)
+        tracked.linking = linking
+        for _ in range(3):
+            tracked.predict(0.07, axis, walk, hidden * settling)
+        return told(tracked)
+
+    both(monkeypatch, computed)
+
+
+def test_links_of_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        tracked = bodies_of(2, MODES)
+        tracked.linking = True
+        tracked.predict(0.05, np.tile([0.6, 0.8], (2, 1)), np.full((2, 2), 0.1), np.array([0.0, 0.4]))
+        assert tracked.link is not None
+        return [tracked.link.mean, tracked.link.covariance, tracked.link.gain]
+
+    both(monkeypatch, computed)
+
+
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_lines_of_logs_and_tables(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     payloads = [(0x7FF, bytes(range(8))), (0x1ABCDEF | EXTENDED, b""), (0x12, bytes(64))][:count]
