@@ -1252,3 +1252,89 @@ def step_bodies(
                     for b in range(a + 1, 8):
                         put(&covariance[a, b, i, t], p[a][b], lanes)
                         put(&covariance[b, a, i, t], p[a][b], lanes)
+
+
+def combine_bodies(
+    const double[:, ::1] probability, const double[:, :, ::1] mean, const double[:, :, :, ::1] covariance
+):
+    """Return means (n, 8) and covariances (n, 8, 8) over the modes of bodies (M, n), (8, M, n) and (8, 8, M, n)."""
+    cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, i, a, b, l
+    cdef double weight[16][LANES]
+    cdef double off[8][16][LANES]
+    cdef double value[LANES]
+    cdef double total[8][LANES]
+    cdef double spread[8][8][LANES]
+    mean_array, covariance_array = np.empty((n, 8)), np.empty((n, 8, 8))
+    cdef double[:, ::1] overall = mean_array
+    cdef double[:, :, ::1] mixed = covariance_array
+    with nogil:
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            for i in range(m):
+                fetch(weight[i], &probability[i, t], lanes)
+            for a in range(8):
+                for i in range(m):
+                    fetch(off[a][i], &mean[a, i, t], lanes)
+                for l in range(LANES):
+                    total[a][l] = weight[0][l] * off[a][0][l]
+                for i in range(1, m):
+                    for l in range(LANES):
+                        total[a][l] = total[a][l] + weight[i][l] * off[a][i][l]
+                for i in range(m):
+                    for l in range(LANES):
+                        off[a][i][l] = off[a][i][l] - total[a][l]
+            for a in range(8):
+                for b in range(a, 8):
+                    for i in range(m):
+                        fetch(value, &covariance[a, b, i, t], lanes)
+                        for l in range(LANES):
+                            value[l] = weight[i][l] * (off[a][i][l] * off[b][i][l] + value[l])
+                        if i == 0:
+                            for l in range(LANES):
+                                spread[a][b][l] = value[l]
+                        else:
+                            for l in range(LANES):
+                                spread[a][b][l] = spread[a][b][l] + value[l]
+            for l in range(lanes):
+                for a in range(8):
+                    overall[t + l, a] = total[a][l]
+                    for b in range(8):
+                        mixed[t + l, a, b] = spread[a][b][l] if a <= b else spread[b][a][l]
+    return mean_array, covariance_array
+
+
+def shown_bodies(const double[:, ::1] mean, const double[:, :, ::1] covariance):
+    """Return what sensors see of bodies (n, 8) and (n, 8, 8): place with bias, and velocity, (n, 4) and (n, 4, 4)."""
+    cdef Py_ssize_t n = mean.shape[0], t, a, b
+    cdef double half[4][8]
+    mean_array, covariance_array = np.empty((n, 4)), np.empty((n, 4, 4))
+    cdef double[:, ::1] shown = mean_array
+    cdef double[:, :, ::1] spread = covariance_array
+    with nogil:
+        for t in range(n):
+            for a in range(2):
+                shown[t, a] = mean[t, a] + mean[t, 6 + a]
+                shown[t, 2 + a] = mean[t, 2 + a]
+                for b in range(8):
+                    half[a][b] = covariance[t, a, b] + covariance[t, 6 + a, b]
+                    half[2 + a][b] = covariance[t, 2 + a, b]
+            for a in range(4):
+                for b in range(2):
+                    spread[t, a, b] = half[a][b] + half[a][6 + b]
+                    spread[t, a, 2 + b] = half[a][2 + b]
+    return mean_array, covariance_array
+
+
+def body_acceleration(const double[:, :] mean, double slow):
+    """Return the accelerations (n, 2) of bodies (n, 8); below the slow speed the course is shorter than one."""
+    cdef Py_ssize_t n = mean.shape[0], t
+    cdef double along
+    out_array = np.empty((n, 2))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(n):
+            along = mean[t, 5] / larger(sqrt(mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3]), slow)
+            out[t, 0] = along * mean[t, 2] - mean[t, 4] * mean[t, 3]
+            out[t, 1] = along * mean[t, 3] + mean[t, 4] * mean[t, 2]
+    return out_array

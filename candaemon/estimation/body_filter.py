@@ -544,11 +544,13 @@ class BodyFilter:
     def combined(self) -> tuple[Floats, Floats]:
         """Return means (n, 8) and covariances (n, 8, 8) over all modes."""
         probability, mean = self.probability.T, self._state.mean.T
-        overall = np.einsum("in,cin->cn", probability, mean)
+        if self._compiled:
+            return compiled.kernels.combine_bodies(probability, mean, self._state.covariance.T)
+        overall = _weighted(probability, mean)
         deviation = mean - overall[:, None]
         second = self._outer(deviation, deviation)
         second += self._state.covariance.T
-        covariance = np.einsum("in,cdin->cdn", probability, second)
+        covariance = _weighted(probability, second)
         return np.ascontiguousarray(overall.T), np.ascontiguousarray(covariance.T)
 
     def _empty(self) -> BodyFilterState:
@@ -600,9 +602,28 @@ def acceleration(mean: Floats) -> Floats:
     Args:
         mean: states (n, 8).
     """
+    if compiled.in_use:
+        return compiled.kernels.body_acceleration(mean, _SLOW)
     vx, vy, turn = mean[:, 2], mean[:, 3], mean[:, TURN]
-    along = mean[:, ACCELERATION] / np.maximum(np.hypot(vx, vy), _SLOW)
+    along = mean[:, ACCELERATION] / np.maximum(_speed(mean.T), _SLOW)
     return np.stack([along * vx - turn * vy, along * vy + turn * vx], axis=1)
+
+
+def shown(mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    """Return what sensors see of bodies: means (n, 4) and covariances (n, 4, 4) of [x + bx, y + by, vx, vy].
+
+    Args:
+        mean: states (n, 8).
+        covariance: (n, 8, 8).
+    """
+    if compiled.in_use and mean.flags.c_contiguous and covariance.flags.c_contiguous:
+        return compiled.kernels.shown_bodies(mean, covariance)
+    seen = np.concatenate([mean[:, POSITION] + mean[:, BIAS], mean[:, VELOCITY]], axis=1)
+    rows = covariance[:, :4].copy()
+    rows[:, POSITION] += covariance[:, BIAS]
+    spread = rows[:, :, :4].copy()
+    spread[:, :, POSITION] += rows[:, :, BIAS]
+    return seen, spread
 
 
 def report_jacobian(mean: Floats) -> Floats:

@@ -15,7 +15,7 @@ from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.arrays.rows import checked_state
 from candaemon.config.tracker import MOST_TRACKS
 from candaemon.config.vehicle import VehicleEstimatorSettings
-from candaemon.estimation.body_filter import BIAS, POSITION, VELOCITY, BodyFilter, BodyFilterState
+from candaemon.estimation.body_filter import BIAS, BodyFilter, BodyFilterState, shown
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.columns import Table
 from candaemon.tracking.identities import Identities
@@ -205,12 +205,7 @@ class Bodies:
         """Return what the filter says."""
         if self._moments is None:
             mean, covariance = self.filter.combined()
-            shown = np.concatenate([mean[:, POSITION] + mean[:, BIAS], mean[:, VELOCITY]], axis=1)
-            rows = covariance[:, :4].copy()
-            rows[:, POSITION] += covariance[:, BIAS]
-            shown_covariance = rows[:, :, :4].copy()
-            shown_covariance[:, :, POSITION] += rows[:, :, BIAS]
-            self._moments = BodyMoments(mean, covariance, shown, shown_covariance)
+            self._moments = BodyMoments(mean, covariance, *shown(mean, covariance))
         return self._moments
 
     def reflection_states(self) -> tuple[Floats, Floats]:

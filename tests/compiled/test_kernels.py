@@ -14,7 +14,7 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
-from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode
+from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode, acceleration, shown
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import mix
 from candaemon.estimation.kalman import propagate, symmetrise, update_position, update_scalar
@@ -190,6 +190,19 @@ def test_prediction_of_bodies(
         for _ in range(3):
             tracked.predict(0.07, axis, walk, hidden * settling)
         return told(tracked)
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("modes", [MODES, MODES[:1]], ids=["all", "one"])
+@pytest.mark.parametrize("bodies", [0, 1, 8, 19])
+def test_what_all_modes_say_of_bodies(bodies: int, modes: Sequence[BodyMode], monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        mean, covariance = bodies_of(bodies, modes).combined()
+        np.testing.assert_array_equal(covariance, np.swapaxes(covariance, 1, 2))
+        found = (mean, covariance, *shown(mean, covariance), acceleration(mean))
+        assert all(len(each) == bodies for each in found)
+        return [np.append(each, 1.0) for each in found]
 
     both(monkeypatch, computed)
 
