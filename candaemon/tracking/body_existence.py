@@ -91,25 +91,24 @@ class BodyExistence:
         seen[association.body[rows]] = True
         place = pose.to_vehicle(bodies.moments().mean[:, POSITION])
         looked_at = self._looked_at(detections, place)
-        known = sensor in self._visibility.state.sensors
-        share = looked_at.astype(np.float64)
-        probability = _UNKNOWN_PROBABILITY * share
-        density = 0.0
-        if known:
+        familiar = obstacles.sensors & (1 << sensor) != 0  # another sensor may not see things of this kind
+        if sensor in self._visibility.state.sensors:
             share, distance, probability = self._expected(bodies, place, detections, pose)
             density = self._visibility.clutter_density(sensor)
-            surely = obstacles.confirmed & (obstacles.existence > _SURE) & (obstacles.sensors & (1 << sensor) != 0)
-            missed_before = obstacles.history & 1 == 0
-            self._visibility.learn(sensor, share[surely], seen[surely], distance[surely], missed_before[surely])
-        familiar = obstacles.sensors & (1 << sensor) != 0  # another sensor may not see things of this kind
-        weighed = seen | (familiar & looked_at)
+            surely = np.flatnonzero(obstacles.confirmed & (obstacles.existence > _SURE) & familiar)
+            missed_before = obstacles.history[surely] & 1 == 0
+            self._visibility.learn(sensor, share[surely], seen[surely], distance[surely], missed_before)
+        else:
+            share = looked_at.astype(np.float64)
+            probability, density = _UNKNOWN_PROBABILITY * share, 0.0
+        expected = familiar & looked_at
         ratio = np.zeros(len(obstacles))
         if len(rows):
             ratio[association.body[rows]] = self._ratios(bodies, association, detections, rows, density)
         raised = existence.detected(obstacles.existence, probability, ratio)
         raised = np.where(seen, np.maximum(raised, obstacles.existence), raised)
-        obstacles.existence = np.where(weighed, self._limited(obstacles, raised), obstacles.existence)
-        obstacles.in_sight = np.where(seen, 1.0, np.where(familiar & looked_at, share, obstacles.in_sight))
+        obstacles.existence = np.where(seen | expected, self._limited(obstacles, raised), obstacles.existence)
+        obstacles.in_sight = np.where(seen, 1.0, np.where(expected, share, obstacles.in_sight))
         obstacles.unseen[seen] = 0.0
 
     def leave(self, bodies: Bodies, in_view: Booleans) -> None:
@@ -154,24 +153,27 @@ class BodyExistence:
         axis = obstacles.axis @ pose.rotation
         standing = bodies.filter.probability[:, STANDING] > _SURE
         thin = ~obstacles.confirmed | (standing & (obstacles.length_variance > 1.0) & (obstacles.fastest < _MOVED))
-        box = (
+        sensor, missed_before = detections.sensor, obstacles.history & 1 == 0
+        share, distance = self._visibility.in_sight(
             centre,
             place,
             np.arctan2(axis[:, 1], axis[:, 0]),
             np.where(thin, _POST, obstacles.length),
             np.where(thin, _POST, obstacles.width),
-            detections.sensor,
+            sensor,
             detections.look,
         )
-        share, distance = self._visibility.in_sight(*box)
-        return share, distance, self._visibility.detection_probability(*box, obstacles.history & 1 == 0)
+        return share, distance, self._visibility.detection_probability(sensor, share, distance, missed_before)
 
     @staticmethod
     def _ratios(
         bodies: Bodies, association: Association, detections: Detections, rows: Indices, density: float
     ) -> Floats:
         """Return the likelihoods of detections over the density of clutter (m,)."""
-        _, covariance = bodies.reflection_states()
-        spread = covariance[association.reflection[rows], :2, :2] + detections.measurement.noise[rows]
+        spread = bodies.moments().shown_covariance[association.body[rows], :2, :2]
+        variance = bodies.reflections.variance[association.reflection[rows]]
+        spread[:, 0, 0] += variance
+        spread[:, 1, 1] += variance
+        spread += detections.measurement.noise[rows]
         area = 2 * np.pi * np.sqrt(np.maximum(np.linalg.det(spread), 1e-12))
         return np.asarray(np.exp(-0.5 * association.nis[rows]) / (area * max(density, 1e-9)))

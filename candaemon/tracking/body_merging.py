@@ -8,7 +8,7 @@ from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.body_filter import VELOCITY
 from candaemon.tracking.body_store import Bodies
-from candaemon.tracking.reflections import to_travel_axes
+from candaemon.tracking.reflections import near_pairs, to_travel_axes
 
 _COURSE_SPEED = 4.0  # m/s, above which the course is known well enough to join by it
 _COURSE_ALONG, _COURSE_ACROSS = 4.5, 1.8  # m between two obstacles of one course
@@ -30,10 +30,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
     found, needed = np.full(len(obstacles), -1, dtype=np.int64), np.full(len(obstacles), settings.merge_time)
     place, velocity = moments.shown[:, :2], moments.mean[:, VELOCITY]
     reach = max(settings.along, _COURSE_ALONG) + max(settings.across, _COURSE_ACROSS)
-    east, north = np.ascontiguousarray(place.T)
-    young, old = np.nonzero((np.abs(east[:, None] - east) < reach) & (np.abs(north[:, None] - north) < reach))
-    earlier = old < young
-    young, old = young[earlier], old[earlier]
+    young, old = near_pairs(place[:, 0], place[:, 1], reach)
     if not len(young):
         return found, needed
     axis = obstacles.axis[old]

@@ -113,34 +113,6 @@ class Visibility:
         learnt = self._state.sensors
         self._state.sensors = {sensors[old]: each for old, each in learnt.items() if old in sensors}
 
-    def detection_probability(
-        self,
-        centre: Floats,
-        reference: Floats,
-        heading: Floats,
-        length: Floats,
-        width: Floats,
-        sensor: int,
-        look: int = -1,
-        missed: Booleans | None = None,
-    ) -> Floats:
-        """Return the probability (k,) with which a scan of a sensor holds a detection of each obstacle.
-
-        Args:
-            centre: of the obstacles' boxes (k, 2), vehicle axes, m.
-            reference: their points that face the vehicle (k, 2), vehicle axes, m.
-            heading: of the boxes from the vehicle's x axis (k,), rad; NaN where it is not known.
-            length: (k,), m; NaN where it is not known.
-            width: (k,), m; NaN where it is not known.
-            sensor: its number.
-            look: which of its looks the scan is; −1: it has none, or did not say which.
-            missed: whether the sensor's last scan that should have held it did not (k,); None: held by all.
-        """
-        model = self._models[sensor]
-        sight, distance = model.sight(centre, reference, heading, length, width, look)
-        rate = model.rate(self._state.sensors[sensor], distance, missed)
-        return np.minimum(np.maximum(sight * rate, LEAST_PROBABILITY), GREATEST_PROBABILITY)
-
     def in_sight(
         self,
         centre: Floats,
@@ -153,9 +125,30 @@ class Visibility:
     ) -> tuple[Floats, Floats]:
         """Return the share of each obstacle in a sensor's sight (k,), 0 to 1, and its distance from it (k,), m.
 
-        The arguments are those of `detection_probability`.
+        Args:
+            centre: of the obstacles' boxes (k, 2), vehicle axes, m.
+            reference: their points that face the vehicle (k, 2), vehicle axes, m.
+            heading: of the boxes from the vehicle's x axis (k,), rad; NaN where it is not known.
+            length: (k,), m; NaN where it is not known.
+            width: (k,), m; NaN where it is not known.
+            sensor: its number.
+            look: which of its looks the scan is; −1: it has none, or did not say which.
         """
         return self._models[sensor].sight(centre, reference, heading, length, width, look)
+
+    def detection_probability(
+        self, sensor: int, share: Floats, distance: Floats, missed: Booleans | None = None
+    ) -> Floats:
+        """Return the probability (k,) with which a scan of a sensor holds a detection of each obstacle.
+
+        Args:
+            sensor: its number.
+            share: in its sight (k,), as `in_sight` says, 0 to 1.
+            distance: likewise (k,), m.
+            missed: whether the sensor's last scan that should have held it did not (k,); None: held by all.
+        """
+        rate = self._models[sensor].rate(self._state.sensors[sensor], distance, missed)
+        return np.minimum(np.maximum(share * rate, LEAST_PROBABILITY), GREATEST_PROBABILITY)
 
     def learn(
         self, sensor: int, expected: Floats, detected: Booleans, distance: Floats, missed: Booleans | None = None

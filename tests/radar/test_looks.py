@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from candaemon.arrays import Floats
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.cli.main import main
@@ -160,10 +161,11 @@ def test_nothing_is_expected_where_the_present_look_cannot_see(tmp_path: Path) -
     visibility = Visibility({0: bound(tmp_path).sensors[0].settings})
     place = np.array([[25.0, 2.0], [110.0, 0.0], [15.0, 20.0], [15.0, -20.0]])
     bare = np.full(4, np.nan)
-    expected = {
-        look: (visibility.detection_probability(place, place, bare, bare, bare, 0, look) > 0.5).tolist()
-        for look in (*sorted(ALL), -1, 9)
-    }
+
+    def found(look: int) -> Floats:
+        return visibility.detection_probability(0, *visibility.in_sight(place, place, bare, bare, bare, 0, look))
+
+    expected = {look: (found(look) > 0.5).tolist() for look in (*sorted(ALL), -1, 9)}
     assert expected == {
         0: [True, False, True, True],
         1: [True, True, False, False],
@@ -172,8 +174,7 @@ def test_nothing_is_expected_where_the_present_look_cannot_see(tmp_path: Path) -
         -1: [False] * 4,
         9: [False] * 4,
     }
-    unseen = visibility.detection_probability(place, place, bare, bare, bare, 0, -1)
-    assert unseen == pytest.approx(LEAST_PROBABILITY)
+    assert found(-1) == pytest.approx(LEAST_PROBABILITY)
 
 
 @pytest.mark.parametrize(

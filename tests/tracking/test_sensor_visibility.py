@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from candaemon.arrays import Floats
+from candaemon.arrays import Booleans, Floats
 from candaemon.config.load import load_config
 from candaemon.config.sensors import FieldOfView, Mount, SensorSettings
 from candaemon.tracking.sensor_visibility import GREATEST_PROBABILITY, LEAST_PROBABILITY, Visibility
@@ -20,13 +20,27 @@ def _settings(**changes: object) -> SensorSettings:
     return FRONT.model_copy(update={"mount": Mount(), "field_of_view": view, **changes})
 
 
+def _detection(
+    visibility: Visibility,
+    centre: Floats,
+    near: Floats,
+    heading: Floats,
+    length: Floats,
+    width: Floats,
+    missed: Booleans | None = None,
+) -> Floats:
+    """Return the probability that a scan of sensor 0 holds each of some boxes."""
+    share, distance = visibility.in_sight(centre, near, heading, length, width, 0)
+    return visibility.detection_probability(0, share, distance, missed)
+
+
 def _probability(visibility: Visibility, centres: list[tuple[float, float]], size: tuple[float, float] = CAR) -> Floats:
     """Return the probability of detection of boxes along the vehicle's x axis, their nearest points facing it."""
     centre = np.array(centres)
     k = len(centre)
     length, width = np.full(k, size[0]), np.full(k, size[1])
     near = 0.0 if np.isnan(size[0]) else size[0] / 2
-    return visibility.detection_probability(centre, centre - [near, 0.0], np.zeros(k), length, width, 0)
+    return _detection(visibility, centre, centre - [near, 0.0], np.zeros(k), length, width)
 
 
 def test_what_is_in_view_is_expected_and_what_is_not_is_not() -> None:
@@ -57,7 +71,7 @@ def test_a_nearer_box_hides_what_is_behind_it(heading: float, azimuth: float) ->
     centre = np.array([[20.0, 0.0], [40.0, 0.3], [40.0, 9.0], [10.0, -4.0]]) * [ahead, 1.0]
     length, width = np.array([8.0, 4.5, 4.5, 4.5]), np.array([2.5, 1.8, 1.8, 1.8])
     near = centre - np.column_stack([ahead * length / 2, np.zeros(4)])
-    found = visibility.detection_probability(centre, near, np.zeros(4), length, width, 0)
+    found = _detection(visibility, centre, near, np.zeros(4), length, width)
     assert found == pytest.approx([0.95, LEAST_PROBABILITY, 0.95, 0.95], abs=0.01)
 
 
@@ -65,9 +79,8 @@ def test_a_nearer_box_hides_what_is_behind_it(heading: float, azimuth: float) ->
 def test_a_box_hides_across_the_back_of_a_sensor_that_sees_all_around(side: float) -> None:
     visibility = Visibility({0: _settings(field_of_view=FieldOfView(range=150.0, azimuth_deg=180.0))})
     centre = np.array([[-20.0, side], [-60.0, -3 * side]])
-    found = visibility.detection_probability(
-        centre, centre + np.array([2.25, 0.0]), np.zeros(2), np.full(2, 4.5), np.full(2, 1.8), 0
-    )
+    near = centre + np.array([2.25, 0.0])
+    found = _detection(visibility, centre, near, np.zeros(2), np.full(2, 4.5), np.full(2, 1.8))
     assert found == pytest.approx([0.95, LEAST_PROBABILITY], abs=0.02)
 
 
@@ -75,16 +88,14 @@ def test_sizes_that_are_no_sizes_are_those_of_a_point() -> None:
     visibility = Visibility({0: _settings()})
     centre = np.array([[30.0, 0.0], [60.0, 10.0], [60.0, -10.0], [90.0, 0.0]])
     bad = np.array([np.nan, -3.0, 0.0, 2.0])
-    found = visibility.detection_probability(centre, centre, np.full(4, np.nan), bad, bad, 0)
+    found = _detection(visibility, centre, centre, np.full(4, np.nan), bad, bad)
     assert found[:3] == pytest.approx(0.95)
     assert LEAST_PROBABILITY <= found[3] < 0.1
 
 
 def test_none_has_no_probability() -> None:
     none = np.zeros(0)
-    found = Visibility({0: _settings()}).detection_probability(
-        none.reshape(0, 2), none.reshape(0, 2), none, none, none, 0
-    )
+    found = _detection(Visibility({0: _settings()}), none.reshape(0, 2), none.reshape(0, 2), none, none, none)
     assert found.shape == (0,)
 
 
@@ -99,9 +110,7 @@ def test_a_rate_is_learnt_for_its_range_and_for_what_was_missed_before() -> None
     found = _probability(visibility, [(12.0, 0.0), (130.0, 60.0)])
     assert found == pytest.approx([GREATEST_PROBABILITY, 0.6], abs=0.05)
     centre = np.array([[142.0, 0.0]])
-    again = visibility.detection_probability(
-        centre, centre, np.zeros(1), np.ones(1), np.ones(1), 0, missed=np.ones(1, dtype=bool)
-    )
+    again = _detection(visibility, centre, centre, np.zeros(1), np.ones(1), np.ones(1), np.ones(1, dtype=bool))
     assert again[0] < 0.05
 
 
