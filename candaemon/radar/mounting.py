@@ -6,7 +6,7 @@ Plane vectors are complex numbers here, x + iy: a turn is a product, and (n,) of
 from __future__ import annotations
 
 from cmath import exp
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import cos, radians, sin
 from typing import Final
@@ -74,7 +74,15 @@ def in_look(views: Iterable[SensorView], detections: Detections, points: Floats)
     looking = [each for each in views if (each.sensor, each.look) == (detections.sensor, detections.look)]
     if detections.look < 0 or not looking:
         return np.ones(len(points), dtype=np.bool_)
-    return np.asarray(np.any([view.sees(points) for view in looking], axis=0))
+    return seen_by_any(looking, points)
+
+
+def seen_by_any(views: Sequence[SensorView], points: Floats) -> Booleans:
+    """Return which points in vehicle axes (n, 2) at least one of some views, not none, sees."""
+    seen = views[0].sees(points)
+    for view in views[1:]:
+        seen |= view.sees(points)
+    return seen
 
 
 class Mounting:

@@ -16,7 +16,7 @@ from candaemon.config.tracker import LifecycleSettings
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import POSITION
 from candaemon.radar.detections import Detections
-from candaemon.radar.mounting import SensorView
+from candaemon.radar.mounting import SensorView, seen_by_any
 from candaemon.tracking import existence
 from candaemon.tracking.body_association import Association
 from candaemon.tracking.body_modes import STANDING
@@ -142,7 +142,7 @@ class BodyExistence:
             views = [each for each in views if each.look == detections.look]
         if not views:
             return np.ones(len(place), dtype=np.bool_)
-        return np.asarray(np.any([view.sees(place) for view in views], axis=0))
+        return seen_by_any(views, place)
 
     def _expected(
         self, bodies: Bodies, place: Floats, detections: Detections, pose: EgoPose

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import cos, exp, sin
 from typing import ClassVar
@@ -19,7 +19,7 @@ from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.estimation.smoothing import Link
 from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
-from candaemon.radar.mounting import SensorView, in_look
+from candaemon.radar.mounting import SensorView, in_look, seen_by_any
 from candaemon.tracking import box
 from candaemon.tracking.body_association import Association, associate
 from candaemon.tracking.body_existence import BodyExistence
@@ -232,7 +232,7 @@ class VehicleTracker:
         mean = bodies.moments().mean[body]
         bias = mean[:, BIAS] * exp(-horizon / self._places.bias_time)
         ahead = predicted_positions(mean, horizon) - mean[:, POSITION]
-        _, hidden = self._walks()
+        hidden = self._hidden()
         drift = to_travel_axes(ahead, bodies.obstacles.axis[body])
         settles = hidden[body] * (1.0 - bodies.filter.probability[body, MANOEUVRING])
         rate = np.maximum(settles / self._places.settling, _LEAST_RATE)
@@ -279,8 +279,7 @@ class VehicleTracker:
         self._state.time_ns = time_ns
         bodies = self._bodies
         if dt > 0.0:
-            walk, hidden = self._walks()
-            bodies.filter.predict(dt, bodies.obstacles.axis, walk, hidden)
+            bodies.filter.predict(dt, bodies.obstacles.axis, self._of_leaders(self._walk), self._hidden())
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
             bodies.changed()
@@ -300,22 +299,23 @@ class VehicleTracker:
             link = Link(state, covariance, np.broadcast_to(np.eye(6), covariance.shape))
         return self._bodies.obstacles.id.copy(), link
 
-    def _walks(self) -> tuple[Floats, Floats]:
-        """Return each body's walk of the bias (k, 2), m²/s, and how surely it hides motion across (k,), 0 to 1.
+    def _of_leaders(self, told: Callable[[int], float | tuple[float, float]]) -> Floats:
+        """Return of each body (k, …) what is told of the sensor that its leading reflection is of."""
+        sensor = self._bodies.reflections.sensor[self._bodies.obstacles.leader]
+        numbers, which = np.unique(sensor, return_inverse=True)
+        return np.array([told(number) for number in numbers.tolist()], dtype=np.float64)[which]
 
-        Both are those of the sensor that its leading reflection is of.
-        """
-        bodies = self._bodies
-        sensor = bodies.reflections.sensor[bodies.obstacles.leader]
-        walk, hidden = np.zeros((len(self), 2)), np.zeros(len(self))
-        for number in self._stated:
-            of_it = sensor == number
-            walk[of_it] = self._noise.walk(number)
-            hidden[of_it] = self._walking(number)
+    def _hidden(self) -> Floats:
+        """Return how surely the walk of its bias hides how each body moves across (k,), 0 to 1."""
+        hidden = self._of_leaders(self._walking)
         if hidden.any():
-            across = to_travel_axes(bodies.moments().mean[:, VELOCITY], bodies.obstacles.axis)[:, 1]
+            across = to_travel_axes(self._bodies.moments().mean[:, VELOCITY], self._bodies.obstacles.axis)[:, 1]
             hidden *= np.exp(-np.square(across / _CROSSING))
-        return walk, hidden
+        return hidden
+
+    def _walk(self, sensor: int) -> tuple[float, float]:
+        """Return how a sensor's reflections walk along and across, m²/s."""
+        return self._noise.walk(sensor) if sensor in self._stated else (0.0, 0.0)
 
     def _walking(self, sensor: int) -> float:
         """Return how surely a sensor's reflections walk across, 0 to 1."""
@@ -461,8 +461,7 @@ class VehicleTracker:
         spread = moments.covariance[:, 2, 2] + moments.covariance[:, 3, 3]
         known = squared / (squared + 4.0 * spread + 0.25)
         obstacles.directed |= spread < _COURSE_ERROR**2 * squared
-        _, hidden = self._walks()
-        time = _AXIS_TIME + hidden * (self.settings.travel.time_constant - _AXIS_TIME)
+        time = _AXIS_TIME + self._hidden() * (self.settings.travel.time_constant - _AXIS_TIME)
         share = known * known * -np.expm1(-self._dt / time)
         speed = np.sqrt(np.maximum(squared, 1e-6))
         forward = np.where((velocity * obstacles.axis).sum(axis=1) < -2.0, -1.0, 1.0)
@@ -471,7 +470,7 @@ class VehicleTracker:
         course = np.where((backs & (forward > 0.0))[:, None], -course, course)
         axis = forward[:, None] * obstacles.axis
         turned = axis + share[:, None] * (course - axis)
-        obstacles.axis = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-9)[:, None]
+        obstacles.axis = turned / np.maximum(np.sqrt((turned * turned).sum(axis=1)), 1e-9)[:, None]
 
     def _confirm_and_delete(self, pose: EgoPose, detections: Detections | None) -> None:
         """Confirm what surely exists; delete what is not detected, out of view or too uncertain.
@@ -586,8 +585,7 @@ class VehicleTracker:
         """Return which obstacles lie within some sensor's field of view."""
         if not self._views:
             return np.ones(len(self), dtype=np.bool_)
-        points = pose.to_vehicle(self._bodies.moments().mean[:, POSITION])
-        return np.asarray(np.any([view.sees(points) for view in self._views], axis=0))
+        return seen_by_any(self._views, pose.to_vehicle(self._bodies.moments().mean[:, POSITION]))
 
     def _hand_over(self) -> None:
         """Let another reflection lead where the leading one has not been detected for the hand-over delay."""
