@@ -80,3 +80,16 @@ def step_bodies(
 def combine_bodies(probability: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]: ...
 def shown_bodies(mean: Floats, covariance: Floats) -> tuple[Floats, Floats]: ...
 def body_acceleration(mean: Floats, slow: float) -> Floats: ...
+def take_places_of_bodies(
+    mean: Floats, covariance: Floats, rows: Indices, position: Floats, noise: Floats
+) -> tuple[Floats, Floats]: ...
+def take_speeds_of_bodies(
+    mean: Floats,
+    covariance: Floats,
+    rows: Indices,
+    slope: Floats,
+    direction: Floats,
+    value: Floats,
+    variance: Floats,
+    unmeasured: float,
+) -> tuple[Floats, Floats]: ...

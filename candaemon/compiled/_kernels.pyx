@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 8
+REVISION = 9
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1302,6 +1302,224 @@ def combine_bodies(
                     for b in range(8):
                         mixed[t + l, a, b] = spread[a][b][l] if a <= b else spread[b][a][l]
     return mean_array, covariance_array
+
+
+cdef inline void gather(double* own, const double* column, const Py_ssize_t* rows, Py_ssize_t lanes) noexcept nogil:
+    """Copy a component of some bodies by their rows; lanes without a body hold that of the last one."""
+    cdef Py_ssize_t l
+    for l in range(LANES):
+        own[l] = column[rows[l if l < lanes else lanes - 1]]
+
+
+cdef inline void scatter(double* column, const double* own, const Py_ssize_t* rows, Py_ssize_t lanes) noexcept nogil:
+    """Copy a component of some bodies back to their rows."""
+    cdef Py_ssize_t l
+    for l in range(lanes):
+        column[rows[l]] = own[l]
+
+
+cdef inline void narrow(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    Py_ssize_t i,
+    const Py_ssize_t* rows,
+    Py_ssize_t lanes,
+    double[8][8][LANES] p,
+    double[8][LANES] cross,
+    double[LANES] innovation,
+) noexcept nogil:
+    """Move means by the cross covariance with a normalised innovation, and take its square from the covariances."""
+    cdef Py_ssize_t a, b, l
+    cdef double value[LANES]
+    for a in range(8):
+        gather(value, &mean[a, i, 0], rows, lanes)
+        for l in range(LANES):
+            value[l] = value[l] + cross[a][l] * innovation[l]
+        scatter(&mean[a, i, 0], value, rows, lanes)
+        for b in range(a, 8):
+            for l in range(LANES):
+                p[a][b][l] = p[a][b][l] - cross[a][l] * cross[b][l]
+
+
+cdef inline void gather_upper(
+    double[:, :, :, ::1] covariance, Py_ssize_t i, const Py_ssize_t* rows, Py_ssize_t lanes, double[8][8][LANES] p
+) noexcept nogil:
+    """Copy the upper triangles of some bodies' covariances in a mode."""
+    cdef Py_ssize_t a, b
+    for a in range(8):
+        for b in range(a, 8):
+            gather(p[a][b], &covariance[a, b, i, 0], rows, lanes)
+
+
+cdef inline void scatter_upper(
+    double[:, :, :, ::1] covariance, Py_ssize_t i, const Py_ssize_t* rows, Py_ssize_t lanes, double[8][8][LANES] p
+) noexcept nogil:
+    """Copy upper triangles back, to both triangles."""
+    cdef Py_ssize_t a, b
+    for a in range(8):
+        for b in range(a, 8):
+            scatter(&covariance[a, b, i, 0], p[a][b], rows, lanes)
+            if a != b:
+                scatter(&covariance[b, a, i, 0], p[a][b], rows, lanes)
+
+
+def take_places_of_bodies(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    const Py_ssize_t[::1] rows,
+    const double[:, ::1] position,
+    const double[:, :, ::1] noise,
+):
+    """Update rows (m,) of bodies (8, M, n) and (8, 8, M, n) in place with places (m, 2) and their noise (m, 2, 2).
+
+    Return NIS and determinant of S (M, m).
+    """
+    cdef Py_ssize_t m = mean.shape[1], n = rows.shape[0], group, t, lanes, i, a, l, at
+    cdef const Py_ssize_t* row
+    cdef double p[8][8][LANES]
+    cdef double cross_x[8][LANES]
+    cdef double cross_y[8][LANES]
+    cdef double x[LANES]
+    cdef double y[LANES]
+    cdef double slope[LANES]
+    cdef double first[LANES]
+    cdef double second[LANES]
+    cdef double bias[LANES]
+    cdef double xx[LANES]
+    cdef double xy[LANES]
+    cdef double yy[LANES]
+    cdef double s, rest
+    nis_array, area_array = np.empty((m, n)), np.empty((m, n))
+    cdef double[:, ::1] nis = nis_array, area = area_array
+    with nogil:
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            row = &rows[t]
+            for l in range(LANES):
+                at = t + (l if l < lanes else lanes - 1)
+                xx[l], xy[l], yy[l] = noise[at, 0, 0], noise[at, 0, 1], noise[at, 1, 1]
+            for i in range(m):
+                gather_upper(covariance, i, row, lanes, p)
+                for a in range(8):
+                    for l in range(LANES):
+                        cross_x[a][l] = p[0][a][l] + p[min(a, 6)][max(a, 6)][l]
+                        cross_y[a][l] = p[min(a, 1)][max(a, 1)][l] + p[min(a, 7)][max(a, 7)][l]
+                gather(x, &mean[0, i, 0], row, lanes)
+                gather(bias, &mean[6, i, 0], row, lanes)
+                for l in range(LANES):
+                    at = t + (l if l < lanes else lanes - 1)
+                    x[l] = position[at, 0] - x[l] - bias[l]
+                gather(y, &mean[1, i, 0], row, lanes)
+                gather(bias, &mean[7, i, 0], row, lanes)
+                for l in range(LANES):
+                    at = t + (l if l < lanes else lanes - 1)
+                    y[l] = position[at, 1] - y[l] - bias[l]
+                for l in range(LANES):
+                    s = larger(cross_x[0][l] + cross_x[6][l] + xx[l], xx[l])
+                    first[l] = 1.0 / sqrt(s)
+                    slope[l] = (cross_y[0][l] + cross_y[6][l] + xy[l]) * first[l]
+                    rest = cross_y[1][l] + cross_y[7][l] + yy[l] - slope[l] * slope[l]
+                    rest = larger(rest, (xx[l] * yy[l] - xy[l] * xy[l]) / s)
+                    second[l] = 1.0 / sqrt(rest)
+                    x[l] = x[l] * first[l]
+                    y[l] = (y[l] - slope[l] * x[l]) * second[l]
+                    bias[l] = s * rest
+                put(&area[i, t], bias, lanes)
+                for l in range(LANES):
+                    bias[l] = x[l] * x[l] + y[l] * y[l]
+                put(&nis[i, t], bias, lanes)
+                for a in range(8):
+                    for l in range(LANES):
+                        cross_x[a][l] = cross_x[a][l] * first[l]
+                        cross_y[a][l] = (cross_y[a][l] - slope[l] * cross_x[a][l]) * second[l]
+                narrow(mean, covariance, i, row, lanes, p, cross_x, x)
+                narrow(mean, covariance, i, row, lanes, p, cross_y, y)
+                scatter_upper(covariance, i, row, lanes, p)
+    return nis_array, area_array
+
+
+def take_speeds_of_bodies(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    const Py_ssize_t[::1] rows,
+    const double[:, ::1] slope,
+    const double[:, ::1] direction,
+    const double[::1] value,
+    const double[::1] variance,
+    double unmeasured,
+):
+    """Update rows (m,) of bodies in place with a number each: slopes (m, 2) over places, directions over velocities.
+
+    Return the NIS and S (M, m), which is as given where the number was not measured.
+    """
+    cdef Py_ssize_t m = mean.shape[1], n = rows.shape[0], group, t, lanes, i, a, l, at, k, c
+    cdef const Py_ssize_t* row
+    cdef double p[8][8][LANES]
+    cdef double cross[8][LANES]
+    cdef double h[6][LANES]
+    cdef double own[6][LANES]
+    cdef double x[8][LANES]
+    cdef double innovation[LANES]
+    cdef double root[LANES]
+    cdef double s[LANES]
+    cdef bint known[LANES]
+    cdef Py_ssize_t[6] component
+    component[0], component[1], component[2], component[3], component[4], component[5] = 0, 1, 2, 3, 6, 7
+    nis_array, s_array = np.empty((m, n)), np.empty((m, n))
+    cdef double[:, ::1] nis = nis_array, s_of = s_array
+    with nogil:
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            row = &rows[t]
+            for l in range(LANES):
+                at = t + (l if l < lanes else lanes - 1)
+                h[0][l] = h[4][l] = slope[at, 0]
+                h[1][l] = h[5][l] = slope[at, 1]
+                h[2][l], h[3][l] = direction[at, 0], direction[at, 1]
+            for i in range(m):
+                for a in range(8):
+                    gather(x[a], &mean[a, i, 0], row, lanes)
+                for l in range(LANES):
+                    at = t + (l if l < lanes else lanes - 1)
+                    innovation[l] = value[at] - (
+                        h[0][l] * (x[0][l] + x[6][l]) + h[1][l] * (x[1][l] + x[7][l]) + h[2][l] * x[2][l] + h[3][l] * x[3][l]
+                    )
+                    known[l] = isfinite(innovation[l])
+                    s[l] = variance[at]
+                    if not known[l]:
+                        innovation[l] = 0.0
+                    for k in range(6):
+                        own[k][l] = h[k][l] if known[l] else 0.0
+                gather_upper(covariance, i, row, lanes, p)
+                for a in range(8):
+                    for l in range(LANES):
+                        cross[a][l] = p[0][a][l] * own[0][l]
+                    for k in range(1, 6):
+                        c = component[k]
+                        for l in range(LANES):
+                            cross[a][l] = cross[a][l] + p[min(a, c)][max(a, c)][l] * own[k][l]
+                for k in range(6):
+                    for l in range(LANES):
+                        s[l] = s[l] + cross[component[k]][l] * own[k][l]
+                for l in range(LANES):
+                    at = t + (l if l < lanes else lanes - 1)
+                    s[l] = larger(s[l], variance[at])
+                    root[l] = 1.0 / sqrt(s[l])
+                    innovation[l] = innovation[l] * root[l]
+                    if not known[l]:
+                        s[l] = unmeasured
+                for a in range(8):
+                    for l in range(LANES):
+                        cross[a][l] = cross[a][l] * root[l]
+                narrow(mean, covariance, i, row, lanes, p, cross, innovation)
+                scatter_upper(covariance, i, row, lanes, p)
+                for l in range(LANES):
+                    root[l] = innovation[l] * innovation[l]
+                put(&nis[i, t], root, lanes)
+                put(&s_of[i, t], s, lanes)
+    return nis_array, s_array
 
 
 def shown_bodies(const double[:, ::1] mean, const double[:, :, ::1] covariance):

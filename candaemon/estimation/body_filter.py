@@ -17,7 +17,7 @@ The arrays lie in memory with the bodies innermost, and all work is done on thei
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import expm1, prod
 
@@ -26,15 +26,16 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.arrays.rows import checked_state
-from candaemon.estimation.body_rates import BodyRates
+from candaemon.estimation.body_rates import BodyRates, SpeedComponent
 from candaemon.estimation.body_transition import BodyTransition, symmetrise_upper
-from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.estimation.smoothing import Link, smoothing_gain
 
 WIDTH = 8
 POSITION, VELOCITY, BIAS = slice(0, 2), slice(2, 4), slice(6, 8)
 TURN, ACCELERATION = 4, 5
 _LOG_2_PI = float(np.log(2.0 * np.pi))
+_UNMEASURED = float(0.5 / np.pi)  # variance of a number that adds nothing to a log likelihood
 _LEAST_PROBABILITY = 1e-6
 _SLOW = 1.0  # m/s, below which the course says nothing of the axis
 _STOPPABLE = 3.0  # m/s in every mode that moves, from which nothing comes to stand at once
@@ -452,47 +453,54 @@ class BodyFilter:
         Returns:
             The NIS of each (m,), weighted as the modes are.
         """
-        state = self._state
-        mean, covariance, prior = state.mean.T, state.covariance.T, state.probability.T
-        every = len(rows) == len(self) and bool((rows == np.arange(len(rows))).all())
-        if not every:
-            mean, covariance, prior = (array.take(rows, axis=-1) for array in (mean, covariance, prior))
-        nis, log_likelihood = self._update_position(mean, covariance, measurement)
-        for part in () if rates is None else rates.components(_shown(mean, prior)):
-            (slope_x, slope_y), (x, y) = part.slope.T, part.direction.T
-            place_x, place_y = mean[0] + mean[6], mean[1] + mean[7]
-            innovation = part.value - (slope_x * place_x + slope_y * place_y + x * mean[2] + y * mean[3])
-            seen = {0: slope_x, 1: slope_y, 2: x, 3: y, 6: slope_x, 7: slope_y}
-            self._update_scalar(mean, covariance, seen, innovation, part.variance, nis, log_likelihood)
-        for projection in measurement.projections:
-            x, y = projection.direction.T
-            innovation = projection.value - (x * mean[2] + y * mean[3])
-            self._update_scalar(mean, covariance, {2: x, 3: y}, innovation, projection.variance, nis, log_likelihood)
+        state, rows = self._state, np.ascontiguousarray(rows, dtype=np.intp)
+        mean, covariance, prior = state.mean.T, state.covariance.T, state.probability.T.take(rows, axis=-1)
+        if not self._compiled:
+            mean, covariance = mean.take(rows, axis=-1), covariance.take(rows, axis=-1)
+        nis, log_likelihood = self._take_places(mean, covariance, rows, measurement)
+        speeds = () if rates is None else rates.components(self._seen(mean, rows, prior))
+        for speed in (*speeds, *map(_component, measurement.projections)):
+            self._take_speed(mean, covariance, rows, speed, nis, log_likelihood)
         evidence = 1.0 + alike * (self._dynamics.evidence - 1.0)
         weight = prior * np.exp(evidence * (log_likelihood - log_likelihood.max(axis=0)))
-        weight = np.maximum(weight / weight.sum(axis=0), _LEAST_PROBABILITY)
-        posterior = weight / weight.sum(axis=0)
-        if every:
-            state.probability = posterior.T
-        else:
-            for array, updated in ((state.mean, mean), (state.covariance, covariance), (state.probability, posterior)):
-                array.T[..., rows] = updated
-        return np.asarray((prior * nis).sum(axis=0))
+        weight = np.maximum(weight / _total(weight), _LEAST_PROBABILITY)
+        state.probability.T[:, rows] = weight / _total(weight)
+        if not self._compiled:
+            state.mean.T[..., rows], state.covariance.T[..., rows] = mean, covariance
+        return _total(prior * nis)
 
-    def _update_position(self, mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
-        """Update with the positions, x + b; return NIS and log likelihood, (M, m) each."""
+    def _seen(self, mean: Floats, rows: Indices, probability: Floats) -> Floats:
+        """Return the places where the sensors see bodies, and their velocities, over all modes (m, 4)."""
+        if self._compiled:
+            mean = mean.take(rows, axis=-1)
+        place = _weighted(probability, mean[POSITION] + mean[BIAS])
+        return np.concatenate([place, _weighted(probability, mean[VELOCITY])]).T
+
+    def _take_places(
+        self, mean: Floats, covariance: Floats, rows: Indices, measurement: Measurement
+    ) -> tuple[Floats, Floats]:
+        """Update with the positions, x + b; return NIS and log likelihood, (M, m) each.
+
+        Args:
+            mean: of all bodies (8, M, n) for the kernel, else of the rows (8, M, m); changed in place.
+            covariance: likewise, (8, 8, M, …).
+            rows: of the bodies (m,).
+            measurement: one each.
+        """
+        noise = measurement.noise
+        if self._compiled:
+            place, spread = np.ascontiguousarray(measurement.position), np.ascontiguousarray(noise)
+            nis, determinant = compiled.kernels.take_places_of_bodies(mean, covariance, rows, place, spread)
+            return nis, -0.5 * (nis + np.log(determinant)) - _LOG_2_PI
         x, y = measurement.position.T
         x, y = x - mean[0] - mean[6], y - mean[1] - mean[7]
         cross_x, cross_y = covariance[0] + covariance[6], covariance[1] + covariance[7]  # H P, (8, M, m) each
-        noise = measurement.noise
         # no less than the noise, nor than its determinant, which rounding hides where a body flies off
         a = np.maximum(cross_x[0] + cross_x[6] + noise[:, 0, 0], noise[:, 0, 0])
-        b = cross_y[0] + cross_y[6] + noise[:, 0, 1]
-        d = cross_y[1] + cross_y[7] + noise[:, 1, 1]
         least = noise[:, 0, 0] * noise[:, 1, 1] - noise[:, 0, 1] * noise[:, 0, 1]
         first = 1.0 / np.sqrt(a)
-        slope = b * first
-        rest = np.maximum(d - slope * slope, least / a)
+        slope = (cross_y[0] + cross_y[6] + noise[:, 0, 1]) * first
+        rest = np.maximum(cross_y[1] + cross_y[7] + noise[:, 1, 1] - slope * slope, least / a)
         second = 1.0 / np.sqrt(rest)
         x *= first
         y = (y - slope * x) * second
@@ -506,40 +514,47 @@ class BodyFilter:
         nis = x * x + y * y
         return nis, -0.5 * (nis + np.log(a * rest)) - _LOG_2_PI
 
-    def _update_scalar(
+    def _take_speed(
         self,
         mean: Floats,
         covariance: Floats,
-        row: Mapping[int, Floats],
-        innovation: Floats,
-        variance: Floats,
+        rows: Indices,
+        speed: SpeedComponent,
         nis: Floats,
         log_likelihood: Floats,
     ) -> None:
-        """Update with one number each, NaN where it was not measured, and add to NIS and log likelihood.
+        """Update with one number each and add to NIS and log likelihood; one that was not measured adds nothing.
 
         Args:
-            mean: (8, M, m), changed in place.
-            covariance: (8, 8, M, m), changed in place.
-            row: H of each, by the components that it is not zero of: (M, m) or (m,).
-            innovation: (M, m).
-            variance: of the measurement (m,).
+            mean: as in `_take_places`.
+            covariance: likewise.
+            rows: of the bodies (m,).
+            speed: of each.
             nis: (M, m), added to.
             log_likelihood: (M, m), added to.
         """
-        known = np.isfinite(innovation)
-        if not known.all():
+        if self._compiled:
+            part, s = compiled.kernels.take_speeds_of_bodies(
+                mean, covariance, rows, speed.slope, speed.direction, speed.value, speed.variance, _UNMEASURED
+            )
+        else:
+            (slope_x, slope_y), (x, y) = speed.slope.T, speed.direction.T
+            place_x, place_y = mean[0] + mean[6], mean[1] + mean[7]
+            innovation = speed.value - (slope_x * place_x + slope_y * place_y + x * mean[2] + y * mean[3])
+            known = np.isfinite(innovation)
             innovation = np.where(known, innovation, 0.0)
+            row = {0: slope_x, 1: slope_y, 2: x, 3: y, 6: slope_x, 7: slope_y}
             row = {component: np.where(known, value, 0.0) for component, value in row.items()}
-        cross = sum((covariance[component] * value for component, value in row.items()), start=np.zeros(()))
-        s = sum((cross[component] * value for component, value in row.items()), start=variance)
-        root = 1.0 / np.sqrt(s)
-        cross, innovation = cross * root, innovation * root
-        mean += cross * innovation
-        covariance -= self._outer(cross, cross)
-        part = innovation * innovation
+            cross = sum((covariance[component] * value for component, value in row.items()), start=np.zeros(()))
+            s = sum((cross[component] * value for component, value in row.items()), start=speed.variance)
+            s = np.maximum(s, speed.variance)
+            root = 1.0 / np.sqrt(s)
+            cross, innovation = cross * root, innovation * root
+            mean += cross * innovation
+            covariance -= self._outer(cross, cross)
+            part, s = innovation * innovation, np.where(known, s, _UNMEASURED)
         nis += part
-        log_likelihood -= np.where(known, 0.5 * (part + np.log(s) + _LOG_2_PI), 0.0)
+        log_likelihood -= 0.5 * (part + np.log(s) + _LOG_2_PI)
 
     def combined(self) -> tuple[Floats, Floats]:
         """Return means (n, 8) and covariances (n, 8, 8) over all modes."""
@@ -558,16 +573,10 @@ class BodyFilter:
         return BodyFilterState(np.zeros((0, m, WIDTH)), np.zeros((0, m, WIDTH, WIDTH)), np.zeros((0, m)))
 
 
-def _shown(mean: Floats, probability: Floats) -> Floats:
-    """Return places where the sensors see bodies, and velocities (m, 4), over all modes.
-
-    Args:
-        mean: (8, M, m).
-        probability: (M, m).
-    """
-    shown = mean[:4].copy()
-    shown[:2] += mean[BIAS]
-    return np.ascontiguousarray((shown * probability).sum(axis=1).T)
+def _component(projection: Projection) -> SpeedComponent:
+    """Return a measured component of the velocity as one that depends on the velocity alone."""
+    direction = np.ascontiguousarray(projection.direction)
+    return SpeedComponent(np.zeros_like(direction), direction, projection.value, projection.variance)
 
 
 def _column(values: Sequence[float]) -> Floats:

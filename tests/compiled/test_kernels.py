@@ -15,10 +15,11 @@ from candaemon.can_io.logs.candump import candump_text
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode, acceleration, shown
+from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import mix
 from candaemon.estimation.kalman import propagate, symmetrise, update_position, update_scalar
-from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.evaluation.number_text import joined_lines, number_lines, text_lines
 from candaemon.frames.frame import EXTENDED
 from candaemon.frames.frame_batch import FrameBatch
@@ -203,6 +204,41 @@ def test_what_all_modes_say_of_bodies(bodies: int, modes: Sequence[BodyMode], mo
         found = (mean, covariance, *shown(mean, covariance), acceleration(mean))
         assert all(len(each) == bodies for each in found)
         return [np.append(each, 1.0) for each in found]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("parts", [0, 2])
+@pytest.mark.parametrize("rated", [False, True])
+@pytest.mark.parametrize("modes", [MODES, MODES[:1]], ids=["all", "one"])
+@pytest.mark.parametrize(
+    ("bodies", "rows"), [(0, []), (1, [0]), (9, []), (9, [7, 2]), (19, range(19)), (19, range(5, 18))]
+)
+def test_updates_of_bodies(
+    bodies: int,
+    rows: Sequence[int],
+    modes: Sequence[BodyMode],
+    rated: bool,
+    parts: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    random, n = np.random.default_rng(7), len(rows)
+
+    def some(count: int) -> Floats:
+        return np.where(random.random(count) < 0.4, np.nan, random.normal(size=count))
+
+    projections = tuple(Projection(random.normal(size=(n, 2)), some(n), np.full(n, 0.1)) for _ in range(parts))
+    root = random.normal(size=(n, 2, 2))
+    noise, place = root @ np.swapaxes(root, 1, 2) + np.eye(2) * 1e-4, random.normal(size=(n, 2)) * 30.0
+    measurement = Measurement(place, noise, np.zeros(2), np.ones(2), projections=projections)
+    body = np.repeat(np.arange(n), 3)
+    offset = random.normal(size=(3 * n, 2)) * 4.0
+    rates = BodyRates(some(3 * n), np.full(3 * n, 0.04), body, offset, np.zeros(2), np.ones(2)) if rated else None
+
+    def computed() -> list[Floats]:
+        tracked = bodies_of(bodies, modes)
+        nis = tracked.update(np.array(rows, dtype=np.intp), measurement, 0.5, rates)
+        return [*told(tracked), np.append(nis, 1.0)]
 
     both(monkeypatch, computed)
 
