@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 9
+REVISION = 10
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1555,4 +1555,68 @@ def body_acceleration(const double[:, :] mean, double slow):
             along = mean[t, 5] / larger(sqrt(mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3]), slow)
             out[t, 0] = along * mean[t, 2] - mean[t, 4] * mean[t, 3]
             out[t, 1] = along * mean[t, 3] + mean[t, 4] * mean[t, 2]
+    return out_array
+
+
+def to_travel_axes(const double[:, :] vectors, const double[:, :] direction):
+    """Return vectors (n, 2) along and across unit vectors (n, 2), positive to the left."""
+    cdef Py_ssize_t n = vectors.shape[0], t
+    out_array = np.empty((n, 2))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(n):
+            out[t, 0] = vectors[t, 0] * direction[t, 0] + vectors[t, 1] * direction[t, 1]
+            out[t, 1] = vectors[t, 1] * direction[t, 0] - vectors[t, 0] * direction[t, 1]
+    return out_array
+
+
+def from_travel_axes(const double[:, :] components, const double[:, :] direction):
+    """Undo `to_travel_axes`."""
+    cdef Py_ssize_t n = components.shape[0], t
+    out_array = np.empty((n, 2))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(n):
+            out[t, 0] = components[t, 0] * direction[t, 0] - components[t, 1] * direction[t, 1]
+            out[t, 1] = components[t, 1] * direction[t, 0] + components[t, 0] * direction[t, 1]
+    return out_array
+
+
+def facing_points(
+    const double[:, :] observer, const double[:] half_length, const double[:] half_width, int rounds, double least
+):
+    """Return the points (n, 2) of ellipses that face observers (n, 2), in their axes."""
+    cdef Py_ssize_t n = observer.shape[0], t
+    cdef int a, turn
+    cdef double ratio, norm
+    cdef double axes[2]
+    cdef double eye[2]
+    cdef double evolute[2]
+    cdef double share[2]
+    cdef double centre[2]
+    cdef double away[2]
+    cdef double point[2]
+    out_array = np.empty((n, 2))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(n):
+            axes[0], axes[1] = larger(half_length[t], least), larger(half_width[t], least)
+            for a in range(2):
+                eye[a] = fabs(observer[t, a])
+                evolute[a] = (axes[a] * axes[a] - axes[1 - a] * axes[1 - a]) / axes[a]
+                share[a] = sqrt(0.5)
+            for turn in range(rounds):
+                for a in range(2):
+                    centre[a] = evolute[a] * share[a] * share[a] * share[a]
+                    away[a] = eye[a] - centre[a]
+                    point[a] = axes[a] * share[a] - centre[a]
+                ratio = sqrt(point[0] * point[0] + point[1] * point[1])
+                ratio = ratio / larger(sqrt(away[0] * away[0] + away[1] * away[1]), least)
+                for a in range(2):
+                    share[a] = smaller(larger((away[a] * ratio + centre[a]) / axes[a], 0.0), 1.0)
+                norm = larger(sqrt(share[0] * share[0] + share[1] * share[1]), least)
+                for a in range(2):
+                    share[a] = share[a] / norm
+            for a in range(2):
+                out[t, a] = copysign(axes[a] * share[a], observer[t, a])
     return out_array

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats
 
 _ROUNDS = 6
@@ -28,6 +29,8 @@ def facing_point(observer: Floats, half_length: Floats, half_width: Floats) -> F
     Returns:
         In the same axes (n, 2), m. For an observer inside the ellipse too it is a point of the outline.
     """
+    if compiled.in_use:
+        return compiled.kernels.facing_points(observer, half_length, half_width, _ROUNDS, _LEAST)
     axes, eye = np.maximum(np.stack([half_length, half_width]), _LEAST), np.abs(observer.T)
     squares = axes * axes
     evolute = (squares - squares[::-1]) / axes
@@ -35,7 +38,12 @@ def facing_point(observer: Floats, half_length: Floats, half_width: Floats) -> F
     for _ in range(_ROUNDS):
         centre = evolute * share * share * share
         away = eye - centre
-        ratio = np.hypot(*(axes * share - centre)) / np.maximum(np.hypot(*away), _LEAST)
+        ratio = _length(axes * share - centre) / np.maximum(_length(away), _LEAST)
         share = np.minimum(np.maximum((away * ratio + centre) / axes, 0.0), 1.0)
-        share /= np.maximum(np.hypot(*share), _LEAST)
+        share /= np.maximum(_length(share), _LEAST)
     return np.asarray(np.copysign((axes * share).T, observer))
+
+
+def _length(vectors: Floats) -> Floats:
+    """Return the lengths (n,) of vectors (2, n)."""
+    return np.asarray(np.sqrt(vectors[0] * vectors[0] + vectors[1] * vectors[1]))

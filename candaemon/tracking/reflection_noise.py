@@ -187,6 +187,23 @@ class ReflectionNoise:
         self._state.sensors = {sensors[old]: each for old, each in remembered.items() if old in sensors}
         self._learnt.clear()
 
+    def expects(self, sensor: int, time_ns: int, own_speed: float) -> bool:
+        """Return whether a scan teaches anything; forget the scans before it where the vehicle is too slow.
+
+        Args:
+            sensor: its number.
+            time_ns: measurement time; a scan older than the latest teaches nothing.
+            own_speed: of the vehicle, m/s.
+        """
+        returns = self._state.sensors[sensor]
+        if own_speed < LEAST_OWN_SPEED:
+            returns.scans, returns.is_due = [], False
+            return False
+        if not returns.scans:
+            return True
+        passed_ns = time_ns - returns.scans[-1].time_ns
+        return passed_ns > 0 and (returns.is_due or passed_ns >= _SPACING_NS)
+
     def observe(
         self,
         sensor: int,
@@ -201,7 +218,7 @@ class ReflectionNoise:
 
         Args:
             sensor: its number.
-            time_ns: measurement time; a scan older than the latest teaches nothing.
+            time_ns: measurement time.
             keys: of m reflections, the same as long as it is the same reflection, never of another one (m,); of two
                 with one key the first counts.
             position: as measured, local frame (m, 2), m.
@@ -209,14 +226,10 @@ class ReflectionNoise:
             standing: which of them stand (m,).
             own_speed: of the vehicle, m/s.
         """
+        if not self.expects(sensor, time_ns, own_speed):
+            return
         returns = self._state.sensors[sensor]
-        if own_speed < LEAST_OWN_SPEED:
-            returns.scans, returns.is_due = [], False
-            return
-        latest_ns = returns.scans[-1].time_ns if returns.scans else None
-        is_spaced = latest_ns is None or time_ns - latest_ns >= _SPACING_NS
-        if (latest_ns is not None and time_ns <= latest_ns) or not (is_spaced or returns.is_due):
-            return
+        is_spaced = not returns.scans or time_ns - returns.scans[-1].time_ns >= _SPACING_NS
         rows = np.flatnonzero(standing & np.isfinite(position).all(axis=1))
         key, first = np.unique(keys[rows], return_index=True)
         rows, key = rows[first[:MOST_FOLLOWED]], key[:MOST_FOLLOWED]

@@ -14,7 +14,7 @@ from math import exp, expm1
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices, Integers
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.tracker import ReflectionSettings, TravelSettings
 from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 
@@ -39,22 +39,18 @@ class RigidMotion:
 
 def to_travel_axes(vectors: Floats, direction: Floats) -> Floats:
     """Turn local-frame vectors (…, 2) into components along and across the direction (…, 2), positive to the left."""
-    return _vectors(_plane(vectors) * _plane(direction).conj())
+    if compiled.in_use and vectors.ndim == direction.ndim == 2 and len(vectors) == len(direction):
+        return compiled.kernels.to_travel_axes(vectors, direction)
+    x, y, c, s = vectors[..., 0], vectors[..., 1], direction[..., 0], direction[..., 1]
+    return np.stack([x * c + y * s, y * c - x * s], axis=-1)
 
 
 def from_travel_axes(components: Floats, direction: Floats) -> Floats:
     """Undo `to_travel_axes`."""
-    return _vectors(_plane(components) * _plane(direction))
-
-
-def _plane(vectors: Floats) -> ComplexPlane:
-    """Return vectors (…, 2) as complex numbers (…): a product turns one by another."""
-    return np.ascontiguousarray(vectors).view(np.complex128)[..., 0]
-
-
-def _vectors(plane: ComplexPlane) -> Floats:
-    """Undo `_plane`."""
-    return np.asarray(plane)[..., None].view(np.float64)
+    if compiled.in_use and components.ndim == direction.ndim == 2 and len(components) == len(direction):
+        return compiled.kernels.from_travel_axes(components, direction)
+    x, y, c, s = components[..., 0], components[..., 1], direction[..., 0], direction[..., 1]
+    return np.stack([x * c - y * s, y * c + x * s], axis=-1)
 
 
 def rigid_motion(

@@ -301,12 +301,14 @@ class VehicleTracker:
 
     def _of_leaders(self, told: Callable[[int], float | tuple[float, float]]) -> Floats:
         """Return of each body (k, …) what is told of the sensor that its leading reflection is of."""
-        sensor = self._bodies.reflections.sensor[self._bodies.obstacles.leader]
-        numbers, which = np.unique(sensor, return_inverse=True)
-        return np.array([told(number) for number in numbers.tolist()], dtype=np.float64)[which]
+        sensor = self._bodies.reflections.sensor.take(self._bodies.obstacles.leader)
+        numbers = (*range(int(sensor.max(initial=-1)) + 1), -1)  # the last one is that of no sensor, by its index
+        return np.array([told(number) for number in numbers], dtype=np.float64).take(sensor, axis=0)
 
     def _hidden(self) -> Floats:
         """Return how surely the walk of its bias hides how each body moves across (k,), 0 to 1."""
+        if not any(map(self._walking, self._stated)):
+            return np.zeros(len(self))
         hidden = self._of_leaders(self._walking)
         if hidden.any():
             across = to_travel_axes(self._bodies.moments().mean[:, VELOCITY], self._bodies.obstacles.axis)[:, 1]
@@ -340,6 +342,9 @@ class VehicleTracker:
         """Let the noise of the sensor's reflections be learnt from what stands."""
         if self.update is None or not detections.identified or detections.sensor not in self._stated:
             return
+        own_speed = float(np.hypot(pose.ve, pose.vn))
+        if not self._noise.expects(detections.sensor, detections.time_ns, own_speed):
+            return
         bodies, rows = self._bodies, self.update.reflection
         body = bodies.reflections.body[rows]
         velocity = bodies.moments().mean[body, VELOCITY]
@@ -358,7 +363,7 @@ class VehicleTracker:
             detections.measurement.position[self.update.detection],
             np.broadcast_to(ahead, (len(rows), 2)),
             standing,
-            float(np.hypot(pose.ve, pose.vn)),
+            own_speed,
         )
 
     def _let_wander(self, dt: float) -> None:

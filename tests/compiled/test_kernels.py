@@ -20,6 +20,7 @@ from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import mix
 from candaemon.estimation.kalman import propagate, symmetrise, update_position, update_scalar
 from candaemon.estimation.measurement import Measurement, Projection
+from candaemon.estimation.outline import facing_point
 from candaemon.evaluation.number_text import joined_lines, number_lines, text_lines
 from candaemon.frames.frame import EXTENDED
 from candaemon.frames.frame_batch import FrameBatch
@@ -28,7 +29,7 @@ from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.tracking.association import pair_nis
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.estimator_factory import make_estimator
-from candaemon.tracking.reflections import near_pairs
+from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
 from tests.benchmarks.chains import full_binding, imm_binding, simulated_log
 
 pytestmark = pytest.mark.skipif(not compiled.in_use, reason="the kernels are not compiled: no compiler or no Cython")
@@ -279,6 +280,19 @@ def test_the_same_points_are_near_one_another(monkeypatch: pytest.MonkeyPatch) -
     assert (found[1] < found[0]).all()
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_travel_axes_and_the_points_that_face_us(monkeypatch: pytest.MonkeyPatch) -> None:
+    vectors, axis = np.random.default_rng(6).normal(size=(2, 40, 2)) * 10.0
+    vectors[0], vectors[1], vectors[2] = 0.0, np.nan, [1e100, -3.0]
+    size = np.abs(axis)
+    size[3] = 0.0
+
+    def computed() -> list[Floats]:
+        turned = to_travel_axes(vectors, axis)
+        return [turned, from_travel_axes(turned, axis), facing_point(vectors, size[:, 0], size[:, 1])]
+
+    both(monkeypatch, computed)
 
 
 @pytest.mark.parametrize("bound", [full_binding, imm_binding], ids=["vehicle", "imm"])

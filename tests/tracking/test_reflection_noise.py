@@ -142,6 +142,19 @@ def test_what_is_no_number_and_a_scan_out_of_order_teach_nothing() -> None:
     assert 0 not in noise.state.sensors[0].of[: noise.state.sensors[0].taken]
 
 
+def test_a_scan_is_expected_some_time_after_the_latest_and_right_after_it_while_the_vehicle_drives() -> None:
+    noise = ReflectionNoise({0: FRONT})
+    keys, ahead, standing = np.arange(6), np.tile([1.0, 0.0], (6, 1)), np.ones(6, dtype=bool)
+    expected = []
+    for k in range(10):
+        expected.append(noise.expects(0, k * CYCLE_NS, 20.0))
+        noise.observe(0, k * CYCLE_NS, keys, np.zeros((6, 2)), ahead, standing, 20.0)
+    assert expected == [True, True, False, False, False] * 2
+    assert not noise.expects(0, 0, 20.0)
+    assert not noise.expects(0, 20 * CYCLE_NS, 0.0)
+    assert not noise.state.sensors[0].scans
+
+
 def test_a_key_that_goes_to_something_else_teaches_nothing() -> None:
     noise = ReflectionNoise({0: FRONT})
     ahead, standing = np.tile([1.0, 0.0], (8, 1)), np.ones(8, dtype=bool)
