@@ -96,3 +96,166 @@ def take_speeds_of_bodies(
 def to_travel_axes(vectors: Floats, direction: Floats) -> Floats: ...
 def from_travel_axes(components: Floats, direction: Floats) -> Floats: ...
 def facing_points(observer: Floats, half_length: Floats, half_width: Floats, rounds: int, least: float) -> Floats: ...
+def turn_axes_of_bodies(
+    mean: Floats,
+    covariance: Floats,
+    axis: Floats,
+    directed: Booleans,
+    part: Floats,
+    course_error: float,
+    backing: float,
+    unknown: float,
+) -> Floats: ...
+def bodies_to_merge(
+    shown: Floats,
+    spread: Floats,
+    mean: Floats,
+    axis: Floats,
+    confirmed: Booleans,
+    along: float,
+    across: float,
+    speed: float,
+    merge_time: float,
+    course_speed: float,
+    course_along: float,
+    course_across: float,
+    course_faster: float,
+    course_drift: float,
+    course_time: float,
+    clear: float,
+) -> tuple[Integers, Floats]: ...
+def beyond_bodies(mean: Floats, axis: Floats, length: Floats, width: Floats) -> tuple[Floats, bool]: ...
+def reference_targets(
+    body: Integers,
+    last_ns: Integers,
+    offset: Floats,
+    facing: Floats,
+    axis: Floats,
+    length: Floats,
+    width: Floats,
+    fastest: Floats,
+    time_ns: int,
+    since_ns: int,
+    course_speed: float,
+    least_normal: float,
+) -> Floats: ...
+def measure_bodies(
+    body: Indices, position: Floats, noise: Floats, offset: Floats, spread: Floats, least: float
+) -> tuple[Indices, Indices, Indices, Floats, Floats]: ...
+def range_rate_terms(
+    state: Floats,
+    body: Indices,
+    offset: Floats,
+    value: Floats,
+    variance: Floats,
+    x0: float,
+    y0: float,
+    vx0: float,
+    vy0: float,
+) -> tuple[Floats, Floats]: ...
+def speed_components(
+    terms: Floats,
+    body: Indices,
+    state: Floats,
+    information: Floats,
+    cx: Floats,
+    cy: Floats,
+    share: float,
+    least: float,
+) -> tuple[Floats, Floats, Floats, Floats]: ...
+def note_rates(
+    noted: Floats,
+    row: Indices,
+    body: Indices,
+    shown: Floats,
+    offset: Floats,
+    measured: Floats,
+    x0: float,
+    y0: float,
+    vx0: float,
+    vy0: float,
+    share: float,
+) -> None: ...
+def learn_offsets(
+    offset: Floats,
+    variance: Floats,
+    row: Indices,
+    body: Integers,
+    position: Floats,
+    noise: Floats,
+    shown: Floats,
+    before: Floats,
+    axis: Floats,
+) -> None: ...
+def note_sizes(
+    alone: Floats,
+    fastest: Floats,
+    length: Floats,
+    width: Floats,
+    width_variance: Floats,
+    first_ns: Integers,
+    mean: Floats,
+    body: Indices,
+    x: Floats,
+    y: Floats,
+    time_ns: int,
+    dt: float,
+    near: float,
+    never: float,
+    age: float,
+    long_alone: float,
+    told: float,
+    moved: float,
+    walking: float,
+    riding: float,
+    walker: tuple[float, float],
+    rider: tuple[float, float],
+) -> None: ...
+def grow_boxes(
+    length: Floats,
+    width: Floats,
+    extent: Floats,
+    length_variance: Floats,
+    width_variance: Floats,
+    first_ns: Integers,
+    mean: Floats,
+    body: Integers,
+    last_ns: Integers,
+    offset: Floats,
+    time_ns: int,
+    shrinkage: float,
+    car_length: float,
+    axis_speed: float,
+    age: float,
+    margin: float,
+    growth: float,
+    truck_length: float,
+    told: float,
+    truck_width: float,
+) -> None: ...
+def hidden_shares(
+    low: Floats, high: Floats, away: Floats, distance: Floats, behind: bool, margin: float, turn: float
+) -> Floats: ...
+def clutter_areas(
+    spread: Floats,
+    variance: Floats,
+    noise: Floats,
+    body: Indices,
+    reflection: Indices,
+    rows: Indices,
+    scale: float,
+) -> Floats: ...
+def add_places(
+    covariance: Floats,
+    told: Floats,
+    length: Floats,
+    alone: Floats,
+    own: Floats,
+    time: float,
+    close: float,
+    long_alone: float,
+    small: float,
+    place: float,
+    large: float,
+    anywhere: float,
+) -> None: ...

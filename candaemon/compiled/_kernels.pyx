@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 10
+REVISION = 11
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1620,3 +1620,542 @@ def facing_points(
             for a in range(2):
                 out[t, a] = copysign(axes[a] * share[a], observer[t, a])
     return out_array
+
+
+def turn_axes_of_bodies(
+    const double[:, :] mean,
+    const double[:, :, :] covariance,
+    const double[:, :] axis,
+    unsigned char[:] directed,
+    const double[:] part,
+    double course_error,
+    double backing,
+    double unknown,
+):
+    """Return axes (n, 2) after a part of the turn towards the courses; note in place whom the course directs."""
+    cdef Py_ssize_t n = mean.shape[0], t
+    cdef double vx, vy, squared, spread, known, share, speed, forward, cx, cy, x, y, norm
+    out_array = np.empty((n, 2))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(n):
+            vx, vy = mean[t, 2], mean[t, 3]
+            squared = vx * vx + vy * vy
+            spread = covariance[t, 2, 2] + covariance[t, 3, 3]
+            known = squared / (squared + 4.0 * spread + unknown)
+            directed[t] = directed[t] or spread < course_error * squared
+            share = known * known * part[t]
+            speed = sqrt(larger(squared, 1e-6))
+            forward = -1.0 if vx * axis[t, 0] + vy * axis[t, 1] < backing else 1.0
+            cx, cy = vx / speed, vy / speed
+            if cx * axis[t, 0] + cy * axis[t, 1] < 0.0 and forward > 0.0:
+                cx, cy = -cx, -cy
+            x = forward * axis[t, 0]
+            x = x + share * (cx - x)
+            y = forward * axis[t, 1]
+            y = y + share * (cy - y)
+            norm = larger(sqrt(x * x + y * y), 1e-9)
+            out[t, 0] = x / norm
+            out[t, 1] = y / norm
+    return out_array
+
+
+def bodies_to_merge(
+    const double[:, :] shown,
+    const double[:, :, :] spread,
+    const double[:, :] mean,
+    const double[:, :] axis,
+    const unsigned char[:] confirmed,
+    double along,
+    double across,
+    double speed,
+    double merge_time,
+    double course_speed,
+    double course_along,
+    double course_across,
+    double course_faster,
+    double course_drift,
+    double course_time,
+    double clear,
+):
+    """Return of each body the row of the oldest one it may be merged into, or −1, and the time alongside it takes, s."""
+    cdef Py_ssize_t n = mean.shape[0], young, old
+    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear
+    cdef double reach = larger(along, course_along) + larger(across, course_across)
+    cdef bint by_course
+    found_array, needed_array = np.full(n, -1, np.int64), np.full(n, merge_time)
+    cdef Py_ssize_t[::1] found = found_array
+    cdef double[::1] needed = needed_array
+    with nogil:
+        for young in range(n):
+            for old in range(young):
+                x, y = shown[young, 0] - shown[old, 0], shown[young, 1] - shown[old, 1]
+                if not (fabs(x) < reach and fabs(y) < reach):
+                    continue
+                vx, vy = mean[young, 2] - mean[old, 2], mean[young, 3] - mean[old, 3]
+                ahead = fabs(x * axis[old, 0] + y * axis[old, 1])
+                aside = fabs(y * axis[old, 0] - x * axis[old, 1])
+                faster = fabs(vx * axis[old, 0] + vy * axis[old, 1])
+                drift = fabs(vy * axis[old, 0] - vx * axis[old, 1])
+                by_course = (
+                    smaller(velocity_of(mean, young), velocity_of(mean, old)) > course_speed
+                    and ahead < course_along
+                    and aside < course_across
+                    and faster < course_faster
+                    and drift < course_drift
+                )
+                if by_course:
+                    unclear = spread[young, 0, 0] + spread[young, 1, 1] + (spread[old, 0, 0] + spread[old, 1, 1])
+                    unclear = 1.0 + unclear / clear
+                    needed[young] = smaller(course_time * unclear, merge_time)
+                elif not (ahead < along and aside < across and faster * faster + drift * drift < speed):
+                    continue
+                if confirmed[old] and found[young] < 0:
+                    found[young] = old
+    return found_array, needed_array
+
+
+cdef inline double velocity_of(const double[:, :] mean, Py_ssize_t t) noexcept nogil:
+    """Return the speed of a body."""
+    return sqrt(mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3])
+
+
+def beyond_bodies(const double[:, :] mean, const double[:, :] axis, const double[:] length, const double[:] width):
+    """Return how far the biases of bodies reach beyond their boxes, along and across (n, 2), and whether any does."""
+    cdef Py_ssize_t n = mean.shape[0], t
+    cdef bint any_does = False
+    cdef double value, half
+    cdef int a
+    out_array = np.empty((n, 2))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(n):
+            for a in range(2):
+                if a == 0:
+                    value, half = mean[t, 6] * axis[t, 0] + mean[t, 7] * axis[t, 1], 0.5 * length[t]
+                else:
+                    value, half = mean[t, 7] * axis[t, 0] - mean[t, 6] * axis[t, 1], 0.5 * width[t]
+                out[t, a] = value - smaller(larger(value, -half), half)
+                any_does = any_does or out[t, a] != 0.0
+    return out_array, any_does
+
+
+def reference_targets(
+    const Py_ssize_t[:] body,
+    const Py_ssize_t[:] last_ns,
+    const double[:, :] offset,
+    const double[:, :] facing,
+    const double[:, :] axis,
+    const double[:] length,
+    const double[:] width,
+    const double[:] fastest,
+    Py_ssize_t time_ns,
+    Py_ssize_t since_ns,
+    double course_speed,
+    double least_normal,
+):
+    """Return where on bodies (k, 2) their reference points belong, along and across, from those of their reflections."""
+    cdef Py_ssize_t n = body.shape[0], k = axis.shape[0], i, t
+    cdef double ahead, aside, towards, first, second, seen_end, from_end, share
+    out_array, end_array, count_array = np.zeros((k, 2)), np.full(k, -INFINITY), np.zeros((2, k), np.intp)
+    cdef double[:, ::1] out = out_array
+    cdef double[::1] end = end_array
+    cdef Py_ssize_t[:, ::1] count = count_array
+    with nogil:
+        for i in range(n):
+            t = body[i]
+            if last_ns[i] == time_ns:
+                count[0, t] += 1
+                out[t, 0] = out[t, 0] + offset[i, 0]
+                out[t, 1] = out[t, 1] + offset[i, 1]
+            if last_ns[i] >= since_ns:
+                count[1, t] += 1
+                ahead = facing[t, 0] * axis[t, 0] + facing[t, 1] * axis[t, 1]
+                end[t] = larger(end[t], copysign(1.0, ahead) * offset[i, 0])
+        for t in range(k):
+            out[t, 0] = out[t, 0] / (count[0, t] if count[0, t] > 1 else 1)
+            out[t, 1] = out[t, 1] / (count[0, t] if count[0, t] > 1 else 1)
+            ahead = facing[t, 0] * axis[t, 0] + facing[t, 1] * axis[t, 1]
+            aside = facing[t, 1] * axis[t, 0] - facing[t, 0] * axis[t, 1]
+            towards = copysign(1.0, ahead)
+            first, second = ahead / (length[t] * length[t]), aside / (width[t] * width[t])
+            first, second = first * first, second * second
+            seen_end, share = 0.0, 0.0
+            if count[1, t] > 1 and fastest[t] > course_speed:
+                seen_end, share = end[t], first / larger(first + second, least_normal)
+            from_end = towards * (seen_end - 0.5 * length[t] + fabs(ahead))
+            out[t, 0] = out[t, 0] + share * (from_end - out[t, 0])
+    return out_array
+
+
+def measure_bodies(
+    const Py_ssize_t[:] body,
+    const double[:, :] position,
+    const double[:, :, :] noise,
+    const double[:, :] offset,
+    const double[:] spread,
+    double least,
+):
+    """Return the bodies (m,) that are measured, the first detection of each, which of them each detection is of, and
+    their places (m, 2) with covariances (m, 2, 2)."""
+    cdef Py_ssize_t n = body.shape[0], m = 0, i, t
+    cdef double a, b, d, determinant, x, y
+    cdef Py_ssize_t most = -1
+    for i in range(n):
+        most = max(most, body[i])
+    slot_array, group_array = np.full(most + 1, -1, np.intp), np.empty(n, np.intp)
+    cdef Py_ssize_t[::1] slot = slot_array, group = group_array
+    for i in range(n):
+        if slot[body[i]] < 0:
+            m += 1
+            slot[body[i]] = i
+    rows_array, first_array = np.empty(m, np.intp), np.empty(m, np.intp)
+    cdef Py_ssize_t[::1] rows = rows_array, first = first_array
+    sums_array, place_array, covariance_array = np.zeros((5, m)), np.empty((m, 2)), np.empty((m, 2, 2))
+    cdef double[:, ::1] sums = sums_array, place = place_array
+    cdef double[:, :, ::1] covariance = covariance_array
+    with nogil:
+        m = 0
+        for t in range(most + 1):
+            if slot[t] >= 0:
+                rows[m], first[m] = t, slot[t]
+                slot[t] = m
+                m += 1
+        for i in range(n):
+            t = slot[body[i]]
+            group[i] = t
+            a = noise[i, 0, 0] + (spread[i] + least)
+            d = noise[i, 1, 1] + (spread[i] + least)
+            b = noise[i, 0, 1]
+            determinant = a * d - b * b
+            x, y = position[i, 0] - offset[i, 0], position[i, 1] - offset[i, 1]
+            sums[0, t] = sums[0, t] + d / determinant
+            sums[1, t] = sums[1, t] + -b / determinant
+            sums[2, t] = sums[2, t] + a / determinant
+            sums[3, t] = sums[3, t] + (d * x - b * y) / determinant
+            sums[4, t] = sums[4, t] + (a * y - b * x) / determinant
+        for t in range(m):
+            determinant = sums[0, t] * sums[2, t] - sums[1, t] * sums[1, t]
+            covariance[t, 0, 0] = sums[2, t] / determinant
+            covariance[t, 0, 1] = covariance[t, 1, 0] = -sums[1, t] / determinant
+            covariance[t, 1, 1] = sums[0, t] / determinant
+            place[t, 0] = (sums[2, t] * sums[3, t] - sums[1, t] * sums[4, t]) / determinant
+            place[t, 1] = (sums[0, t] * sums[4, t] - sums[1, t] * sums[3, t]) / determinant
+    return rows_array, first_array, group_array, place_array, covariance_array
+
+
+def range_rate_terms(
+    const double[:, :] state,
+    const Py_ssize_t[:] body,
+    const double[:, :] offset,
+    const double[:] value,
+    const double[:] variance,
+    double x0,
+    double y0,
+    double vx0,
+    double vy0,
+):
+    """Return of range rates (6, n) slope and line of sight, weight and innovation, and their information (3, m)."""
+    cdef Py_ssize_t n = body.shape[0], m = state.shape[0], i, t
+    cdef double x, y, vx, vy, distance, nearest, far, rate, weight
+    terms_array, sums_array = np.empty((6, n)), np.zeros((3, m))
+    cdef double[:, ::1] terms = terms_array, sums = sums_array
+    with nogil:
+        for i in range(n):
+            t = body[i]
+            x, y = state[t, 0] + offset[i, 0] - x0, state[t, 1] + offset[i, 1] - y0
+            vx, vy = state[t, 2] - vx0, state[t, 3] - vy0
+            distance = sqrt(x * x + y * y)
+            nearest, far = larger(distance, 1e-3), larger(distance, 1.0)
+            x, y = x / nearest, y / nearest
+            rate = x * vx + y * vy
+            terms[0, i] = (vx - rate * x) / far
+            terms[1, i] = (vy - rate * y) / far
+            terms[2, i], terms[3, i] = x, y
+            weight = 1.0 / variance[i] if isfinite(value[i]) else 0.0
+            terms[4, i] = weight
+            terms[5, i] = value[i] - rate if isfinite(value[i]) else 0.0
+            sums[0, t] = sums[0, t] + weight * x * x
+            sums[1, t] = sums[1, t] + weight * x * y
+            sums[2, t] = sums[2, t] + weight * y * y
+    return terms_array, sums_array
+
+
+def speed_components(
+    const double[:, ::1] terms,
+    const Py_ssize_t[:] body,
+    const double[:, :] state,
+    const double[:] information,
+    const double[:] cx,
+    const double[:] cy,
+    double share,
+    double least,
+):
+    """Return what range rates say of bodies in directions (cx, cy): slope and direction (m, 2), value and variance."""
+    cdef Py_ssize_t n = body.shape[0], m = state.shape[0], i, t
+    cdef double part, divisor
+    slope_array, direction_array, value_array, variance_array = np.zeros((m, 2)), np.empty((m, 2)), np.zeros(m), np.empty(m)
+    cdef double[:, ::1] slope = slope_array, direction = direction_array
+    cdef double[::1] value = value_array, variance = variance_array
+    with nogil:
+        for i in range(n):
+            t = body[i]
+            part = terms[4, i] * (terms[2, i] * cx[t] + terms[3, i] * cy[t])
+            slope[t, 0] = slope[t, 0] + part * terms[0, i]
+            slope[t, 1] = slope[t, 1] + part * terms[1, i]
+            value[t] = value[t] + part * terms[5, i]
+        for t in range(m):
+            divisor = information[t] if information[t] > least else 1.0
+            slope[t, 0] = slope[t, 0] / divisor
+            slope[t, 1] = slope[t, 1] / divisor
+            direction[t, 0], direction[t, 1] = cx[t], cy[t]
+            part = slope[t, 0] * state[t, 0] + slope[t, 1] * state[t, 1]
+            part = part + (cx[t] * state[t, 2] + cy[t] * state[t, 3])
+            value[t] = value[t] / divisor + part if information[t] > least else NAN
+            variance[t] = share / divisor
+    return slope_array, direction_array, value_array, variance_array
+
+
+def note_rates(
+    double[:] noted,
+    const Py_ssize_t[:] row,
+    const Py_ssize_t[:] body,
+    const double[:, :] shown,
+    const double[:, :] offset,
+    const double[:] measured,
+    double x0,
+    double y0,
+    double vx0,
+    double vy0,
+    double share,
+):
+    """Note in place how much faster than their bodies reflections come nearer."""
+    cdef Py_ssize_t m = row.shape[0], i, t
+    cdef double x, y, nearest, difference
+    with nogil:
+        for i in range(m):
+            t = body[i]
+            x, y = shown[t, 0] + offset[i, 0] - x0, shown[t, 1] + offset[i, 1] - y0
+            nearest = larger(sqrt(x * x + y * y), 1e-3)
+            difference = measured[i] - (x / nearest * (shown[t, 2] - vx0) + y / nearest * (shown[t, 3] - vy0))
+            if not isfinite(difference):
+                difference = 0.0
+            noted[row[i]] = noted[row[i]] + share * (difference - noted[row[i]])
+
+
+def learn_offsets(
+    double[:, :] offset,
+    double[:] variance,
+    const Py_ssize_t[:] row,
+    const Py_ssize_t[:] body,
+    const double[:, :] position,
+    const double[:, :, :] noise,
+    const double[:, :] shown,
+    const double[:, :] before,
+    const double[:, :] axis,
+):
+    """Update in place where on their bodies reflections lie, and how uncertain that is."""
+    cdef Py_ssize_t m = row.shape[0], i, t, r
+    cdef double x, y, gain
+    with nogil:
+        for i in range(m):
+            t, r = body[i], row[i]
+            x = position[i, 0] - shown[t, 0] - before[i, 0]
+            y = position[i, 1] - shown[t, 1] - before[i, 1]
+            gain = variance[r] / (variance[r] + 0.5 * (noise[i, 0, 0] + noise[i, 1, 1]))
+            offset[r, 0] = offset[r, 0] + gain * (x * axis[t, 0] + y * axis[t, 1])
+            offset[r, 1] = offset[r, 1] + gain * (y * axis[t, 0] - x * axis[t, 1])
+            variance[r] = (1.0 - gain) * variance[r]
+
+
+def note_sizes(
+    double[:] alone,
+    double[:] fastest,
+    double[:] length,
+    double[:] width,
+    const double[:] width_variance,
+    const Py_ssize_t[:] first_ns,
+    const double[:, :] mean,
+    const Py_ssize_t[:] body,
+    const double[:] x,
+    const double[:] y,
+    Py_ssize_t time_ns,
+    double dt,
+    double near,
+    double never,
+    double age,
+    double long_alone,
+    double told,
+    double moved,
+    double walking,
+    double riding,
+    walker,
+    rider,
+):
+    """Note in place how long bodies have shown one reflection close by, how fast they were, and which are small so."""
+    cdef Py_ssize_t m = body.shape[0], k = alone.shape[0], i, t
+    cdef double walker_length = walker[0], walker_width = walker[1]
+    cdef double rider_length = rider[0], rider_width = rider[1], speed
+    seen_array = np.zeros((2, k), np.intp)
+    cdef Py_ssize_t[:, ::1] seen = seen_array
+    with nogil:
+        for i in range(m):
+            seen[0, body[i]] += 1
+            if sqrt(x[i] * x[i] + y[i] * y[i]) < near:
+                seen[1, body[i]] = 1
+        for t in range(k):
+            if seen[0, t] > 1:
+                alone[t] = never
+            elif seen[0, t] == 1 and seen[1, t]:
+                alone[t] = alone[t] + dt
+            speed = velocity_of(mean, t) if (time_ns - first_ns[t]) * 1e-9 > age else 0.0
+            fastest[t] = larger(fastest[t], speed)
+            if alone[t] > long_alone and width_variance[t] > told and fastest[t] > moved:
+                if fastest[t] < walking:
+                    length[t], width[t] = walker_length, walker_width
+                elif fastest[t] < riding:
+                    length[t], width[t] = rider_length, rider_width
+
+
+def grow_boxes(
+    double[:] length,
+    double[:] width,
+    double[:] extent,
+    const double[:] length_variance,
+    const double[:] width_variance,
+    const Py_ssize_t[:] first_ns,
+    const double[:, :] mean,
+    const Py_ssize_t[:] body,
+    const Py_ssize_t[:] last_ns,
+    const double[:, :] offset,
+    Py_ssize_t time_ns,
+    double shrinkage,
+    double car_length,
+    double axis_speed,
+    double age,
+    double margin,
+    double growth,
+    double truck_length,
+    double told,
+    double truck_width,
+):
+    """Let boxes in place hold, along them, the reflections of the scan at a time."""
+    cdef Py_ssize_t n = body.shape[0], k = length.shape[0], i, t
+    cdef double shown
+    cdef bint known
+    ends_array = np.empty((2, k))
+    cdef double[:, ::1] ends = ends_array
+    with nogil:
+        for t in range(k):
+            if length_variance[t] > 1.0:
+                length[t] = length[t] - shrinkage * larger(length[t] - car_length, 0.0)
+            ends[0, t], ends[1, t] = INFINITY, -INFINITY
+        if n != k:
+            for i in range(n):
+                if last_ns[i] == time_ns:
+                    t = body[i]
+                    ends[0, t] = smaller(ends[0, t], offset[i, 0])
+                    ends[1, t] = larger(ends[1, t], offset[i, 0])
+            for t in range(k):
+                known = mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3] > axis_speed * axis_speed
+                known = known and (time_ns - first_ns[t]) * 1e-9 > age
+                shown = ends[1, t] - ends[0, t] + margin if known and ends[1, t] > ends[0, t] else 0.0
+                length[t] = length[t] + growth * larger(shown - length[t], 0.0)
+                extent[t] = extent[t] + growth * larger(shown - extent[t], 0.0)
+                if length[t] > truck_length and width_variance[t] > told:
+                    width[t] = truck_width
+
+
+def hidden_shares(
+    const double[:] low, const double[:] high, const double[:] away, const double[:] distance, bint behind, double margin,
+    double turn
+):
+    """Return the share of each angle (k,) that others hide whose centres are nearer; azimuths come again after a turn."""
+    cdef Py_ssize_t k = low.shape[0], t, other
+    cdef int times, more = 2 if behind else 1
+    cdef double total, shared, round
+    out_array = np.empty(k)
+    cdef double[::1] out = out_array
+    with nogil:
+        for t in range(k):
+            total = 0.0
+            for times in range(more):
+                for other in range(k):
+                    if away[other] < distance[t] and (times or other != t):
+                        round = 0.0
+                        if times:
+                            round = -turn if low[other] + high[other] > 0.0 else turn
+                        shared = smaller(high[t], high[other] - margin + round)
+                        shared = shared - larger(low[t], low[other] + margin + round)
+                        total = total + larger(shared, 0.0)
+            out[t] = total / (high[t] - low[t])
+    return out_array
+
+
+def clutter_areas(
+    const double[:, :, :] spread,
+    const double[:] variance,
+    const double[:, :, :] noise,
+    const Py_ssize_t[:] body,
+    const Py_ssize_t[:] reflection,
+    const Py_ssize_t[:] rows,
+    double scale,
+):
+    """Return the square roots of the determinants of innovations' covariances (m,), times a scale."""
+    cdef Py_ssize_t m = rows.shape[0], i, t
+    cdef double a, b, d, more
+    out_array = np.empty(m)
+    cdef double[::1] out = out_array
+    with nogil:
+        for i in range(m):
+            t, more = body[rows[i]], variance[reflection[rows[i]]]
+            a = spread[t, 0, 0] + more + noise[rows[i], 0, 0]
+            b = spread[t, 0, 1] + noise[rows[i], 0, 1]
+            d = spread[t, 1, 1] + more + noise[rows[i], 1, 1]
+            out[i] = scale * sqrt(larger(a * d - b * b, 1e-12))
+    return out_array
+
+
+def add_places(
+    double[:, :, ::1] covariance,
+    double[:, ::1] told,
+    const double[:] length,
+    const double[:] alone,
+    const double[:, :] own,
+    double time,
+    double close,
+    double long_alone,
+    double small,
+    double place,
+    double large,
+    double anywhere,
+):
+    """Add in place what is unknown of where on bodies reflections lie, and of our own velocity; tell the deviations."""
+    cdef Py_ssize_t k = length.shape[0], t
+    cdef double x, y, norm, side, ax, ay, variance, xx, xy, yy, lx, ly, speed
+    with nogil:
+        for t in range(k):
+            x, y = told[0, t], told[1, t]
+            norm = larger(sqrt(x * x + y * y), close)
+            x, y = x / norm, y / norm
+            ax, ay = told[11, t], told[12, t]
+            variance = large if alone[t] < 0.0 else (small if alone[t] > long_alone else place)
+            variance = variance * variance
+            side = anywhere * (length[t] * (ax * y - ay * x))
+            ax, ay = side * ax, side * ay
+            xx, xy, yy = variance + ax * ax, ax * ay, variance + ay * ay
+            lx, ly = -y, x
+            speed = lx * xx * lx + lx * xy * ly + ly * xy * lx + ly * yy * ly
+            speed = speed / (time * time)
+            covariance[t, 0, 0] = covariance[t, 0, 0] + xx
+            covariance[t, 0, 1] = covariance[t, 0, 1] + xy
+            covariance[t, 1, 0] = covariance[t, 1, 0] + xy
+            covariance[t, 1, 1] = covariance[t, 1, 1] + yy
+            covariance[t, 2, 2] = covariance[t, 2, 2] + (own[0, 0] + speed * lx * lx)
+            covariance[t, 2, 3] = covariance[t, 2, 3] + (own[0, 1] + speed * lx * ly)
+            covariance[t, 3, 2] = covariance[t, 3, 2] + (own[1, 0] + speed * ly * lx)
+            covariance[t, 3, 3] = covariance[t, 3, 3] + (own[1, 1] + speed * ly * ly)
+            told[6, t] = sqrt(larger(covariance[t, 0, 0], 0.0))
+            told[7, t] = sqrt(larger(covariance[t, 1, 1], 0.0))
+            told[8, t] = sqrt(larger(covariance[t, 2, 2], 0.0))
+            told[9, t] = sqrt(larger(covariance[t, 3, 3], 0.0))

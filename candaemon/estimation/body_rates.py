@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats, Indices
 from candaemon.estimation.measurement import line_of_sight
 
@@ -63,34 +64,49 @@ class BodyRates:
         Args:
             state: place of the leading reflection and velocity of each body (m, 4), local frame.
         """
-        m, body = len(state), self.body
-        each = state.take(body, axis=0)
-        each[:, :2] += self.offset
-        rate, row = line_of_sight(each, self.origin, self.velocity)
-        slope_x, slope_y, x, y = np.ascontiguousarray(row.T)
-        known = np.isfinite(self.value)
-        weight = np.where(known, 1.0 / self.variance, 0.0)
-        innovation = np.where(known, self.value - rate, 0.0)
-
-        def total(values: Floats) -> Floats:
-            return np.asarray(np.bincount(body, values, m), dtype=np.float64)
-
-        xx, xy, yy = total(weight * x * x), total(weight * x * y), total(weight * y * y)
+        terms, (xx, xy, yy) = self._terms(state)
         middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
-        root = np.hypot(half, xy)
+        root = np.sqrt(half * half + xy * xy)
         angle = 0.5 * np.arctan2(xy, half)
         c, s = np.cos(angle), np.sin(angle)
         found = []
         for information, cx, cy in ((middle + root, c, s), (middle - root, -s, c)):
-            tells = information > _LEAST_INFORMATION
-            if not tells.any():
-                continue
-            divisor = np.where(tells, information, 1.0)
-            part = weight * (x * cx[body] + y * cy[body])
-            slope = np.stack([total(part * slope_x) / divisor, total(part * slope_y) / divisor], axis=1)
-            direction = np.stack([cx, cy], axis=1)
-            value = total(part * innovation) / divisor
-            value += (slope * state[:, :2]).sum(axis=1) + (direction * state[:, 2:]).sum(axis=1)
-            value[~tells] = np.nan
-            found.append(SpeedComponent(slope, direction, value, self.share / divisor))
+            if information.max(initial=0.0) > _LEAST_INFORMATION:
+                found.append(self._component(terms, state, information, cx, cy))
         return tuple(found)
+
+    def _terms(self, state: Floats) -> tuple[Floats, Floats]:
+        """Return slope and line of sight, weight and innovation of each range rate (6, n); their information (3, m)."""
+        if compiled.in_use:
+            numbers = *self.origin.tolist(), *self.velocity.tolist()
+            return compiled.kernels.range_rate_terms(state, self.body, self.offset, self.value, self.variance, *numbers)
+        each = state.take(self.body, axis=0)
+        each[:, :2] += self.offset
+        rate, row = line_of_sight(each, self.origin, self.velocity)
+        known = np.isfinite(self.value)
+        weight = np.where(known, 1.0 / self.variance, 0.0)
+        x, y = row[:, 2], row[:, 3]
+        information = (self._total(each, len(state)) for each in (weight * x * x, weight * x * y, weight * y * y))
+        return np.vstack([row.T, weight, np.where(known, self.value - rate, 0.0)]), np.stack(list(information))
+
+    def _component(self, terms: Floats, state: Floats, information: Floats, cx: Floats, cy: Floats) -> SpeedComponent:
+        """Return what the range rates tell along the directions (cx, cy) of so much information (m,)."""
+        if compiled.in_use:
+            numbers = (self.share, _LEAST_INFORMATION)
+            return SpeedComponent(
+                *compiled.kernels.speed_components(terms, self.body, state, information, cx, cy, *numbers)
+            )
+        m, (slope_x, slope_y, x, y, weight, innovation) = len(state), terms
+        tells = information > _LEAST_INFORMATION
+        divisor = np.where(tells, information, 1.0)
+        part = weight * (x * cx[self.body] + y * cy[self.body])
+        slope = np.stack([self._total(part * slope_x, m) / divisor, self._total(part * slope_y, m) / divisor], axis=1)
+        direction = np.stack([cx, cy], axis=1)
+        value = self._total(part * innovation, m) / divisor
+        value += (slope * state[:, :2]).sum(axis=1) + (direction * state[:, 2:]).sum(axis=1)
+        value[~tells] = np.nan
+        return SpeedComponent(slope, direction, value, self.share / divisor)
+
+    def _total(self, values: Floats, bodies: int) -> Floats:
+        """Return the sums over the range rates of each body (m,)."""
+        return np.asarray(np.bincount(self.body, values, bodies), dtype=np.float64)

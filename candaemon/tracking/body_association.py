@@ -56,59 +56,50 @@ def associate(
     found = Association(np.full(n, -1, np.intp), np.full(n, -1, np.intp), np.full(n, np.nan))
     if not len(bodies) or not n:
         return found
-    mean, covariance = bodies.reflection_states()
-    usable = ~vague[bodies.reflections.body]
+    usable = ~vague.take(bodies.reflections.body)
     if detections.identified:
-        _by_id(found, bodies, detections, mean, covariance, settings, usable)
+        _by_id(found, bodies, detections, settings, usable)
+    left = np.flatnonzero(found.reflection < 0)
+    if not len(left):
+        found.body = bodies.reflections.body.take(found.reflection)
+        return found
+    mean, covariance = bodies.reflection_states()
     if settings.method == "nearest" or not detections.identified:
-        free_reflections = usable.copy()
-        free_reflections[found.reflection[found.reflection >= 0]] = False
-        _by_place(found, mean, covariance, np.flatnonzero(free_reflections), measurement, settings.gate)
-    taken = found.reflection >= 0
-    found.body[taken] = bodies.reflections.body[found.reflection[taken]]
-    if extent.merge:
-        left = np.flatnonzero(~taken)
-        if len(left):
-            found.body[left] = beside(bodies, mean, measurement, left, extent)
+        usable[found.reflection[found.reflection >= 0]] = False
+        _by_place(found, mean, covariance, np.flatnonzero(usable), measurement, settings.gate)
+        left = np.flatnonzero(found.reflection < 0)
+    found.body = np.where(found.reflection < 0, -1, bodies.reflections.body.take(found.reflection))
+    if extent.merge and len(left):
+        found.body[left] = beside(bodies, mean, measurement, left, extent)
     return found
 
 
 def _by_id(
-    found: Association,
-    bodies: Bodies,
-    detections: Detections,
-    mean: Floats,
-    covariance: Floats,
-    settings: AssociationSettings,
-    usable: Booleans,
+    found: Association, bodies: Bodies, detections: Detections, settings: AssociationSettings, usable: Booleans
 ) -> None:
-    """Associate by ids; one that comes twice in a scan stands for nothing, nor does that of an object called new.
-
-    A sensor that tells no identity has none.
-    """
-    if not detections.identified:
-        return
+    """Associate by ids; one that comes twice in a scan stands for nothing, nor does that of an object called new."""
     keys = detections.object_id
-    rows, single = bodies.rows_of(detections.sensor, keys)
-    row = np.where(detections.new, -1, rows)
-    row[(row >= 0) & ~usable[row]] = -1
-    if not single:
+    rows, distinct = bodies.rows_of(detections.sensor, keys)
+    row = np.where(detections.new | ~usable.take(rows), -1, rows)
+    if not distinct:
         _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
         row[counts[inverse] > 1] = -1
     known = np.flatnonzero(row >= 0)
     if not len(known):
         return
-    row = row[known]
-    nis = pair_nis(mean[row], covariance[row], detections.measurement.take(known))
+    row = row.take(known)
+    nis = pair_nis(*bodies.reflection_states(row), detections.measurement.take(known))
     if settings.method == "id":
         within = np.ones(len(known), dtype=np.bool_)
     else:
-        confirmed = bodies.obstacles.confirmed[bodies.reflections.body[row]]
+        confirmed = bodies.obstacles.confirmed.take(bodies.reflections.body.take(row))
         within = nis <= np.where(confirmed, settings.id_gate, settings.gate)
-        found.slot_jumps = int(len(within) - within.sum())
-    order = np.flatnonzero(within)[np.argsort(nis[within], kind="stable")]
-    _, first = np.unique(row[order], return_index=True)  # of two ids for one reflection the likelier one counts
-    chosen = order[first]
+        found.slot_jumps = int(len(within) - np.count_nonzero(within))
+    chosen = np.flatnonzero(within)
+    if not distinct:  # of two ids for one reflection the likelier one counts
+        order = chosen[np.argsort(nis[chosen], kind="stable")]
+        _, first = np.unique(row[order], return_index=True)
+        chosen = order[first]
     found.reflection[known[chosen]] = row[chosen]
     found.nis[known[chosen]] = nis[chosen]
 

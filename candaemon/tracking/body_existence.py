@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.tracker import LifecycleSettings
@@ -170,10 +171,20 @@ class BodyExistence:
         bodies: Bodies, association: Association, detections: Detections, rows: Indices, density: float
     ) -> Floats:
         """Return the likelihoods of detections over the density of clutter (m,)."""
-        spread = bodies.moments().shown_covariance[association.body[rows], :2, :2]
-        variance = bodies.reflections.variance[association.reflection[rows]]
-        spread[:, 0, 0] += variance
-        spread[:, 1, 1] += variance
-        spread += detections.measurement.noise[rows]
-        area = 2 * np.pi * np.sqrt(np.maximum(np.linalg.det(spread), 1e-12))
-        return np.asarray(np.exp(-0.5 * association.nis[rows]) / (area * max(density, 1e-9)))
+        spread, variance, noise = (
+            bodies.moments().shown_covariance,
+            bodies.reflections.variance,
+            detections.measurement.noise,
+        )
+        scale = 2 * np.pi * max(density, 1e-9)
+        if compiled.in_use:
+            area = compiled.kernels.clutter_areas(
+                spread, variance, noise, association.body, association.reflection, rows, scale
+            )
+        else:
+            body, more = association.body[rows], variance[association.reflection[rows]]
+            a = spread[body, 0, 0] + more + noise[rows, 0, 0]
+            b = spread[body, 0, 1] + noise[rows, 0, 1]
+            d = spread[body, 1, 1] + more + noise[rows, 1, 1]
+            area = scale * np.sqrt(np.maximum(a * d - b * b, 1e-12))
+        return np.asarray(np.exp(-0.5 * association.nis[rows]) / area)

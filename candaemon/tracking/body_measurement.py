@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats, Indices
 from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.measurement import Measurement, Projection
@@ -28,23 +29,15 @@ def of_bodies(
         spread: variance of each component of the offsets (m,), m².
         speed_share: times the stated variance that speeds are taken to have.
     """
-    rows, first, group = np.unique(body, return_index=True, return_inverse=True)
-    noise = measurement.noise.copy()
-    noise[:, 0, 0] += spread + _LEAST_VARIANCE
-    noise[:, 1, 1] += spread + _LEAST_VARIANCE
-    a, b, d = noise[:, 0, 0], noise[:, 0, 1], noise[:, 1, 1]
-    determinant = a * d - b * b
-    place = measurement.position - offset
+    if compiled.in_use:
+        rows, first, group, position, covariance = compiled.kernels.measure_bodies(
+            body, measurement.position, measurement.noise, offset, spread, _LEAST_VARIANCE
+        )
+    else:
+        rows, first, group, position, covariance = _places(measurement, body, offset, spread)
 
     def total(values: Floats) -> Floats:
         return np.asarray(np.bincount(group, values, len(rows)), dtype=np.float64)
-
-    xx, xy, yy = total(d / determinant), total(-b / determinant), total(a / determinant)
-    ix = total((d * place[:, 0] - b * place[:, 1]) / determinant)
-    iy = total((a * place[:, 1] - b * place[:, 0]) / determinant)
-    information = xx * yy - xy * xy
-    covariance = np.stack([yy, -xy, -xy, xx], axis=1).reshape(-1, 2, 2) / information[:, None, None]
-    position = np.stack([yy * ix - xy * iy, xx * iy - xy * ix], axis=1) / information[:, None]
 
     def averaged(value: Floats, variance: Floats) -> tuple[Floats, Floats]:
         weight = np.where(np.isfinite(value), 1.0 / variance, 0.0)
@@ -70,3 +63,32 @@ def of_bodies(
     sensor = measurement.origin, measurement.velocity
     rates = BodyRates(measurement.range_rate, measurement.range_rate_variance, group, offset, *sensor, speed_share)
     return rows, combined, rates
+
+
+def _places(
+    measurement: Measurement, body: Indices, offset: Floats, spread: Floats
+) -> tuple[Indices, Indices, Indices, Floats, Floats]:
+    """Return places as the bodies' leading reflections would have shown them.
+
+    Returns:
+        The bodies detected (m,), ascending; the first detection of each; which of those bodies each detection is of;
+        places (m, 2), m, and their covariances (m, 2, 2).
+    """
+    rows, first, group = np.unique(body, return_index=True, return_inverse=True)
+    noise = measurement.noise.copy()
+    noise[:, 0, 0] += spread + _LEAST_VARIANCE
+    noise[:, 1, 1] += spread + _LEAST_VARIANCE
+    a, b, d = noise[:, 0, 0], noise[:, 0, 1], noise[:, 1, 1]
+    determinant = a * d - b * b
+    place = measurement.position - offset
+
+    def total(values: Floats) -> Floats:
+        return np.asarray(np.bincount(group, values, len(rows)), dtype=np.float64)
+
+    xx, xy, yy = total(d / determinant), total(-b / determinant), total(a / determinant)
+    ix = total((d * place[:, 0] - b * place[:, 1]) / determinant)
+    iy = total((a * place[:, 1] - b * place[:, 0]) / determinant)
+    information = xx * yy - xy * xy
+    covariance = np.stack([yy, -xy, -xy, xx], axis=1).reshape(-1, 2, 2) / information[:, None, None]
+    position = np.stack([yy * ix - xy * iy, xx * iy - xy * ix], axis=1) / information[:, None]
+    return rows, first, group, position, covariance

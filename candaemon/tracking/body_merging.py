@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.body_filter import VELOCITY
@@ -27,6 +28,25 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
         Rows (k,), and the time alongside that is needed (k,), s.
     """
     obstacles, moments = bodies.obstacles, bodies.moments()
+    if compiled.in_use:
+        return compiled.kernels.bodies_to_merge(
+            moments.shown,
+            moments.shown_covariance,
+            moments.mean,
+            obstacles.axis,
+            obstacles.confirmed,
+            settings.along,
+            settings.across,
+            settings.speed**2,
+            settings.merge_time,
+            _COURSE_SPEED,
+            _COURSE_ALONG,
+            _COURSE_ACROSS,
+            _COURSE_FASTER,
+            _COURSE_DRIFT,
+            _COURSE_TIME,
+            _CLEAR**2,
+        )
     found, needed = np.full(len(obstacles), -1, dtype=np.int64), np.full(len(obstacles), settings.merge_time)
     place, velocity = moments.shown[:, :2], moments.mean[:, VELOCITY]
     reach = max(settings.along, _COURSE_ALONG) + max(settings.across, _COURSE_ACROSS)
@@ -36,7 +56,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
     axis = obstacles.axis[old]
     apart = np.abs(to_travel_axes(place[young] - place[old], axis))
     faster = np.abs(to_travel_axes(velocity[young] - velocity[old], axis))
-    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
     moving = np.minimum(speed[young], speed[old]) > _COURSE_SPEED
     by_course = (
         moving
@@ -64,6 +84,8 @@ def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans:
     The bounds are twice those for joining, so that a reflection at the edge does not come and go.
     """
     reflections = bodies.reflections
+    if len(reflections) == len(bodies):
+        return np.zeros(len(reflections), dtype=np.bool_)
     away = (
         (np.abs(reflections.offset[:, 0]) > settings.extent)
         | (np.abs(reflections.offset[:, 1]) > 2 * settings.across)

@@ -8,17 +8,17 @@ import numpy as np
 
 from candaemon.arrays import Booleans, Floats
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.body_filter import POSITION, TURN, VELOCITY, acceleration
+from candaemon.estimation.body_filter import TURN, acceleration
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
-from candaemon.tracking.box import classes, place_covariance, size_known, wandering
+from candaemon.tracking.box import add_places, classes, size_known
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
+from candaemon.tracking.reporting import in_vehicle_axes
 from candaemon.tracking.update import Used
 
 _HISTORY_LENGTH = 32  # scans in an obstacle's history
 _LEAST_SPEED = 0.5  # m/s; slower, nothing turns
 _SURELY = 0.9  # probability of standing
-_CLOSE = 0.1  # m
 _SETTLED = 2.0  # s, after which what never moved stands
 
 
@@ -42,25 +42,18 @@ def report(
         shown: which obstacles are reported (k,).
         existence: their probabilities of existence (k,); None: the shares of recent scans in which they were seen.
     """
-    obstacles, moments, turn = bodies.obstacles, bodies.moments(), pose.rotation
+    obstacles, moments = bodies.obstacles, bodies.moments()
     mean = moments.mean
-    place, velocity = pose.to_vehicle(mean[:, POSITION]), mean[:, VELOCITY] @ turn
-    change = acceleration(mean) @ turn
-    both = np.zeros((4, 4))
-    both[:2, :2] = both[2:, 2:] = turn
-    covariance = both.T @ moments.covariance[:, :4, :4] @ both
-    sight = place / np.maximum(np.hypot(place[:, 0], place[:, 1]), _CLOSE)[:, None]
-    axis = obstacles.axis @ turn
-    lies = place_covariance(bodies, axis, sight)
-    covariance[:, :2, :2] += lies
-    covariance[:, 2:, 2:] += pose.velocity_covariance + wandering(lies, sight, wander_time)
-    deviation = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
-    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    state = np.concatenate([mean[:, :4], acceleration(mean)], axis=1)
+    told, covariance = in_vehicle_axes(state, moments.covariance, obstacles.axis, np.ones(len(obstacles)), pose, np.inf)
+    add_places(bodies, told, covariance, pose.velocity_covariance, wander_time)
+    x, y, vx, vy, ax, ay, sx, sy, svx, svy, _, axis_x, axis_y = told
+    speed = np.sqrt(vx * vx + vy * vy)
     standing = bodies.filter.probability[:, STANDING] > _SURELY
     old = (pose.time_ns - obstacles.first_ns) * 1e-9 > _SETTLED
     standing |= old & (obstacles.fastest < _LEAST_SPEED)
     sized = size_known(bodies)
-    centre = place - np.where(sized[:, None], obstacles.facing @ turn, 0.0)
+    centre = np.where(sized[:, None], obstacles.facing @ pose.rotation, 0.0)
     status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
     status[~obstacles.confirmed] = TENTATIVE
     if existence is None:
@@ -69,29 +62,29 @@ def report(
         time_ns=pose.time_ns,
         id=obstacles.id.copy(),
         state=status,
-        x=place[:, 0],
-        y=place[:, 1],
-        vx=velocity[:, 0],
-        vy=velocity[:, 1],
-        ax=change[:, 0],
-        ay=change[:, 1],
+        x=x,
+        y=y,
+        vx=vx,
+        vy=vy,
+        ax=ax,
+        ay=ay,
         east=mean[:, 0],
         north=mean[:, 1],
         ve=mean[:, 2],
         vn=mean[:, 3],
-        sx=deviation[:, 0],
-        sy=deviation[:, 1],
-        svx=deviation[:, 2],
-        svy=deviation[:, 3],
+        sx=sx,
+        sy=sy,
+        svx=svx,
+        svy=svy,
         age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
         existence=existence.copy(),
         sensors=obstacles.sensors.copy(),
-        heading=np.where(obstacles.directed, np.arctan2(axis[:, 1], axis[:, 0]), np.nan),
+        heading=np.where(obstacles.directed, np.arctan2(axis_y, axis_x), np.nan),
         yaw_rate=np.where(speed > _LEAST_SPEED, mean[:, TURN], 0.0),
         length=np.where(sized, obstacles.length, np.nan),
         width=np.where(sized, obstacles.width, np.nan),
-        center_x=centre[:, 0],
-        center_y=centre[:, 1],
+        center_x=x - centre[:, 0],
+        center_y=y - centre[:, 1],
         kind=classes(obstacles.length, obstacles.width, obstacles.length_variance, speed, standing),
         kind_likelihood=np.full(len(obstacles), np.nan),
         covariance=covariance,

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.arrays.rows import checked_state
 from candaemon.config.tracker import MOST_TRACKS
@@ -208,22 +209,50 @@ class Bodies:
             self._moments = BodyMoments(mean, covariance, *shown(mean, covariance))
         return self._moments
 
-    def reflection_states(self) -> tuple[Floats, Floats]:
-        """Return where the reflections are expected and how they move: means (n, 4), covariances (n, 4, 4)."""
+    def reflection_states(self, rows: Indices | None = None) -> tuple[Floats, Floats]:
+        """Return where reflections are expected and how they move: means (n, 4), covariances (n, 4, 4).
+
+        Args:
+            rows: of the reflections (n,); None: all.
+        """
         moments, reflections = self.moments(), self.reflections
-        mean = moments.shown.take(reflections.body, axis=0)
-        covariance = moments.shown_covariance.take(reflections.body, axis=0)
-        mean[:, :2] += self.offsets()
-        covariance[:, 0, 0] += reflections.variance
-        covariance[:, 1, 1] += reflections.variance
+        body = reflections.body if rows is None else reflections.body.take(rows)
+        variance = reflections.variance if rows is None else reflections.variance.take(rows)
+        mean, covariance = moments.shown.take(body, axis=0), moments.shown_covariance.take(body, axis=0)
+        mean[:, :2] += self.offsets(rows)
+        covariance[:, 0, 0] += variance
+        covariance[:, 1, 1] += variance
         return mean, covariance
 
-    def offsets(self) -> Floats:
-        """Return the reflections' offsets (n, 2), local frame, m."""
-        return from_travel_axes(self.reflections.offset, self.obstacles.axis.take(self.reflections.body, axis=0))
+    def offsets(self, rows: Indices | None = None) -> Floats:
+        """Return the offsets of some reflections, None: of all, (n, 2), local frame, m."""
+        body, offset = self.reflections.body, self.reflections.offset
+        if rows is not None:
+            body, offset = body.take(rows), offset.take(rows, axis=0)
+        return from_travel_axes(offset, self.obstacles.axis.take(body, axis=0))
+
+    def learn_offsets(self, rows: Indices, position: Floats, noise: Floats, before: Floats) -> None:
+        """Update where on their bodies reflections lie.
+
+        Args:
+            rows: of the reflections, none twice (m,).
+            position: where they were measured (m, 2), local frame, m.
+            noise: covariances of that (m, 2, 2), m².
+            before: their offsets before the bodies were updated (m, 2), local frame, m.
+        """
+        reflections, shown, axis = self.reflections, self.moments().shown, self.obstacles.axis
+        body, offset, variance = reflections.body.take(rows), reflections.offset, reflections.variance
+        if compiled.in_use:
+            compiled.kernels.learn_offsets(offset, variance, rows, body, position, noise, shown, before, axis)
+            return
+        place = position - shown[body, :2] - before
+        was = variance[rows]
+        gain = was / (was + 0.5 * (noise[:, 0, 0] + noise[:, 1, 1]))
+        offset[rows] += gain[:, None] * to_travel_axes(place, axis[body])
+        variance[rows] = (1.0 - gain) * was
 
     def rows_of(self, sensor: int, object_id: Integers) -> tuple[Indices, bool]:
-        """Return the rows that a sensor's ids stand for, −1 where one stands for nothing; and whether none comes twice.
+        """Return the rows that a sensor's ids stand for, −1: for nothing; and whether no id and no row comes twice.
 
         A scan whose ids are those of the sensor's scan before costs a comparison. The rows are not to be written to.
         """
@@ -231,7 +260,9 @@ class Bodies:
         if known is None or known[0] != ids:
             keys, find = object_id.tolist(), self._state.row_of.get
             rows = np.array([find((sensor, key), -1) for key in keys], dtype=np.intp)
-            known = self._rows_of_scan[sensor] = ids, rows, len(set(keys)) == len(keys)
+            found = rows[rows >= 0].tolist()
+            distinct = len(set(keys)) == len(keys) and len(set(found)) == len(found)
+            known = self._rows_of_scan[sensor] = ids, rows, distinct
         return known[1:]
 
     def assign_id(self, reflection: int, sensor: int, key: int) -> None:
@@ -323,36 +354,61 @@ class Bodies:
         """
         obstacles, reflections = self.obstacles, self.reflections
         self._keep_bias_within(dt)
-        seen = np.flatnonzero(reflections.last_ns == time_ns)
-        if not len(seen) or not reflections.offset[seen].any():
+        if not reflections.offset.any():
             return
+        seen = reflections.last_ns == time_ns
+        if not reflections.offset[seen].any():
+            return
+        step = -np.expm1(-dt / return_time) * self._reference_targets(time_ns, time_ns - patience_ns)
+        reflections.offset -= step.take(reflections.body, axis=0)
+        self.filter.shift(from_travel_axes(step, obstacles.axis))
+        self.changed()
+
+    def _reference_targets(self, time_ns: int, since_ns: int) -> Floats:
+        """Return where the reference points belong (k, 2), along and across from where they are, m.
+
+        Args:
+            time_ns: of the scan that shows the middles of bodies.
+            since_ns: from when on reflections show where their bodies end: those of other sensors, too.
+        """
+        obstacles, reflections = self.obstacles, self.reflections
+        if compiled.in_use:
+            return compiled.kernels.reference_targets(
+                reflections.body,
+                reflections.last_ns,
+                reflections.offset,
+                obstacles.facing,
+                obstacles.axis,
+                obstacles.length,
+                obstacles.width,
+                obstacles.fastest,
+                time_ns,
+                since_ns,
+                _COURSE_SPEED,
+                _LEAST_NORMAL,
+            )
+        k, seen = len(obstacles), np.flatnonzero(reflections.last_ns == time_ns)
         body, place = reflections.body[seen], reflections.offset[seen]
-        count = np.bincount(body, minlength=len(obstacles))
-        sums = np.stack([np.bincount(body, each, len(obstacles)) for each in place.T], axis=1)
-        target = np.asarray(sums / np.maximum(count, 1)[:, None], dtype=np.float64)
-        recent = np.flatnonzero(reflections.last_ns >= time_ns - patience_ns)  # those of other sensors, too
+        sums = np.stack([np.bincount(body, each, k) for each in place.T], axis=1)
+        target = np.asarray(sums / np.maximum(np.bincount(body, minlength=k), 1)[:, None], dtype=np.float64)
+        recent = np.flatnonzero(reflections.last_ns >= since_ns)
         owner = reflections.body[recent]
-        several = (np.bincount(owner, minlength=len(obstacles)) > 1) & (obstacles.fastest > _COURSE_SPEED)
+        several = (np.bincount(owner, minlength=k) > 1) & (obstacles.fastest > _COURSE_SPEED)
         facing, aside = to_travel_axes(obstacles.facing, obstacles.axis).T
         towards_us, half = np.copysign(1.0, facing), 0.5 * obstacles.length
         normal = np.square(facing / np.square(obstacles.length)), np.square(aside / np.square(obstacles.width))
-        end = np.full(len(obstacles), -np.inf)
+        end = np.full(k, -np.inf)
         np.maximum.at(end, owner, towards_us[owner] * reflections.offset[recent, 0])
         from_end = towards_us * (np.where(several, end, 0.0) - half + np.abs(facing))
         share = np.where(several, normal[0] / np.maximum(normal[0] + normal[1], _LEAST_NORMAL), 0.0)
         target[:, 0] += share * (from_end - target[:, 0])
-        step = -np.expm1(-dt / return_time) * target
-        reflections.offset -= step[reflections.body]
-        self.filter.shift(from_travel_axes(step, obstacles.axis))
-        self.changed()
+        return target
 
     def _keep_bias_within(self, dt: float) -> None:
         """Let the reference points follow reflections that would otherwise lie beyond their bodies."""
         obstacles = self.obstacles
-        bias = to_travel_axes(self.moments().mean[:, BIAS], obstacles.axis)
-        half = 0.5 * np.stack([obstacles.length, obstacles.width], axis=1)
-        beyond = bias - np.minimum(np.maximum(bias, -half), half)
-        if beyond.any():
+        beyond, some = _beyond(self.moments().mean, obstacles.axis, obstacles.length, obstacles.width)
+        if some:
             step = -np.expm1(-dt / _BEYOND_TIME) * beyond
             self.filter.settle(from_travel_axes(step, obstacles.axis))
             self.changed()
@@ -471,6 +527,15 @@ _COPIED = (
     "facing",
     "sensors",
 )
+
+
+def _beyond(mean: Floats, axis: Floats, length: Floats, width: Floats) -> tuple[Floats, bool]:
+    """Return how far biases reach beyond the boxes, along and across (k, 2), m, and whether any does."""
+    if compiled.in_use:
+        return compiled.kernels.beyond_bodies(mean, axis, length, width)
+    bias, half = to_travel_axes(mean[:, BIAS], axis), 0.5 * np.stack([length, width], axis=1)
+    beyond = bias - np.minimum(np.maximum(bias, -half), half)
+    return beyond, bool(beyond.any())
 
 
 def _check_rows(state: BodiesState) -> None:

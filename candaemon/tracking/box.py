@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.body_filter import POSITION, VELOCITY
+from candaemon.estimation.body_filter import POSITION
 from candaemon.estimation.outline import facing_point
 from candaemon.frames.bodies import CLASSES
 from candaemon.radar.detections import Detections
@@ -31,6 +32,7 @@ _NEAR, _ALONE = 30.0, 1.5  # m and s for which a car would have shown several re
 _NEVER_ALONE = -1e12  # s: of what has shown several
 _MOVED, _RIDING = 0.5, 9.0  # m/s
 _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
+_CLOSE = 0.1  # m, nearest that the line of sight is known
 _ANYWHERE = 12.0**-0.5  # of a length, standard deviation of a place anywhere on it
 _TOLD, _TOLD_LENGTH = 0.1, 1.0  # m²; a width or length known better was told
 _ENOUGH = 2.5  # m of a length; what showed so much is no rider
@@ -86,13 +88,39 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
 
 def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices, dt: float) -> None:
     """Take what stays a single reflection close by for something small: a walker, or a rider where it was faster."""
-    obstacles = bodies.obstacles
+    obstacles, mean, x, y = bodies.obstacles, bodies.moments().mean, detections.x[rows], detections.y[rows]
+    if compiled.in_use:
+        compiled.kernels.note_sizes(
+            obstacles.alone,
+            obstacles.fastest,
+            obstacles.length,
+            obstacles.width,
+            obstacles.width_variance,
+            obstacles.first_ns,
+            mean,
+            body,
+            x,
+            y,
+            detections.time_ns,
+            dt,
+            _NEAR,
+            _NEVER_ALONE,
+            _AXIS_AGE,
+            _ALONE,
+            _TOLD,
+            _MOVED,
+            _WALKING,
+            _RIDING,
+            WALKER,
+            RIDER,
+        )
+        return
     count = np.bincount(body, minlength=len(obstacles))
-    distance = np.hypot(detections.x[rows], detections.y[rows])
+    distance = np.sqrt(x * x + y * y)
     near = np.zeros(len(obstacles), dtype=np.bool_)
     near[body[distance < _NEAR]] = True
     obstacles.alone = np.where(count > 1, _NEVER_ALONE, obstacles.alone + dt * (near & (count == 1)))
-    speed = np.hypot(*bodies.moments().mean[:, VELOCITY].T)
+    speed = np.sqrt(mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3])
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))
     small = (obstacles.alone > _ALONE) & (obstacles.width_variance > _TOLD) & (obstacles.fastest > _MOVED)
@@ -106,7 +134,31 @@ def _grow(bodies: Bodies, time_ns: int) -> None:
 
     Across, the spread of reflections is mostly noise.
     """
-    obstacles, reflections = bodies.obstacles, bodies.reflections
+    obstacles, reflections, mean = bodies.obstacles, bodies.reflections, bodies.moments().mean
+    if compiled.in_use:
+        compiled.kernels.grow_boxes(
+            obstacles.length,
+            obstacles.width,
+            obstacles.extent,
+            obstacles.length_variance,
+            obstacles.width_variance,
+            obstacles.first_ns,
+            mean,
+            reflections.body,
+            reflections.last_ns,
+            reflections.offset,
+            time_ns,
+            _SHRINKAGE,
+            CAR_LENGTH,
+            _AXIS_SPEED,
+            _AXIS_AGE,
+            _MARGIN,
+            _GROWTH,
+            _TRUCK_LENGTH,
+            _TOLD,
+            TRUCK_WIDTH,
+        )
+        return
     obstacles.length -= _SHRINKAGE * np.maximum(obstacles.length - CAR_LENGTH, 0.0) * (obstacles.length_variance > 1.0)
     if len(reflections) == len(obstacles):
         return
@@ -115,8 +167,7 @@ def _grow(bodies: Bodies, time_ns: int) -> None:
     low, high = np.full(len(obstacles), np.inf), np.full(len(obstacles), -np.inf)
     np.minimum.at(low, body, place)
     np.maximum.at(high, body, place)
-    velocity = bodies.moments().mean[:, VELOCITY]
-    known = (velocity * velocity).sum(axis=1) > _AXIS_SPEED**2
+    known = mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3] > _AXIS_SPEED**2
     known &= (time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     shown = np.where(known & (high > low), high - low + _MARGIN, 0.0)
     obstacles.length += _GROWTH * np.maximum(shown - obstacles.length, 0.0)
@@ -138,37 +189,50 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
     return from_travel_axes(facing_point(observer, obstacles.length / 2, obstacles.width / 2), obstacles.axis)
 
 
-def place_covariance(bodies: Bodies, axis: Floats, sight: Floats) -> Floats:
-    """Return how uncertain it is where on bodies the reflections lie: covariances (k, 2, 2), m².
+def add_places(bodies: Bodies, told: Floats, covariance: Floats, own: Floats, time: float) -> None:
+    """Add what is unknown of where on bodies the reflections lie, and of our own velocity, to what is told of them.
 
-    Of a body that shows its side, the reflections may lie anywhere along it.
+    Of a body that shows its side, the reflections may lie anywhere along it. As they wander over it, its velocity is
+    uncertain across the line of sight, where it follows from places alone; along it, it is measured.
 
     Args:
         bodies: with their boxes.
-        axis: unit vectors along them (k, 2), in the axes wanted.
-        sight: unit vectors of the lines of sight to them (k, 2), in the same axes.
+        told: as `in_vehicle_axes` returns it with the boxes' axes for courses (13, k); the deviations are changed.
+        covariance: of [x, y, vx, vy] (k, 4, 4), changed.
+        own: covariance of our velocity (2, 2), (m/s)².
+        time: within which reflections wander over their bodies, s.
     """
     obstacles = bodies.obstacles
+    if compiled.in_use:
+        compiled.kernels.add_places(
+            covariance,
+            told,
+            obstacles.length,
+            obstacles.alone,
+            own,
+            time,
+            _CLOSE,
+            _ALONE,
+            _SMALL_PLACE,
+            _PLACE,
+            _LARGE_PLACE,
+            _ANYWHERE,
+        )
+        return
+    x, y = told[:2] / np.maximum(np.sqrt(told[0] * told[0] + told[1] * told[1]), _CLOSE)
     unresolved = np.where(obstacles.alone > _ALONE, _SMALL_PLACE, _PLACE)
-    anywhere = np.where(obstacles.alone < 0.0, _LARGE_PLACE, unresolved) ** 2
-    shown = obstacles.length * (axis[:, 0] * sight[:, 1] - axis[:, 1] * sight[:, 0])
-    along = _ANYWHERE * shown[:, None] * axis
-    return np.asarray(anywhere[:, None, None] * np.eye(2) + along[:, :, None] * along[:, None])
-
-
-def wandering(place: Floats, sight: Floats, time: float) -> Floats:
-    """Return how uncertain velocities are as the reflections wander over the bodies: covariances (k, 2, 2), (m/s)².
-
-    The speed along the line of sight is measured; across it, it follows from places alone.
-
-    Args:
-        place: covariances of where the reflections lie (k, 2, 2), m².
-        sight: unit vectors of the lines of sight (k, 2).
-        time: within which they wander so far, s.
-    """
-    left = np.stack([-sight[:, 1], sight[:, 0]], axis=1)
-    speed = np.einsum("ki,kij,kj->k", left, place, left) / time**2
-    return np.asarray(speed[:, None, None] * left[:, :, None] * left[:, None])
+    anywhere = np.square(np.where(obstacles.alone < 0.0, _LARGE_PLACE, unresolved))
+    side = _ANYWHERE * (obstacles.length * (told[11] * y - told[12] * x))
+    along, left = side * told[11:], (-y, x)
+    place = along[:, None] * along
+    place[0, 0] = anywhere + place[0, 0]
+    place[1, 1] = anywhere + place[1, 1]
+    speed = sum(left[i] * place[i, j] * left[j] for i in (0, 1) for j in (0, 1)) / (time * time)
+    for i in (0, 1):
+        for j in (0, 1):
+            covariance[:, i, j] += place[i, j]
+            covariance[:, 2 + i, 2 + j] += own[i, j] + speed * left[i] * left[j]
+    told[6:10] = np.sqrt(np.maximum(np.einsum("nii->in", covariance), 0.0))
 
 
 def size_known(bodies: Bodies) -> Booleans:

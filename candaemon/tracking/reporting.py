@@ -9,7 +9,6 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Floats
 from candaemon.ego.pose import EgoPose
-from candaemon.tracking.columns import ObstacleTable
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.reflections import RigidMotion
 from candaemon.tracking.track_store import TrackStore
@@ -32,7 +31,9 @@ def report(
         min_speed: from which on an obstacle has a yaw rate, m/s.
     """
     obstacles, reflections, state = tracks.obstacles, tracks.reflections, motion.state
-    told, covariance = _in_vehicle_axes(motion, obstacles, pose, min_speed * min_speed)
+    told, covariance = in_vehicle_axes(
+        state, motion.covariance, obstacles.direction, obstacles.forward, pose, min_speed * min_speed
+    )
     x, y, vx, vy, ax, ay, sx, sy, svx, svy, yaw_rate, course_x, course_y = told
     unknown = np.full(len(obstacles), np.nan)
     heading = np.arctan2(course_y, course_x, out=unknown.copy(), where=obstacles.forward != 0.0)
@@ -76,14 +77,16 @@ def report(
     )
 
 
-def _in_vehicle_axes(
-    motion: RigidMotion, obstacles: ObstacleTable, pose: EgoPose, least_square: float
+def in_vehicle_axes(
+    state: Floats, spread: Floats, direction: Floats, forward: Floats, pose: EgoPose, least_square: float
 ) -> tuple[Floats, Floats]:
     """Return what is told of k obstacles in vehicle axes.
 
     Args:
-        motion: of the obstacles.
-        obstacles: their directions of travel.
+        state: [x, y, vx, vy, ax, ay], local frame (k, 6).
+        spread: its covariance (k, 4, 4) or more.
+        direction: of their travel, unit vectors (k, 2).
+        forward: 1 where they drive that way, −1 where the other way (k,).
         pose: ego pose.
         least_square: of a speed, (m/s)², above which an obstacle has a yaw rate.
 
@@ -94,20 +97,20 @@ def _in_vehicle_axes(
     c, s = cos(pose.heading), sin(pose.heading)
     if compiled.in_use:
         return compiled.kernels.vehicle_axes(
-            motion.state,
-            motion.covariance,
-            obstacles.direction,
-            obstacles.forward,
+            state,
+            spread,
+            direction,
+            forward,
             pose.east,
             pose.north,
             c,
             s,
             least_square,
         )
-    told = np.empty((13, len(obstacles)))
-    vectors = motion.state.T.reshape(3, 2, -1) - np.array([[pose.east, pose.north], [0.0, 0.0], [0.0, 0.0]])[:, :, None]
+    told = np.empty((13, len(state)))
+    vectors = state.T.reshape(3, 2, -1) - np.array([[pose.east, pose.north], [0.0, 0.0], [0.0, 0.0]])[:, :, None]
     told[:6:2], told[1:6:2] = _turned(vectors[:, 0], vectors[:, 1], c, s)
-    blocks = motion.covariance[:, :4, :4].reshape(-1, 2, 2, 2, 2)
+    blocks = spread[:, :4, :4].reshape(-1, 2, 2, 2, 2)
     half = np.stack(_turned(blocks[:, :, 0], blocks[:, :, 1], c, s), axis=2)
     covariance = np.stack(_turned(half[..., 0], half[..., 1], c, s), axis=-1).reshape(-1, 4, 4)
     covariance = np.where(np.tri(4, k=-1, dtype=np.bool_), np.swapaxes(covariance, 1, 2), covariance)
@@ -116,7 +119,7 @@ def _in_vehicle_axes(
     square = vx * vx + vy * vy
     told[10] = np.nan
     np.divide(ay * vx - ax * vy, square, out=told[10], where=square > least_square)
-    told[11:] = np.stack(_turned(obstacles.direction[:, 0], obstacles.direction[:, 1], c, s)) * obstacles.forward
+    told[11:] = np.stack(_turned(direction[:, 0], direction[:, 1], c, s)) * forward
     return told, covariance
 
 

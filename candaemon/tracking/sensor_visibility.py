@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats
 from candaemon.config.sensors import SensorSettings
 from candaemon.radar.mounting import sensor_views
@@ -269,15 +270,16 @@ def _hidden(low: Floats, high: Floats, away: Floats, distance: Floats, *, behind
         distance: of its reference point (k,), m.
         behind: whether the sensor sees to where azimuths change their sign, in its back.
     """
-    hiding_low, hiding_high, hiding_away = low + _ANGLE_MARGIN, high - _ANGLE_MARGIN, away
+    if compiled.in_use:
+        return compiled.kernels.hidden_shares(low, high, away, distance, behind, _ANGLE_MARGIN, 2 * pi)
+    hiding_low, hiding_high, nearer = low + _ANGLE_MARGIN, high - _ANGLE_MARGIN, away[:, None] < distance
+    np.fill_diagonal(nearer, val=False)  # nobody hides itself
     if behind:
         turn = np.where(low + high > 0.0, -2 * pi, 2 * pi)
         hiding_low = np.concatenate([hiding_low, hiding_low + turn])
         hiding_high = np.concatenate([hiding_high, hiding_high + turn])
-        hiding_away = np.concatenate([away, away])
-    shared = np.minimum(high[:, None], hiding_high)
-    shared -= np.maximum(low[:, None], hiding_low)
-    np.maximum(shared, 0.0, out=shared)
-    shared *= hiding_away < distance[:, None]
-    shared.flat[:: shared.shape[1] + 1] = 0.0  # nobody hides itself
-    return np.asarray(shared.sum(axis=1) / (high - low))
+        nearer = np.concatenate([nearer, away[:, None] < distance])
+    shared = np.minimum(high, hiding_high[:, None])
+    shared -= np.maximum(low, hiding_low[:, None])
+    # summed row by row, from the first one to the last
+    return np.asarray(np.where(nearer, np.maximum(shared, 0.0), 0.0).sum(axis=0) / (high - low))

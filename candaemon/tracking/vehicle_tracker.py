@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.tracker import TrackerSettings
@@ -22,6 +23,7 @@ from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView, in_look, seen_by_any
 from candaemon.tracking import box
 from candaemon.tracking.body_association import Association, associate
+from candaemon.tracking.body_axes import turned_axes
 from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_images import images
 from candaemon.tracking.body_initiation import BodyInitiation
@@ -42,7 +44,6 @@ from candaemon.tracking.update import PredictedReflections, TrackerCounts, Updat
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 _AXIS_TIME = 0.15  # s, with which the axis follows the course
-_COURSE_ERROR = 0.1  # rad, standard deviation of a course that tells the axis
 _CROSSING = 0.7  # m/s across the axis: faster than a walk or a slide looks, it is motion
 _LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
 _LEAST_RATE = 1e-6  # 1/s
@@ -400,19 +401,14 @@ class VehicleTracker:
             return
         row = association.reflection[rows]
         body, measurement = association.body[rows], detections.measurement.take(rows)
-        offset = bodies.offsets()[row]
-        self._note_rates(row, offset, detections, rows)
+        offset = bodies.offsets(row)
+        self._note_rates(row, body, offset, detections, rows)
         alike = self._alike(detections.sensor)
         speed_share = 1.0 + alike * (self._places.speed_noise**2 - 1.0)
         seen, combined, rates = of_bodies(measurement, body, offset, reflections.variance[row], speed_share)
         bodies.filter.update(seen, combined, alike, rates)
         bodies.changed()
-        place = measurement.position - bodies.moments().shown[body, :2] - offset
-        noise = 0.5 * (measurement.noise[:, 0, 0] + measurement.noise[:, 1, 1])
-        variance = reflections.variance[row]
-        gain = variance / (variance + noise)
-        reflections.offset[row] += gain[:, None] * to_travel_axes(place, obstacles.axis[body])
-        reflections.variance[row] = (1.0 - gain) * variance
+        bodies.learn_offsets(row, measurement.position, measurement.noise, offset)
         if detections.identified:
             keys = detections.object_id[rows]
             renamed = (reflections.object_id[row] != keys) | (reflections.sensor[row] != detections.sensor)
@@ -425,17 +421,22 @@ class VehicleTracker:
         obstacles.history[seen] |= 1
         obstacles.sensors[seen] |= 1 << detections.sensor
 
-    def _note_rates(self, row: Indices, offset: Floats, detections: Detections, rows: Indices) -> None:
+    def _note_rates(self, row: Indices, body: Indices, offset: Floats, detections: Detections, rows: Indices) -> None:
         """Note how much faster than their bodies reflections come nearer."""
         measurement = detections.measurement
         if measurement.range_rate is None:
             return
-        mean = self._bodies.moments().shown[self._bodies.reflections.body[row]]
-        mean[:, :2] += offset
-        rate, _ = line_of_sight(mean, measurement.origin, measurement.velocity)
-        difference = np.nan_to_num(measurement.range_rate[rows] - rate)
         share = -np.expm1(-self._dt / _RATE_MEMORY)
-        noted = self._bodies.reflections.rate_difference
+        noted, shown = self._bodies.reflections.rate_difference, self._bodies.moments().shown
+        sensor, rates = (measurement.origin, measurement.velocity), measurement.range_rate.take(rows)
+        if compiled.in_use:
+            numbers = (*measurement.origin.tolist(), *measurement.velocity.tolist(), share)
+            compiled.kernels.note_rates(noted, row, body, shown, offset, rates, *numbers)
+            return
+        mean = shown[body]
+        mean[:, :2] += offset
+        difference = rates - line_of_sight(mean, *sensor)[0]
+        difference[~np.isfinite(difference)] = 0.0
         noted[row] += share * (difference - noted[row])
 
     def _initiate(self, association: Association, detections: Detections, pose: EgoPose) -> None:
@@ -461,21 +462,9 @@ class VehicleTracker:
         if self._dt == 0.0 or not len(self):
             return
         moments = self._bodies.moments()
-        velocity = moments.mean[:, VELOCITY]
-        squared = (velocity * velocity).sum(axis=1)
-        spread = moments.covariance[:, 2, 2] + moments.covariance[:, 3, 3]
-        known = squared / (squared + 4.0 * spread + 0.25)
-        obstacles.directed |= spread < _COURSE_ERROR**2 * squared
         time = _AXIS_TIME + self._hidden() * (self.settings.travel.time_constant - _AXIS_TIME)
-        share = known * known * -np.expm1(-self._dt / time)
-        speed = np.sqrt(np.maximum(squared, 1e-6))
-        forward = np.where((velocity * obstacles.axis).sum(axis=1) < -2.0, -1.0, 1.0)
-        course = velocity / speed[:, None]
-        backs = (course * obstacles.axis).sum(axis=1) < 0.0
-        course = np.where((backs & (forward > 0.0))[:, None], -course, course)
-        axis = forward[:, None] * obstacles.axis
-        turned = axis + share[:, None] * (course - axis)
-        obstacles.axis = turned / np.maximum(np.sqrt((turned * turned).sum(axis=1)), 1e-9)[:, None]
+        part = -np.expm1(-self._dt / time)
+        obstacles.axis = turned_axes(moments.mean, moments.covariance, obstacles.axis, obstacles.directed, part)
 
     def _confirm_and_delete(self, pose: EgoPose, detections: Detections | None) -> None:
         """Confirm what surely exists; delete what is not detected, out of view or too uncertain.
@@ -624,6 +613,9 @@ class VehicleTracker:
         bodies, settings = self._bodies, self.settings.reflections
         obstacles = bodies.obstacles
         older, needed = merge_candidates(bodies, settings)
+        if older.max() < 0:
+            obstacles.alongside_ns = np.zeros_like(obstacles.alongside_ns)
+            return
         obstacles.alongside_ns = np.where(older >= 0, obstacles.alongside_ns + int(self._dt * 1e9), 0)
         merging = np.flatnonzero((older >= 0) & (obstacles.alongside_ns >= (needed * 1e9).astype(np.int64)))
         merged = np.zeros(len(obstacles), dtype=np.bool_)

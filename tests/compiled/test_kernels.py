@@ -13,7 +13,10 @@ from candaemon.arrays import Floats
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
+from candaemon.config.sensors import FieldOfView
+from candaemon.config.tracker import ReflectionSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
+from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode, acceleration, shown
 from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.filter_bank import FilterBank
@@ -26,10 +29,20 @@ from candaemon.frames.frame import EXTENDED
 from candaemon.frames.frame_batch import FrameBatch
 from candaemon.pipeline.saved_state import dump
 from candaemon.playback.replay import ReplayRequest, replay
+from candaemon.radar.detections import Detections
+from candaemon.tracking import box
 from candaemon.tracking.association import pair_nis
+from candaemon.tracking.body_axes import turned_axes
+from candaemon.tracking.body_measurement import of_bodies
+from candaemon.tracking.body_merging import merge_candidates
 from candaemon.tracking.body_modes import dynamics_of, modes_of
+from candaemon.tracking.body_report import report
+from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.estimator_factory import make_estimator
+from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
+from candaemon.tracking.sensor_visibility import Visibility
+from candaemon.tracking.update import Used
 from tests.benchmarks.chains import full_binding, imm_binding, simulated_log
 
 pytestmark = pytest.mark.skipif(not compiled.in_use, reason="the kernels are not compiled: no compiler or no Cython")
@@ -291,6 +304,129 @@ def test_travel_axes_and_the_points_that_face_us(monkeypatch: pytest.MonkeyPatch
     def computed() -> list[Floats]:
         turned = to_travel_axes(vectors, axis)
         return [turned, from_travel_axes(turned, axis), facing_point(vectors, size[:, 0], size[:, 1])]
+
+    both(monkeypatch, computed)
+
+
+def bodies_on_road(k: int, extra: int) -> Bodies:
+    """Return k bodies, some side by side, of every kind; the first `extra` of them have a second reflection."""
+    random, bodies = np.random.default_rng(k + extra), Bodies(VehicleEstimatorSettings(kind="vehicle"), Identities())
+    modes = len(bodies.filter.probability.T)
+    place, velocity = random.uniform(-25.0, 25.0, (k, 2)), np.tile(random.normal(size=(k, 1, 2)) * 6.0, (1, modes, 1))
+    place[1::4] = place[0 : len(place[1::4]) * 4 : 4] + 1.0
+    velocity[1::4] = velocity[0 : len(velocity[1::4]) * 4 : 4] + 0.1
+    spread, probability = np.tile(np.eye(2) * 0.1, (k, modes, 1, 1)), random.dirichlet(np.ones(modes), k)
+    bodies.filter.spawn(place, np.tile(np.eye(2) * 0.2, (k, 1, 1)), velocity, spread, probability)
+    angle = random.uniform(-3.0, 3.0, k)
+    for each in angle:
+        row = bodies.add(0, np.array([np.cos(each), np.sin(each)]), 4.5, 1.8)
+        bodies.add_reflection(row, 0, row, 0, np.zeros(2))
+    for row in range(extra):
+        bodies.add_reflection(row, 0, None, 10**9 * (row % 2), random.normal(size=2))
+    obstacles, reflections = bodies.obstacles, bodies.reflections
+    obstacles.confirmed = random.random(k) < 0.7
+    obstacles.length, obstacles.width = random.uniform(0.5, 14.0, k), random.uniform(0.5, 2.6, k)
+    obstacles.length_variance, obstacles.width_variance = random.uniform(0.0, 4.0, k), random.uniform(0.0, 0.2, k)
+    obstacles.alone, obstacles.fastest = random.uniform(-1.0, 3.0, k), random.uniform(0.0, 12.0, k)
+    obstacles.facing = random.normal(size=(k, 2))
+    reflections.last_ns = np.where(random.random(k + extra) < 0.7, 10**9, 0)
+    reflections.offset, reflections.variance = random.normal(size=(k + extra, 2)), random.random(k + extra)
+    return bodies
+
+
+def scan_of(rows: int, speeds: bool) -> Detections:
+    """Return a scan of as many detections, at 1 s."""
+    random = np.random.default_rng(rows)
+    place, noise = random.uniform(-25.0, 25.0, (rows, 2)), np.tile([[0.3, 0.1], [0.1, 0.2]], (rows, 1, 1))
+    rate = np.where(random.random(rows) < 0.2, np.nan, random.normal(size=rows)) if speeds else None
+    measurement = Measurement(place, noise, np.ones(2), np.array([9.0, 1.0]), rate, np.full(rows, 0.01))
+    unsaid = np.zeros(rows, dtype=np.bool_)
+    return Detections(10**9, 0, np.arange(rows), unsaid, measurement, place[:, 0], place[:, 1])
+
+
+POSE = EgoPose(10**9, 3.0, -1.0, 0.4, 9.0, 1.0, 0.1, 0.01, EgoStatus.VALID, 1e-4)
+
+
+@pytest.mark.parametrize("extra", [0, 9])
+def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        bodies = bodies_on_road(20, extra)
+        obstacles, moments = bodies.obstacles, bodies.moments()
+        obstacles.axis = turned_axes(
+            moments.mean, moments.covariance, obstacles.axis, obstacles.directed, np.linspace(0.0, 1.0, 20)
+        )
+        assert 0 < np.count_nonzero(obstacles.directed) < 20
+        bodies.return_reference(0.05, 10**9, 0.5, 10**8)
+        obstacles.facing = box.facing_offsets(bodies, POSE)
+        told = report(bodies, POSE, Used(np.zeros(0, np.intp), 0, np.zeros(0, np.int64)), 0, 0.5, obstacles.id > 0)
+        columns = [getattr(told, name) for name in ("x", "vy", "ax", "sx", "svy", "heading", "center_x", "covariance")]
+        moved = bodies.moments()
+        return [
+            obstacles.axis,
+            obstacles.directed * 1.0,
+            obstacles.facing,
+            bodies.reflections.offset,
+            moved.mean,
+            *columns,
+        ]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("confirmed", [True, False])
+def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        bodies = bodies_on_road(60, 0)
+        bodies.obstacles.confirmed |= confirmed
+        older, needed = merge_candidates(bodies, ReflectionSettings())
+        assert 3 < np.count_nonzero(older >= 0) < 50
+        return [older.astype(np.float64), needed]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("speeds", [True, False])
+@pytest.mark.parametrize("extra", [0, 9])
+def test_measurements_of_bodies(extra: int, speeds: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        bodies = bodies_on_road(20, extra)
+        row = np.concatenate([np.arange(20, 20 + extra), np.arange(15 - extra)])
+        measurement, body = scan_of(15, speeds).measurement, bodies.reflections.body[row]
+        offset, variance = 4.0 * bodies.offsets(row), bodies.reflections.variance[row]
+        seen, combined, rates = of_bodies(measurement, body, offset, variance, 2.0)
+        found = [seen.astype(np.float64), combined.position, combined.noise]
+        if rates is not None:
+            parts = rates.components(bodies.moments().shown[seen])
+            assert len(parts) == (2 if extra else 1)
+            found += [each for part in parts for each in (part.slope, part.direction, part.value, part.variance)]
+        bodies.learn_offsets(row, measurement.position, measurement.noise, offset)
+        return [*found, bodies.reflections.offset, bodies.reflections.variance]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("extra", [0, 9])
+def test_what_boxes_learn(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        bodies, names = bodies_on_road(20, extra), ("length", "width", "extent", "alone", "fastest")
+        bodies.obstacles.first_ns[::5] = 9 * 10**8
+        box.learn(bodies, np.arange(15), np.arange(extra, 15 + extra), scan_of(15, speeds=False), 0.05)
+        return [getattr(bodies.obstacles, name) for name in names]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("azimuth", [60.0, 180.0])
+def test_what_hides_what(azimuth: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    random, settings = np.random.default_rng(7), full_binding().sensors[0].settings
+    settings = settings.model_copy(update={"field_of_view": FieldOfView(range=100.0, azimuth_deg=azimuth)})
+    centre, (length, width) = random.uniform(-30.0, 30.0, (40, 2)), random.uniform(0.5, 2.0, (2, 40))
+    heading = random.uniform(-3.0, 3.0, 40)
+
+    def computed() -> list[Floats]:
+        share, distance = Visibility({0: settings}).in_sight(centre, 0.95 * centre, heading, length, width, 0)
+        assert np.count_nonzero((share > 0.0) & (share < 1.0)) > 4
+        return [share, distance]
 
     both(monkeypatch, computed)
 
