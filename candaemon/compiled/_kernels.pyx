@@ -7,7 +7,7 @@ numpy. No shape is checked here: the callers give arrays of the right ones.
 """
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
-from libc.math cimport INFINITY, NAN, copysign, fabs, isfinite, llrint, sqrt
+from libc.math cimport INFINITY, M_PI, NAN, copysign, fabs, isfinite, llrint, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memchr, memcpy
 
@@ -18,16 +18,20 @@ REVISION = 11
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
 cdef double FARTHEST = 1e15
+cdef double RAYLEIGH = (4.0 - M_PI) / M_PI
 
 
 cdef inline double larger(double a, double b) noexcept nogil:
     """np.maximum: not a number if one is not."""
-    return a if a > b or a != a else b
+    cdef double most = a if a > b else b  # apart from the next line, so that several are compared at once
+    return a if a != a else most
 
 
 cdef inline double bounded(double a) noexcept nogil:
+    cdef double within
     a = larger(a, -FARTHEST)
-    return a if a < FARTHEST or a != a else FARTHEST
+    within = a if a < FARTHEST else FARTHEST
+    return a if a != a else within
 
 
 def mix(
@@ -200,60 +204,211 @@ def update_scalar(
 
 
 cdef enum:
-    LANES = 8
+    LANES = 8  # tracks that are computed side by side
 
 
-cdef inline void load(const double[:, ::1] columns, Py_ssize_t first, Py_ssize_t lanes, double[29][LANES] own) noexcept nogil:
-    """Copy some tracks' columns, a cache line of each row; lanes without a track hold a one."""
-    cdef Py_ssize_t row, lane
-    for row in range(29):
-        for lane in range(LANES):
-            own[row][lane] = columns[row, first + lane] if lane < lanes else 1.0
+cdef inline void fetch(double* own, const double* column, Py_ssize_t lanes) noexcept nogil:
+    """Copy a component of some tracks; lanes without a track hold that of the last one."""
+    cdef Py_ssize_t l
+    if lanes == LANES:
+        memcpy(own, column, LANES * sizeof(double))
+    else:
+        for l in range(LANES):
+            own[l] = column[l if l < lanes else lanes - 1]
 
 
-cdef inline void store(double[:, ::1] columns, Py_ssize_t first, Py_ssize_t lanes, double[29][LANES] own) noexcept nogil:
-    """Copy the tracks' columns back."""
-    cdef Py_ssize_t row, lane
-    for row in range(29):
-        for lane in range(lanes):
-            columns[row, first + lane] = own[row][lane]
+cdef inline void put(double* column, const double* own, Py_ssize_t lanes) noexcept nogil:
+    """Copy a component of some tracks back."""
+    cdef Py_ssize_t l
+    if lanes == LANES:
+        memcpy(column, own, LANES * sizeof(double))
+    else:
+        for l in range(lanes):
+            column[l] = own[l]
 
 
-def take_position(double[:, ::1] columns, const double[:, :] position, const double[:, :, :] noise):
-    """Update columns [mean, triangle of P, …] (29, n) in place with positions (n, 2); return the NIS (n,)."""
-    cdef Py_ssize_t n = columns.shape[1], group, t, lanes, l, a, b, entry
+cdef inline void gather(double* own, const double* column, const Py_ssize_t* rows, Py_ssize_t lanes) noexcept nogil:
+    """Copy a component of some bodies by their rows; lanes without a body hold that of the last one."""
+    cdef Py_ssize_t l
+    for l in range(LANES):
+        own[l] = column[rows[l if l < lanes else lanes - 1]]
+
+
+cdef inline void scatter(double* column, const double* own, const Py_ssize_t* rows, Py_ssize_t lanes) noexcept nogil:
+    """Copy a component of some bodies back to their rows."""
+    cdef Py_ssize_t l
+    for l in range(lanes):
+        column[rows[l]] = own[l]
+
+
+cdef inline bint adjacent(const Py_ssize_t* rows, Py_ssize_t lanes) noexcept nogil:
+    """Return whether as many tracks as there are lanes lie side by side."""
+    cdef Py_ssize_t l
+    cdef bint so = lanes == LANES
+    for l in range(lanes):
+        so = so and rows[l] == rows[0] + l
+    return so
+
+
+cdef inline void fetch_tracks(
+    double[29][LANES] own, const double[:, :] columns, const Py_ssize_t* rows, Py_ssize_t lanes
+) noexcept nogil:
+    """Copy the mean and the triangle of P of some tracks; lanes without a track hold those of the last one."""
+    cdef Py_ssize_t entry
+    cdef bint together = adjacent(rows, lanes)
+    for entry in range(27):
+        if together:
+            memcpy(own[entry], &columns[entry, rows[0]], LANES * sizeof(double))
+        else:
+            gather(own[entry], &columns[entry, 0], rows, lanes)
+
+
+cdef inline void put_tracks(
+    double[:, :] columns, double[29][LANES] own, const Py_ssize_t* rows, Py_ssize_t lanes
+) noexcept nogil:
+    """Copy them back."""
+    cdef Py_ssize_t entry
+    cdef bint together = adjacent(rows, lanes)
+    for entry in range(27):
+        if together:
+            memcpy(&columns[entry, rows[0]], own[entry], LANES * sizeof(double))
+        else:
+            scatter(&columns[entry, 0], own[entry], rows, lanes)
+
+
+def predict_plane(double[:, :] columns, const double[::1] axis, bint adapts, double limit, double floor):
+    """Predict columns [mean, triangle of P, variances that drive x and y] (29, n) in place.
+
+    An axis is given by what F, the mean's own F and Q hold (14,): rows 0, 1 and 2 of the F behind their diagonal, which
+    is one, but for the last element; the upper triangle of Q. The variances follow the accelerations if they adapt. A
+    negative variance of the state counts as known.
+    """
+    cdef Py_ssize_t n = columns.shape[1], group, t, lanes, l, i, k, first
+    cdef double f01 = axis[0], f02 = axis[1], f12 = axis[2], f22 = axis[3]
+    cdef double g01 = axis[4], g02 = axis[5], g12 = axis[6], g22 = axis[7]
+    cdef double xx, xv, xa, vx, vv, va, ax, av, aa, least
+    cdef double own[29][LANES]
+    cdef int[6] known = [6, 12, 17, 21, 24, 26]  # the variances
+    cdef int[6] begin = [6, 11, 15, 18, 20, 21]  # row a of the triangle lies from begin[a] + a on
+    with nogil:
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            for i in range(29):
+                fetch(own[i], &columns[i, t], lanes)
+            for first in range(2):
+                if adapts:
+                    for l in range(LANES):
+                        least = larger(limit - fabs(own[4 + first][l]), 0.0)
+                        own[27 + first][l] = larger(RAYLEIGH * (least * least), floor)
+                for l in range(LANES):
+                    own[first][l] = own[first][l] + g01 * own[2 + first][l] + g02 * own[4 + first][l]
+                    own[2 + first][l] = own[2 + first][l] + g12 * own[4 + first][l]
+                    own[4 + first][l] = g22 * own[4 + first][l]
+            predict_axis(own, 6, 8, 10, 17, 19, 24, 27, &axis[0])
+            predict_axis(own, 12, 14, 16, 21, 23, 26, 28, &axis[0])
+            for l in range(LANES):  # x with y
+                xx = own[7][l] + f01 * own[13][l] + f02 * own[15][l]
+                xv = own[9][l] + f01 * own[18][l] + f02 * own[22][l]
+                xa = own[11][l] + f01 * own[20][l] + f02 * own[25][l]
+                vx = own[13][l] + f12 * own[15][l]
+                vv = own[18][l] + f12 * own[22][l]
+                va = own[20][l] + f12 * own[25][l]
+                ax, av, aa = f22 * own[15][l], f22 * own[22][l], f22 * own[25][l]
+                own[7][l] = xx + xv * f01 + xa * f02
+                own[9][l] = xv + xa * f12
+                own[11][l] = xa * f22
+                own[13][l] = vx + vv * f01 + va * f02
+                own[18][l] = vv + va * f12
+                own[20][l] = va * f22
+                own[15][l] = ax + av * f01 + aa * f02
+                own[22][l] = av + aa * f12
+                own[25][l] = aa * f22
+            for i in range(6):
+                for l in range(LANES):
+                    if own[known[i]][l] < 0.0:
+                        for k in range(6):
+                            own[begin[i] + k if k > i else begin[k] + i][l] = 0.0
+            for i in range(29):
+                put(&columns[i, t], own[i], lanes)
+
+
+cdef inline void predict_axis(
+    double[29][LANES] own, int xx, int xv, int xa, int vv, int va, int aa, int drive, const double* axis
+) noexcept nogil:
+    """Predict the covariance of an axis with itself, whose entries are given."""
+    cdef Py_ssize_t l
+    cdef double f01 = axis[0], f02 = axis[1], f12 = axis[2], f22 = axis[3]
+    cdef double h00, h01, h02, h11, h12, h22, variance
+    for l in range(LANES):
+        h00 = own[xx][l] + f01 * own[xv][l] + f02 * own[xa][l]
+        h01 = own[xv][l] + f01 * own[vv][l] + f02 * own[va][l]
+        h02 = own[xa][l] + f01 * own[va][l] + f02 * own[aa][l]
+        h11 = own[vv][l] + f12 * own[va][l]
+        h12 = own[va][l] + f12 * own[aa][l]
+        h22 = f22 * own[aa][l]
+        variance = own[drive][l]
+        own[xx][l] = h00 + h01 * f01 + h02 * f02 + variance * axis[8]
+        own[xv][l] = h01 + h02 * f12 + variance * axis[9]
+        own[xa][l] = h02 * f22 + variance * axis[10]
+        own[vv][l] = h11 + h12 * f12 + variance * axis[11]
+        own[va][l] = h12 * f22 + variance * axis[12]
+        own[aa][l] = h22 * f22 + variance * axis[13]
+
+
+def update_plane(
+    double[:, :] columns,
+    const Py_ssize_t[::1] rows,
+    const double[:, :] position,
+    const double[:, :, :] noise,
+    const double[:] rate,
+    const double[:] variance,
+    double x0,
+    double y0,
+    double vx0,
+    double vy0,
+):
+    """Update some columns (29, n) in place with positions (m, 2), and with range rates unless they are None.
+
+    The sensor is at (x0, y0) and moves at (vx0, vy0). Return the NIS (m,), to which a rate that is NaN adds nothing.
+    """
+    cdef Py_ssize_t m = rows.shape[0], group, t, lanes, l, a, b, entry
+    cdef bint rated = rate is not None
+    cdef double x, y, vx, vy, distance, nearest, far, predicted
     cdef double own[29][LANES]
     cdef double measured[5][LANES]  # x, y, and their covariance
     cdef double first[LANES]
     cdef double slope[LANES]
     cdef double second[LANES]
-    cdef double x[LANES]
-    cdef double y[LANES]
+    cdef double across[LANES]
+    cdef double along[LANES]
+    cdef double fit[LANES]
+    cdef double spread[LANES]
+    cdef double r[4][LANES]
     cdef double h[2][6][LANES]
-    nis_array = np.empty(n)
+    nis_array = np.empty(m)
     cdef double[::1] nis = nis_array
     with nogil:
-        for a in range(5):
-            for l in range(LANES):
-                measured[a][l] = 1.0
-        for group in range((n + LANES - 1) // LANES):
+        for group in range((m + LANES - 1) // LANES):
             t = group * LANES
-            lanes = min(LANES, n - t)
-            load(columns, t, lanes, own)
-            for l in range(lanes):
-                measured[0][l] = position[t + l, 0]
-                measured[1][l] = position[t + l, 1]
-                measured[2][l] = noise[t + l, 0, 0]
-                measured[3][l] = noise[t + l, 0, 1]
-                measured[4][l] = noise[t + l, 1, 1]
+            lanes = min(LANES, m - t)
+            fetch_tracks(own, columns, &rows[t], lanes)
+            for l in range(LANES):
+                entry = t + l if l < lanes else m - 1
+                measured[0][l] = position[entry, 0]
+                measured[1][l] = position[entry, 1]
+                measured[2][l] = noise[entry, 0, 0]
+                measured[3][l] = noise[entry, 0, 1]
+                measured[4][l] = noise[entry, 1, 1]
             for l in range(LANES):
                 first[l] = sqrt(larger((1.0 + LOST) * (own[6][l] + measured[2][l]), LEAST_VARIANCE))
                 slope[l] = (own[7][l] + measured[3][l]) / first[l]
                 second[l] = own[12][l] + measured[4][l]
                 second[l] = larger((1.0 + LOST) * second[l] - slope[l] * slope[l], LOST * second[l])
                 second[l] = sqrt(larger(second[l], LEAST_VARIANCE))
-                x[l] = bounded(measured[0][l] - own[0][l]) / first[l]
-                y[l] = (bounded(measured[1][l] - own[1][l]) - slope[l] * x[l]) / second[l]
+                along[l] = bounded(measured[0][l] - own[0][l]) / first[l]
+                across[l] = (bounded(measured[1][l] - own[1][l]) - slope[l] * along[l]) / second[l]
+                fit[l] = along[l] * along[l] + across[l] * across[l]
             for a in range(6):
                 b = 7 if a == 0 else 11 + a
                 for l in range(LANES):
@@ -262,77 +417,130 @@ def take_position(double[:, ::1] columns, const double[:, :] position, const dou
             entry = 6
             for a in range(6):
                 for l in range(LANES):
-                    own[a][l] = own[a][l] + h[0][a][l] * x[l]
-                    own[a][l] = own[a][l] + h[1][a][l] * y[l]
+                    own[a][l] = own[a][l] + h[0][a][l] * along[l] + h[1][a][l] * across[l]
                 for b in range(a, 6):
                     for l in range(LANES):
-                        own[entry][l] = own[entry][l] - h[0][a][l] * h[0][b][l]
-                        own[entry][l] = own[entry][l] - h[1][a][l] * h[1][b][l]
+                        own[entry][l] = own[entry][l] - h[0][a][l] * h[0][b][l] - h[1][a][l] * h[1][b][l]
                     entry += 1
-            store(columns, t, lanes, own)
-            for l in range(lanes):
-                nis[t + l] = x[l] * x[l] + y[l] * y[l]
+            if rated:
+                for l in range(LANES):
+                    entry = t + l if l < lanes else m - 1
+                    measured[0][l] = rate[entry]
+                    spread[l] = variance[entry]
+                for l in range(LANES):
+                    x, y, vx, vy = own[0][l] - x0, own[1][l] - y0, own[2][l] - vx0, own[3][l] - vy0
+                    distance = sqrt(x * x + y * y)
+                    nearest = larger(distance, 1e-3)
+                    far = larger(distance, 1.0)
+                    x, y = x / nearest, y / nearest
+                    predicted = x * vx + y * vy
+                    r[0][l] = (vx - predicted * x) / far
+                    r[1][l] = (vy - predicted * y) / far
+                    r[2][l], r[3][l] = x, y
+                    measured[0][l] = measured[0][l] - predicted
+                take_speed_of_pack(own, r, measured[0], spread, h[0])
+                for l in range(LANES):
+                    fit[l] = fit[l] + measured[0][l] * measured[0][l]
+            put_tracks(columns, own, &rows[t], lanes)
+            put(&nis[t], fit, lanes)
     return nis_array
 
 
 def take_speed(
-    double[:, ::1] columns, const double[:, :] row, const double[:] innovation, const double[:] variance
+    double[:, :] columns,
+    const Py_ssize_t[::1] rows,
+    const double[:, :] row,
+    const double[:] innovation,
+    const double[:] variance,
 ):
-    """Update columns (29, n) in place with a speed each, Jacobian (4, n); return the NIS (n,), 0 where it is NaN."""
-    cdef Py_ssize_t n = columns.shape[1], group, t, lanes, l, a, b, entry
+    """Update some columns (29, n) in place with a speed each, Jacobian (4, m); return the NIS (m,), 0 where it is NaN."""
+    cdef Py_ssize_t m = rows.shape[0], group, t, lanes, l, a, entry
     cdef double own[29][LANES]
     cdef double r[4][LANES]
     cdef double h[6][LANES]
     cdef double measured[LANES]
     cdef double spread[LANES]
+    nis_array = np.empty(m)
+    cdef double[::1] nis = nis_array
+    with nogil:
+        for group in range((m + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, m - t)
+            fetch_tracks(own, columns, &rows[t], lanes)
+            for l in range(LANES):
+                entry = t + l if l < lanes else m - 1
+                measured[l], spread[l] = innovation[entry], variance[entry]
+                for a in range(4):
+                    r[a][l] = row[a, entry]
+            take_speed_of_pack(own, r, measured, spread, h)
+            put_tracks(columns, own, &rows[t], lanes)
+            for l in range(LANES):
+                measured[l] = measured[l] * measured[l]
+            put(&nis[t], measured, lanes)
+    return nis_array
+
+
+cdef inline void take_speed_of_pack(
+    double[29][LANES] own, double[4][LANES] r, double* measured, double* spread, double[6][LANES] h
+) noexcept nogil:
+    """Update some tracks with a speed each, and divide the innovations by their deviations; 0 where one is NaN."""
+    cdef Py_ssize_t l, a, b, entry
     cdef double certain[LANES]
     cdef Py_ssize_t[4] begin = [6, 11, 15, 18]  # row a of the triangle lies from begin[a] + a on
-    nis_array = np.empty(n)
-    cdef double[::1] nis = nis_array
+    for l in range(LANES):
+        if not isfinite(measured[l]):
+            measured[l] = r[0][l] = r[1][l] = r[2][l] = r[3][l] = 0.0
+    for a in range(6):
+        for l in range(LANES):
+            h[a][l] = own[6 + a][l] * r[0][l]
+        for b in range(1, 4):
+            entry = begin[b] + a if b <= a else begin[a] + b
+            for l in range(LANES):
+                h[a][l] = h[a][l] + own[entry][l] * r[b][l]
+    for l in range(LANES):
+        certain[l] = r[0][l] * r[0][l] * own[6][l]
+        certain[l] = certain[l] + r[1][l] * r[1][l] * own[12][l]
+        certain[l] = certain[l] + r[2][l] * r[2][l] * own[17][l]
+        certain[l] = certain[l] + r[3][l] * r[3][l] * own[21][l]
+        spread[l] = spread[l] + larger(
+            r[0][l] * h[0][l] + r[1][l] * h[1][l] + r[2][l] * h[2][l] + r[3][l] * h[3][l], 0.0
+        )
+        spread[l] = sqrt(larger(spread[l] + LOST * fabs(certain[l]), LEAST_VARIANCE))
+        measured[l] = bounded(measured[l]) / spread[l]
+    for a in range(6):
+        for l in range(LANES):
+            h[a][l] = h[a][l] / spread[l]
+    entry = 6
+    for a in range(6):
+        for l in range(LANES):
+            own[a][l] = own[a][l] + h[a][l] * measured[l]
+        for b in range(a, 6):
+            for l in range(LANES):
+                own[entry][l] = own[entry][l] - h[a][l] * h[b][l]
+            entry += 1
+
+
+def plane_moments(const double[:, :] columns):
+    """Return the means (n, 6) and covariances (n, 6, 6) of columns (29, n), tracks side by side."""
+    cdef Py_ssize_t n = columns.shape[1], group, t, lanes, l, a, b, entry
+    cdef double own[29][LANES]
+    mean_array, covariance_array = np.empty((n, 6)), np.empty((n, 6, 6))
+    cdef double[:, ::1] mean = mean_array
+    cdef double[:, :, ::1] covariance = covariance_array
     with nogil:
         for group in range((n + LANES - 1) // LANES):
             t = group * LANES
             lanes = min(LANES, n - t)
-            load(columns, t, lanes, own)
-            for l in range(LANES):
-                measured[l] = innovation[t + l] if l < lanes else NAN
-                for a in range(4):
-                    r[a][l] = row[a, t + l] if isfinite(measured[l]) else 0.0
-                if not isfinite(measured[l]):
-                    measured[l] = 0.0
-            for a in range(6):
-                for l in range(LANES):
-                    h[a][l] = own[6 + a][l] * r[0][l]
-                for b in range(1, 4):
-                    entry = begin[b] + a if b <= a else begin[a] + b
-                    for l in range(LANES):
-                        h[a][l] = h[a][l] + own[entry][l] * r[b][l]
-            for l in range(LANES):
-                spread[l] = r[0][l] * h[0][l]
-                certain[l] = r[0][l] * r[0][l] * own[6][l]
-            for a in range(1, 4):
-                for l in range(LANES):
-                    spread[l] = spread[l] + r[a][l] * h[a][l]
-                    certain[l] = certain[l] + r[a][l] * r[a][l] * own[begin[a] + a][l]
-            for l in range(LANES):
-                spread[l] = larger(spread[l], 0.0) + (variance[t + l] if l < lanes else 1.0)
-                spread[l] = sqrt(larger(spread[l] + LOST * fabs(certain[l]), LEAST_VARIANCE))
-                measured[l] = bounded(measured[l]) / spread[l]
-            for a in range(6):
-                for l in range(LANES):
-                    h[a][l] = h[a][l] / spread[l]
-            entry = 6
-            for a in range(6):
-                for l in range(LANES):
-                    own[a][l] = own[a][l] + h[a][l] * measured[l]
-                for b in range(a, 6):
-                    for l in range(LANES):
-                        own[entry][l] = own[entry][l] - h[a][l] * h[b][l]
-                    entry += 1
-            store(columns, t, lanes, own)
+            for a in range(27):
+                fetch(own[a], &columns[a, t], lanes)
             for l in range(lanes):
-                nis[t + l] = measured[l] * measured[l]
-    return nis_array
+                entry = 6
+                for a in range(6):
+                    mean[t + l, a] = own[a][l]
+                    for b in range(a, 6):
+                        covariance[t + l, a, b] = covariance[t + l, b, a] = own[entry][l]
+                        entry += 1
+    return mean_array, covariance_array
 
 
 cdef inline void weighted_sum(
@@ -543,73 +751,6 @@ def combined(
                 for b in range(a):
                     spread[t, a, b] = spread[t, b, a]
     return mixed_array, spread_array
-
-
-def predict_plane(
-    const double[:, ::1] columns,
-    const Py_ssize_t[:, ::1] place,
-    const double[:, ::1] mean_transition,
-    const double[:, ::1] transition,
-    const double[:, ::1] noise,
-):
-    """Return columns [mean, triangle of P, variances that drive x and y] (29, n) after a prediction.
-
-    F, Q and the mean's own F are those of an axis (3, 3), the two F upper triangular; row a and column b of P lie at
-    place (6, 6). A negative variance counts as known.
-    """
-    cdef Py_ssize_t n = columns.shape[1], group, t, lanes, l, block, i, j, k, first, second, entry
-    cdef double factor
-    cdef double before[29][LANES]
-    cdef double after[29][LANES]
-    cdef double half[3][3][LANES]
-    predicted_array = np.empty((columns.shape[0], n))
-    cdef double[:, ::1] predicted = predicted_array
-    with nogil:
-        for group in range((n + LANES - 1) // LANES):
-            t = group * LANES
-            lanes = min(LANES, n - t)
-            load(columns, t, lanes, before)
-            for first in range(2):
-                for i in range(3):
-                    entry = 2 * i + first
-                    for l in range(LANES):
-                        after[entry][l] = mean_transition[i, i] * before[entry][l]
-                    for k in range(i + 1, 3):
-                        for l in range(LANES):
-                            after[entry][l] = after[entry][l] + mean_transition[i, k] * before[2 * k + first][l]
-                for l in range(LANES):
-                    after[27 + first][l] = before[27 + first][l]
-            for block in range(3):  # of x with x, of x with y, of y with y
-                first, second = block // 2, (block + 1) // 2
-                for i in range(3):
-                    for j in range(3):
-                        factor, entry = transition[i, i], 6 + place[2 * i + first, 2 * j + second]
-                        for l in range(LANES):
-                            half[i][j][l] = factor * before[entry][l]
-                        for k in range(i + 1, 3):
-                            factor, entry = transition[i, k], 6 + place[2 * k + first, 2 * j + second]
-                            for l in range(LANES):
-                                half[i][j][l] = half[i][j][l] + factor * before[entry][l]
-                for i in range(3):
-                    for j in range(i if block != 1 else 0, 3):
-                        entry = 6 + place[2 * i + first, 2 * j + second]
-                        for l in range(LANES):
-                            after[entry][l] = half[i][j][l] * transition[j, j]
-                        for k in range(j + 1, 3):
-                            factor = transition[j, k]
-                            for l in range(LANES):
-                                after[entry][l] = after[entry][l] + half[i][k][l] * factor
-                        if block != 1:
-                            factor = noise[i, j]
-                            for l in range(LANES):
-                                after[entry][l] = after[entry][l] + before[27 + first][l] * factor
-            for i in range(6):
-                for l in range(LANES):
-                    if after[6 + place[i, i]][l] < 0.0:
-                        for j in range(6):
-                            after[6 + place[i, j]][l] = 0.0
-            store(predicted, t, lanes, after)
-    return predicted_array
 
 
 def pair_nis(
@@ -925,26 +1066,6 @@ def near_pairs(const double[:] x, const double[:] y, double reach):
                     before[at] = earlier
                     at += 1
     return later_array, earlier_array
-
-
-cdef inline void fetch(double* own, const double* column, Py_ssize_t lanes) noexcept nogil:
-    """Copy a component of some bodies; lanes without a body hold that of the last one."""
-    cdef Py_ssize_t l
-    if lanes == LANES:
-        memcpy(own, column, LANES * sizeof(double))
-    else:
-        for l in range(LANES):
-            own[l] = column[l if l < lanes else lanes - 1]
-
-
-cdef inline void put(double* column, const double* own, Py_ssize_t lanes) noexcept nogil:
-    """Copy a component of some bodies back."""
-    cdef Py_ssize_t l
-    if lanes == LANES:
-        memcpy(column, own, LANES * sizeof(double))
-    else:
-        for l in range(lanes):
-            column[l] = own[l]
 
 
 def mix_bodies(
@@ -1302,20 +1423,6 @@ def combine_bodies(
                     for b in range(8):
                         mixed[t + l, a, b] = spread[a][b][l] if a <= b else spread[b][a][l]
     return mean_array, covariance_array
-
-
-cdef inline void gather(double* own, const double* column, const Py_ssize_t* rows, Py_ssize_t lanes) noexcept nogil:
-    """Copy a component of some bodies by their rows; lanes without a body hold that of the last one."""
-    cdef Py_ssize_t l
-    for l in range(LANES):
-        own[l] = column[rows[l if l < lanes else lanes - 1]]
-
-
-cdef inline void scatter(double* column, const double* own, const Py_ssize_t* rows, Py_ssize_t lanes) noexcept nogil:
-    """Copy a component of some bodies back to their rows."""
-    cdef Py_ssize_t l
-    for l in range(lanes):
-        column[rows[l]] = own[l]
 
 
 cdef inline void narrow(

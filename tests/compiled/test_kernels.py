@@ -109,10 +109,13 @@ def test_a_filter_over_many_cycles(
         out: list[Floats] = []
         for step in range(50):
             estimator.predict(0.05, np.tile([0.6, 0.8], (TRACKS, 1)))
-            rows = np.flatnonzero(random.random(TRACKS) < 0.8)
+            rows = np.flatnonzero(random.random(TRACKS) < (0.8 if step % 3 else 2.0))
             rate = np.where(random.random(len(rows)) < 0.2, np.nan, random.normal(size=len(rows)))
             measured = place[rows] + 0.3 * step + random.normal(scale=0.3, size=(len(rows), 2))
-            measurement = Measurement(measured, noise[rows], at_rest, at_rest, rate, np.full(len(rows), 0.01))
+            along = Projection(np.tile([0.6, 0.8], (len(rows), 1)), rate[::-1], np.full(len(rows), 0.2))
+            further = (along,) if step % 4 == 0 else ()
+            some = (rate, np.full(len(rows), 0.01)) if step % 5 else (None, None)
+            measurement = Measurement(measured, noise[rows], at_rest, at_rest + 0.1, *some, further)
             nis = estimator.update(rows, measurement)
             out += [*(each.copy() for each in estimator.combined()), nis, estimator.probability.copy()]
         return out
