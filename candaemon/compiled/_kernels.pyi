@@ -1,6 +1,9 @@
 from collections.abc import Set as AbstractSet
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from candaemon.arrays import Booleans, Bytes, Floats, Indices, Integers
 
 REVISION: Final[int]
@@ -243,8 +246,30 @@ def grow_boxes(
     told: float,
     truck_width: float,
 ) -> None: ...
-def hidden_shares(
-    low: Floats, high: Floats, away: Floats, distance: Floats, behind: bool, margin: float, turn: float
+def sight_lines(
+    centre: Floats,
+    reference: Floats,
+    axis: Floats,
+    length: Floats,
+    width: Floats,
+    mount_x: float,
+    mount_y: float,
+    least: float,
+    point: float,
+) -> Floats: ...
+def shares_in_sight(
+    bearing: Floats,
+    angle: Floats,
+    away: Floats,
+    distance: Floats,
+    yaw: float,
+    opening: float,
+    least_range: float,
+    most_range: float,
+    behind: bool,
+    margin: float,
+    range_margin: float,
+    half_turn: float,
 ) -> Floats: ...
 def clutter_areas(
     spread: Floats,
@@ -269,3 +294,62 @@ def add_places(
     large: float,
     anywhere: float,
 ) -> None: ...
+def states_of_reflections(
+    shown: Floats, spread: Floats, body: Integers, offset: Floats, variance: Floats, axis: Floats
+) -> tuple[Floats, Floats]: ...
+def weigh_existence(
+    existence: Floats,
+    in_sight: Floats,
+    unseen: Floats,
+    confirmed: Booleans,
+    seen: Booleans,
+    expected: Booleans,
+    share: Floats,
+    detection: Floats,
+    likelihood: Floats,
+    limit: float,
+    careful: float,
+    least: float,
+    largest: float,
+) -> None: ...
+def opportunities(
+    share: Floats,
+    distance: Floats,
+    seen: Booleans,
+    missed: Booleans,
+    counts: Booleans,
+    clear: float,
+    part: float,
+    parts: int,
+) -> Floats: ...
+def seen_bodies(mean: Floats, rows: Indices, probability: Floats) -> Floats: ...
+def weigh_modes(
+    probability: Floats, rows: Indices, prior: Floats, likelihood: Floats, nis: Floats, least: float
+) -> Floats: ...
+def tell_bodies(
+    told: Floats,
+    mean: Floats,
+    facing: Floats,
+    length: Floats,
+    width: Floats,
+    length_variance: Floats,
+    extent: Floats,
+    fastest: Floats,
+    first_ns: Integers,
+    last_ns: Integers,
+    confirmed: Booleans,
+    standing: Floats,
+    time_ns: int,
+    slack_ns: int,
+    c: float,
+    s: float,
+    surely: float,
+    settled: float,
+    slow: float,
+    told_length: float,
+    small: float,
+    enough: float,
+    narrow: float,
+    truck_length: float,
+    walking: float,
+) -> tuple[Floats, NDArray[np.int8]]: ...

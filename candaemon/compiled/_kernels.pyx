@@ -7,13 +7,13 @@ numpy. No shape is checked here: the callers give arrays of the right ones.
 """
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
-from libc.math cimport INFINITY, M_PI, NAN, copysign, fabs, isfinite, llrint, sqrt
+from libc.math cimport INFINITY, M_PI, NAN, copysign, fabs, fmod, isfinite, llrint, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 11
+REVISION = 12
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2173,17 +2173,70 @@ def grow_boxes(
                     width[t] = truck_width
 
 
-def hidden_shares(
-    const double[:] low, const double[:] high, const double[:] away, const double[:] distance, bint behind, double margin,
-    double turn
+def sight_lines(
+    const double[:, :] centre,
+    const double[:, :] reference,
+    const double[:, :] axis,
+    const double[:] length,
+    const double[:] width,
+    double mount_x,
+    double mount_y,
+    double least,
+    double point,
 ):
-    """Return the share of each angle (k,) that others hide whose centres are nearer; azimuths come again after a turn."""
-    cdef Py_ssize_t k = low.shape[0], t, other
-    cdef int times, more = 2 if behind else 1
-    cdef double total, shared, round
-    out_array = np.empty(k)
-    cdef double[::1] out = out_array
+    """Return of boxes (5, k) where their centres are from the mount, how far, how far their reference points are, and
+    how wide they are across the line of sight; what has no size or axis is as wide as a point."""
+    cdef Py_ssize_t k = length.shape[0], t
+    cdef double x, y, near, sine, cosine
+    out_array = np.empty((5, k))
+    cdef double[:, ::1] out = out_array
     with nogil:
+        for t in range(k):
+            x, y = centre[t, 0] - mount_x, centre[t, 1] - mount_y
+            out[0, t], out[1, t] = x, y
+            out[2, t] = sqrt(x * x + y * y)
+            near = larger(out[2, t], least)
+            sine = (axis[t, 1] * x - axis[t, 0] * y) / near
+            cosine = (axis[t, 0] * x + axis[t, 1] * y) / near
+            x, y = reference[t, 0] - mount_x, reference[t, 1] - mount_y
+            out[3, t] = sqrt(x * x + y * y)
+            out[4, t] = point
+            if length[t] > 0.0 and width[t] > 0.0 and isfinite(axis[t, 0]) and isfinite(axis[t, 1]):
+                out[4, t] = fabs(sine) * length[t] + fabs(cosine) * width[t]
+    return out_array
+
+
+def shares_in_sight(
+    const double[:] bearing,
+    const double[:] angle,
+    const double[:] away,
+    const double[:] distance,
+    double yaw,
+    double opening,
+    double least_range,
+    double most_range,
+    bint behind,
+    double margin,
+    double range_margin,
+    double half_turn,
+):
+    """Return the share of each box in sight (k,); others hide what their centres are nearer than.
+
+    Azimuths come again after a turn, where the sensor sees so far behind.
+    """
+    cdef Py_ssize_t k = bearing.shape[0], t, other
+    cdef int times, more = 2 if behind else 1
+    cdef double total, shared, round, half, azimuth, inside, turn = 2.0 * half_turn
+    out_array, low_array, high_array = np.empty(k), np.empty(k), np.empty(k)
+    cdef double[::1] out = out_array, low = low_array, high = high_array
+    with nogil:
+        for t in range(k):
+            azimuth = fmod(bearing[t] - yaw + half_turn, turn)
+            if azimuth < 0.0:
+                azimuth = azimuth + turn
+            azimuth = azimuth - half_turn
+            half = angle[t] + margin
+            low[t], high[t] = azimuth - half, azimuth + half
         for t in range(k):
             total = 0.0
             for times in range(more):
@@ -2195,7 +2248,13 @@ def hidden_shares(
                         shared = smaller(high[t], high[other] - margin + round)
                         shared = shared - larger(low[t], low[other] + margin + round)
                         total = total + larger(shared, 0.0)
-            out[t] = total / (high[t] - low[t])
+            out[t] = 1.0 - total / (high[t] - low[t])
+            if opening < half_turn:
+                half = angle[t] + margin
+                inside = smaller(high[t], opening) - larger(low[t], -opening)
+                out[t] = out[t] - (1.0 - larger(inside, 0.0) / smaller(2.0 * half, 2.0 * opening))
+            inside = smaller(distance[t] - least_range, most_range - distance[t]) / range_margin + 0.5
+            out[t] = smaller(larger(out[t], 0.0), 1.0) * smaller(larger(inside, 0.0), 1.0)
     return out_array
 
 
@@ -2266,3 +2325,216 @@ def add_places(
             told[7, t] = sqrt(larger(covariance[t, 1, 1], 0.0))
             told[8, t] = sqrt(larger(covariance[t, 2, 2], 0.0))
             told[9, t] = sqrt(larger(covariance[t, 3, 3], 0.0))
+
+
+def states_of_reflections(
+    const double[:, ::1] shown,
+    const double[:, :, ::1] spread,
+    const Py_ssize_t[:] body,
+    const double[:, :] offset,
+    const double[:] variance,
+    const double[:, :] axis,
+):
+    """Return where reflections are expected and how they move, (n, 4) and (n, 4, 4)."""
+    cdef Py_ssize_t n = body.shape[0], i, t
+    mean_array, covariance_array = np.empty((n, 4)), np.empty((n, 4, 4))
+    cdef double[:, ::1] mean = mean_array
+    cdef double[:, :, ::1] covariance = covariance_array
+    with nogil:
+        for i in range(n):
+            t = body[i]
+            memcpy(&mean[i, 0], &shown[t, 0], 4 * sizeof(double))
+            memcpy(&covariance[i, 0, 0], &spread[t, 0, 0], 16 * sizeof(double))
+            mean[i, 0] = mean[i, 0] + (offset[i, 0] * axis[t, 0] - offset[i, 1] * axis[t, 1])
+            mean[i, 1] = mean[i, 1] + (offset[i, 1] * axis[t, 0] + offset[i, 0] * axis[t, 1])
+            covariance[i, 0, 0] = covariance[i, 0, 0] + variance[i]
+            covariance[i, 1, 1] = covariance[i, 1, 1] + variance[i]
+    return mean_array, covariance_array
+
+
+def weigh_existence(
+    double[:] existence,
+    double[:] in_sight,
+    double[:] unseen,
+    const unsigned char[:] confirmed,
+    const unsigned char[:] seen,
+    const unsigned char[:] expected,
+    const double[:] share,
+    const double[:] detection,
+    const double[:] likelihood,
+    double limit,
+    double careful,
+    double least,
+    double largest,
+):
+    """Weigh in place what a scan says of whether bodies exist, by a limited factor, and note what it could see."""
+    cdef Py_ssize_t k = existence.shape[0], t
+    cdef double ratio, probability, prior, present, odds, after
+    with nogil:
+        for t in range(k):
+            if not (seen[t] or expected[t]):
+                continue
+            ratio = within(likelihood[t], 0.0, largest)
+            probability = within(detection[t], 0.0, 1.0)
+            prior = within(existence[t], least, 1.0 - least)
+            present = (1.0 - probability + probability * ratio) * prior
+            after = within(present / (present + 1.0 - prior), least, 1.0 - least)
+            if seen[t]:
+                after = larger(after, existence[t])
+            odds = existence[t] / (1.0 - existence[t])
+            after = after / (1.0 - after)
+            after = smaller(larger(after, odds / (limit if confirmed[t] else careful)), odds * limit)
+            existence[t] = within(after / (1.0 + after), least, 1.0 - least)
+            in_sight[t] = 1.0 if seen[t] else share[t]
+            if seen[t]:
+                unseen[t] = 0.0
+
+
+cdef inline double within(double value, double least, double most) noexcept nogil:
+    """np.fmin(np.fmax(value, least), most): what is no number becomes the least."""
+    if not value > least:
+        return least
+    return value if value < most else most
+
+
+def opportunities(
+    const double[:] share,
+    const double[:] distance,
+    const unsigned char[:] seen,
+    const unsigned char[:] missed,
+    const unsigned char[:] counts,
+    double clear,
+    double part,
+    int parts,
+):
+    """Return how often what counts was clearly in sight, and how often of it seen, by whether missed before and range."""
+    cdef Py_ssize_t k = share.shape[0], t
+    cdef double rest, at, whole
+    cdef int row
+    out_array = np.zeros((2, 2, parts))
+    cdef double[:, :, ::1] out = out_array
+    with nogil:
+        for t in range(k):
+            if counts[t] and share[t] > clear and isfinite(distance[t]):
+                rest = fmod(distance[t], part)
+                at = (distance[t] - rest) / part
+                whole = <double>(<Py_ssize_t>at)
+                if at - whole > 0.5:
+                    whole = whole + 1.0
+                row = 1 if missed[t] else 0
+                at = whole if whole < parts - 1 else parts - 1
+                out[0, row, <Py_ssize_t>at] += 1.0
+                out[1, row, <Py_ssize_t>at] += seen[t]
+    return out_array
+
+
+def seen_bodies(const double[:, :, ::1] mean, const Py_ssize_t[::1] rows, const double[:, :] probability):
+    """Return where bodies are seen, place and bias, and how they move, over all modes (m, 4)."""
+    cdef Py_ssize_t n = rows.shape[0], modes = mean.shape[1], i, t, a
+    cdef double place, velocity
+    out_array = np.empty((n, 4))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(n):
+            for a in range(2):
+                place = probability[0, t] * (mean[a, 0, rows[t]] + mean[6 + a, 0, rows[t]])
+                velocity = probability[0, t] * mean[2 + a, 0, rows[t]]
+                for i in range(1, modes):
+                    place = place + probability[i, t] * (mean[a, i, rows[t]] + mean[6 + a, i, rows[t]])
+                    velocity = velocity + probability[i, t] * mean[2 + a, i, rows[t]]
+                out[t, a], out[t, 2 + a] = place, velocity
+    return out_array
+
+
+def weigh_modes(
+    double[:, ::1] probability,
+    const Py_ssize_t[::1] rows,
+    const double[:, :] prior,
+    const double[:, :] likelihood,
+    const double[:, :] nis,
+    double least,
+):
+    """Weigh in place the modes (M, n) of rows by their likelihoods (M, m); return the NIS over the modes before (m,)."""
+    cdef Py_ssize_t n = rows.shape[0], modes = probability.shape[0], i, t
+    cdef double total, told
+    cdef double weight[16]
+    out_array = np.empty(n)
+    cdef double[::1] out = out_array
+    with nogil:
+        for t in range(n):
+            weight[0] = prior[0, t] * likelihood[0, t]
+            total, told = weight[0], prior[0, t] * nis[0, t]
+            for i in range(1, modes):
+                weight[i] = prior[i, t] * likelihood[i, t]
+                total = total + weight[i]
+                told = told + prior[i, t] * nis[i, t]
+            out[t] = told
+            for i in range(modes):
+                weight[i] = larger(weight[i] / total, least)
+            total = weight[0]
+            for i in range(1, modes):
+                total = total + weight[i]
+            for i in range(modes):
+                probability[i, rows[t]] = weight[i] / total
+    return out_array
+
+
+def tell_bodies(
+    const double[:, :] told,
+    const double[:, :] mean,
+    const double[:, :] facing,
+    const double[:] length,
+    const double[:] width,
+    const double[:] length_variance,
+    const double[:] extent,
+    const double[:] fastest,
+    const Py_ssize_t[:] first_ns,
+    const Py_ssize_t[:] last_ns,
+    const unsigned char[:] confirmed,
+    const double[:] standing,
+    Py_ssize_t time_ns,
+    Py_ssize_t slack_ns,
+    double c,
+    double s,
+    double surely,
+    double settled,
+    double slow,
+    double told_length,
+    double small,
+    double enough,
+    double narrow,
+    double truck_length,
+    double walking,
+):
+    """Return yaw rate, length, width, x and y of the centre, age, NaN where unknown (6, k); state and class (2, k)."""
+    cdef Py_ssize_t k = length.shape[0], t
+    cdef double speed
+    cdef bint is_told, sized
+    numbers_array, codes_array = np.empty((6, k)), np.zeros((2, k), np.int8)
+    cdef double[:, ::1] numbers = numbers_array
+    cdef signed char[:, ::1] codes = codes_array
+    with nogil:
+        for t in range(k):
+            speed = sqrt(told[2, t] * told[2, t] + told[3, t] * told[3, t])
+            numbers[0, t] = mean[t, 4] if speed > slow else 0.0
+            is_told = length_variance[t] < told_length or length[t] < small
+            sized = is_told or extent[t] > enough
+            numbers[1, t] = length[t] if sized else NAN
+            numbers[2, t] = width[t] if sized else NAN
+            numbers[3, t] = told[0, t] - (facing[t, 0] * c + facing[t, 1] * s if sized else 0.0)
+            numbers[4, t] = told[1, t] - (facing[t, 1] * c - facing[t, 0] * s if sized else 0.0)
+            numbers[5, t] = (time_ns - first_ns[t] if time_ns > first_ns[t] else 0) * 1e-9
+            if confirmed[t]:
+                codes[0, t] = 2 if time_ns - last_ns[t] > slack_ns else 1
+            if is_told and width[t] >= narrow:
+                codes[1, t] = 1
+            if length[t] > truck_length:
+                codes[1, t] = 2
+            if is_told and width[t] < narrow:
+                if speed > walking:
+                    codes[1, t] = 3
+                elif speed <= walking and length[t] < narrow:
+                    codes[1, t] = 4
+            if standing[t] > surely or ((time_ns - first_ns[t]) * 1e-9 > settled and fastest[t] < slow):
+                codes[1, t] = 5
+    return numbers_array, codes_array

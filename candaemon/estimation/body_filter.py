@@ -462,17 +462,19 @@ class BodyFilter:
         for speed in (*speeds, *map(_component, measurement.projections)):
             self._take_speed(mean, covariance, rows, speed, nis, log_likelihood)
         evidence = 1.0 + alike * (self._dynamics.evidence - 1.0)
-        weight = prior * np.exp(evidence * (log_likelihood - log_likelihood.max(axis=0)))
+        likelihood = np.exp(evidence * (log_likelihood - log_likelihood.max(axis=0)))
+        if self._compiled:
+            return compiled.kernels.weigh_modes(state.probability.T, rows, prior, likelihood, nis, _LEAST_PROBABILITY)
+        weight = prior * likelihood
         weight = np.maximum(weight / _total(weight), _LEAST_PROBABILITY)
         state.probability.T[:, rows] = weight / _total(weight)
-        if not self._compiled:
-            state.mean.T[..., rows], state.covariance.T[..., rows] = mean, covariance
+        state.mean.T[..., rows], state.covariance.T[..., rows] = mean, covariance
         return _total(prior * nis)
 
     def _seen(self, mean: Floats, rows: Indices, probability: Floats) -> Floats:
         """Return the places where the sensors see bodies, and their velocities, over all modes (m, 4)."""
         if self._compiled:
-            mean = mean.take(rows, axis=-1)
+            return compiled.kernels.seen_bodies(mean, rows, probability)
         place = _weighted(probability, mean[POSITION] + mean[BIAS])
         return np.concatenate([place, _weighted(probability, mean[VELOCITY])]).T
 

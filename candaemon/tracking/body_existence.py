@@ -7,6 +7,7 @@ changes the odds by a limited factor, that with which as many detections in succ
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import sqrt
 
 import numpy as np
 
@@ -91,24 +92,61 @@ class BodyExistence:
         seen = np.zeros(len(obstacles), dtype=np.bool_)
         seen[association.body[rows]] = True
         place = pose.to_vehicle(bodies.moments().mean[:, POSITION])
-        looked_at = self._looked_at(detections, place)
         familiar = obstacles.sensors & (1 << sensor) != 0  # another sensor may not see things of this kind
         if sensor in self._visibility.state.sensors:
             share, distance, probability = self._expected(bodies, place, detections, pose)
             density = self._visibility.clutter_density(sensor)
-            surely = np.flatnonzero(obstacles.confirmed & (obstacles.existence > _SURE) & familiar)
-            missed_before = obstacles.history[surely] & 1 == 0
-            self._visibility.learn(sensor, share[surely], seen[surely], distance[surely], missed_before)
+            surely = obstacles.confirmed & (obstacles.existence > _SURE) & familiar
+            self._visibility.learn(sensor, share, seen, distance, obstacles.history & 1 == 0, surely)
         else:
-            share = looked_at.astype(np.float64)
+            share = self._looked_at(detections, place).astype(np.float64)
             probability, density = _UNKNOWN_PROBABILITY * share, 0.0
-        expected = familiar & looked_at
+        expected, unseen = np.zeros(len(obstacles), dtype=np.bool_), np.flatnonzero(familiar & ~seen)
+        if len(unseen):
+            expected[unseen] = self._looked_at(detections, place[unseen])
         ratio = np.zeros(len(obstacles))
         if len(rows):
             ratio[association.body[rows]] = self._ratios(bodies, association, detections, rows, density)
+        self._weigh(obstacles, seen, expected, share, probability, ratio)
+
+    def _weigh(
+        self,
+        obstacles: BodyTable,
+        seen: Booleans,
+        expected: Booleans,
+        share: Floats,
+        probability: Floats,
+        ratio: Floats,
+    ) -> None:
+        """Weigh what is seen or expected, by a limited factor, and note what the scan could see.
+
+        What is not confirmed loses half as much by a miss: what comes into view at its edge is missed now and then.
+        """
+        limit, careful = self._limit, sqrt(self._limit)
+        if compiled.in_use:
+            compiled.kernels.weigh_existence(
+                obstacles.existence,
+                obstacles.in_sight,
+                obstacles.unseen,
+                obstacles.confirmed,
+                seen,
+                expected,
+                share,
+                probability,
+                ratio,
+                limit,
+                careful,
+                existence.LEAST,
+                existence.LARGEST_RATIO,
+            )
+            return
         raised = existence.detected(obstacles.existence, probability, ratio)
         raised = np.where(seen, np.maximum(raised, obstacles.existence), raised)
-        obstacles.existence = np.where(seen | expected, self._limited(obstacles, raised), obstacles.existence)
+        odds = obstacles.existence / (1.0 - obstacles.existence)
+        least = odds / np.where(obstacles.confirmed, limit, careful)
+        odds = np.clip(raised / (1.0 - raised), least, odds * limit)
+        raised = existence.bounded(odds / (1.0 + odds))
+        obstacles.existence = np.where(seen | expected, raised, obstacles.existence)
         obstacles.in_sight = np.where(seen, 1.0, np.where(expected, share, obstacles.in_sight))
         obstacles.unseen[seen] = 0.0
 
@@ -125,16 +163,6 @@ class BodyExistence:
         """
         if sensor in self._visibility.state.sensors:
             self._visibility.learn_clutter(sensor, false)
-
-    def _limited(self, obstacles: BodyTable, after: Floats) -> Floats:
-        """Return probabilities after a scan whose odds differ from those before by the limit at most.
-
-        What is not confirmed loses half as much by a miss: what comes into view at its edge is missed now and then.
-        """
-        odds = obstacles.existence / (1.0 - obstacles.existence)
-        least = odds / np.where(obstacles.confirmed, self._limit, np.sqrt(self._limit))
-        odds = np.clip(after / (1.0 - after), least, odds * self._limit)
-        return existence.bounded(odds / (1.0 + odds))
 
     def _looked_at(self, detections: Detections, place: Floats) -> Booleans:
         """Return which places in vehicle axes (n, 2) lie in the field of view of the scan."""
@@ -158,7 +186,7 @@ class BodyExistence:
         share, distance = self._visibility.in_sight(
             centre,
             place,
-            np.arctan2(axis[:, 1], axis[:, 0]),
+            axis,
             np.where(thin, _POST, obstacles.length),
             np.where(thin, _POST, obstacles.width),
             sensor,

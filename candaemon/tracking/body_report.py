@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from math import cos, sin
 
 import numpy as np
+from numpy.typing import NDArray
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import TURN, acceleration
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
-from candaemon.tracking.box import add_places, classes, size_known
+from candaemon.tracking.box import (
+    CAR_LENGTH,
+    ENOUGH,
+    NARROW,
+    TOLD_LENGTH,
+    TRUCK_LENGTH,
+    WALKING,
+    add_places,
+    classes,
+    size_known,
+)
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.reporting import in_vehicle_axes
 from candaemon.tracking.update import Used
@@ -48,14 +61,7 @@ def report(
     told, covariance = in_vehicle_axes(state, moments.covariance, obstacles.axis, np.ones(len(obstacles)), pose, np.inf)
     add_places(bodies, told, covariance, pose.velocity_covariance, wander_time)
     x, y, vx, vy, ax, ay, sx, sy, svx, svy, _, axis_x, axis_y = told
-    speed = np.sqrt(vx * vx + vy * vy)
-    standing = bodies.filter.probability[:, STANDING] > _SURELY
-    old = (pose.time_ns - obstacles.first_ns) * 1e-9 > _SETTLED
-    standing |= old & (obstacles.fastest < _LEAST_SPEED)
-    sized = size_known(bodies)
-    centre = np.where(sized[:, None], obstacles.facing @ pose.rotation, 0.0)
-    status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
-    status[~obstacles.confirmed] = TENTATIVE
+    (yaw_rate, length, width, center_x, center_y, age), (status, kind) = _told(bodies, pose, told, slack_ns)
     if existence is None:
         existence = np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _HISTORY_LENGTH)
     found = Obstacles(
@@ -76,16 +82,16 @@ def report(
         sy=sy,
         svx=svx,
         svy=svy,
-        age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
+        age=age,
         existence=existence.copy(),
         sensors=obstacles.sensors.copy(),
         heading=np.where(obstacles.directed, np.arctan2(axis_y, axis_x), np.nan),
-        yaw_rate=np.where(speed > _LEAST_SPEED, mean[:, TURN], 0.0),
-        length=np.where(sized, obstacles.length, np.nan),
-        width=np.where(sized, obstacles.width, np.nan),
-        center_x=x - centre[:, 0],
-        center_y=y - centre[:, 1],
-        kind=classes(obstacles.length, obstacles.width, obstacles.length_variance, speed, standing),
+        yaw_rate=yaw_rate,
+        length=length,
+        width=width,
+        center_x=center_x,
+        center_y=center_y,
+        kind=kind,
         kind_likelihood=np.full(len(obstacles), np.nan),
         covariance=covariance,
         used_row=used.reflection,
@@ -93,6 +99,64 @@ def report(
         used_object=used.objects,
     )
     return found if shown.all() else _only(found, shown)
+
+
+def _told(bodies: Bodies, pose: EgoPose, told: Floats, slack_ns: int) -> tuple[Floats, NDArray[np.int8]]:
+    """Return yaw rate, length, width, x and y of the centre, age, NaN where unknown (6, k); state and class (2, k).
+
+    Args:
+        bodies: as in `report`.
+        pose: ego pose.
+        told: as `in_vehicle_axes` returns it.
+        slack_ns: as in `report`.
+    """
+    obstacles, mean = bodies.obstacles, bodies.moments().mean
+    c, s, standing = cos(pose.heading), sin(pose.heading), bodies.filter.probability[:, STANDING]
+    if compiled.in_use:
+        return compiled.kernels.tell_bodies(
+            told,
+            mean,
+            obstacles.facing,
+            obstacles.length,
+            obstacles.width,
+            obstacles.length_variance,
+            obstacles.extent,
+            obstacles.fastest,
+            obstacles.first_ns,
+            obstacles.last_ns,
+            obstacles.confirmed,
+            standing,
+            pose.time_ns,
+            slack_ns,
+            c,
+            s,
+            _SURELY,
+            _SETTLED,
+            _LEAST_SPEED,
+            TOLD_LENGTH,
+            CAR_LENGTH / 2,
+            ENOUGH,
+            NARROW,
+            TRUCK_LENGTH,
+            WALKING,
+        )
+    x, y, vx, vy = told[:4]
+    speed, (facing_x, facing_y) = np.sqrt(vx * vx + vy * vy), obstacles.facing.T
+    stands = standing > _SURELY
+    stands |= ((pose.time_ns - obstacles.first_ns) * 1e-9 > _SETTLED) & (obstacles.fastest < _LEAST_SPEED)
+    sized = size_known(bodies)
+    status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
+    status[~obstacles.confirmed] = TENTATIVE
+    numbers = [
+        np.where(speed > _LEAST_SPEED, mean[:, TURN], 0.0),
+        np.where(sized, obstacles.length, np.nan),
+        np.where(sized, obstacles.width, np.nan),
+        x - np.where(sized, facing_x * c + facing_y * s, 0.0),
+        y - np.where(sized, facing_y * c - facing_x * s, 0.0),
+        np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
+    ]
+    kind = classes(obstacles.length, obstacles.width, obstacles.length_variance, speed, stands)
+    return np.stack(numbers), np.stack([status, kind])
 
 
 def _only(obstacles: Obstacles, shown: Booleans) -> Obstacles:

@@ -218,6 +218,11 @@ class Bodies:
         moments, reflections = self.moments(), self.reflections
         body = reflections.body if rows is None else reflections.body.take(rows)
         variance = reflections.variance if rows is None else reflections.variance.take(rows)
+        if compiled.in_use:
+            offset = reflections.offset if rows is None else reflections.offset.take(rows, axis=0)
+            return compiled.kernels.states_of_reflections(
+                moments.shown, moments.shown_covariance, body, offset, variance, self.obstacles.axis
+            )
         mean, covariance = moments.shown.take(body, axis=0), moments.shown_covariance.take(body, axis=0)
         mean[:, :2] += self.offsets(rows)
         covariance[:, 0, 0] += variance

@@ -34,10 +34,10 @@ _MOVED, _RIDING = 0.5, 9.0  # m/s
 _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
 _CLOSE = 0.1  # m, nearest that the line of sight is known
 _ANYWHERE = 12.0**-0.5  # of a length, standard deviation of a place anywhere on it
-_TOLD, _TOLD_LENGTH = 0.1, 1.0  # m²; a width or length known better was told
-_ENOUGH = 2.5  # m of a length; what showed so much is no rider
+_TOLD, TOLD_LENGTH = 0.1, 1.0  # m²; a width or length known better was told
+ENOUGH = 2.5  # m of a length; what showed so much is no rider
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
-_TRUCK_LENGTH, _NARROW, _WALKING = 7.0, 1.1, 3.5
+TRUCK_LENGTH, NARROW, WALKING = 7.0, 1.1, 3.5
 
 
 def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detections, dt: float) -> None:
@@ -109,7 +109,7 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
             _ALONE,
             _TOLD,
             _MOVED,
-            _WALKING,
+            WALKING,
             _RIDING,
             WALKER,
             RIDER,
@@ -124,7 +124,7 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))
     small = (obstacles.alone > _ALONE) & (obstacles.width_variance > _TOLD) & (obstacles.fastest > _MOVED)
-    walks, rides = small & (obstacles.fastest < _WALKING), small & (obstacles.fastest < _RIDING)
+    walks, rides = small & (obstacles.fastest < WALKING), small & (obstacles.fastest < _RIDING)
     obstacles.length = np.where(walks, WALKER[0], np.where(rides, RIDER[0], obstacles.length))
     obstacles.width = np.where(walks, WALKER[1], np.where(rides, RIDER[1], obstacles.width))
 
@@ -154,7 +154,7 @@ def _grow(bodies: Bodies, time_ns: int) -> None:
             _AXIS_AGE,
             _MARGIN,
             _GROWTH,
-            _TRUCK_LENGTH,
+            TRUCK_LENGTH,
             _TOLD,
             TRUCK_WIDTH,
         )
@@ -172,7 +172,7 @@ def _grow(bodies: Bodies, time_ns: int) -> None:
     shown = np.where(known & (high > low), high - low + _MARGIN, 0.0)
     obstacles.length += _GROWTH * np.maximum(shown - obstacles.length, 0.0)
     obstacles.extent += _GROWTH * np.maximum(shown - obstacles.extent, 0.0)
-    long = (obstacles.length > _TRUCK_LENGTH) & (obstacles.width_variance > _TOLD)
+    long = (obstacles.length > TRUCK_LENGTH) & (obstacles.width_variance > _TOLD)
     obstacles.width = np.where(long, TRUCK_WIDTH, obstacles.width)
 
 
@@ -238,8 +238,8 @@ def add_places(bodies: Bodies, told: Floats, covariance: Floats, own: Floats, ti
 def size_known(bodies: Bodies) -> Booleans:
     """Return of which bodies (k,) the size is known: a sensor told it, they are small, or enough of them was seen."""
     obstacles = bodies.obstacles
-    told, small = obstacles.length_variance < _TOLD_LENGTH, obstacles.length < CAR_LENGTH / 2
-    return told | small | (obstacles.extent > _ENOUGH)
+    told, small = obstacles.length_variance < TOLD_LENGTH, obstacles.length < CAR_LENGTH / 2
+    return told | small | (obstacles.extent > ENOUGH)
 
 
 def classes(
@@ -254,12 +254,12 @@ def classes(
         speed: m/s.
         standing: which bodies stand and never moved.
     """
-    told = (length_variance < _TOLD_LENGTH) | (length < CAR_LENGTH / 2)
+    told = (length_variance < TOLD_LENGTH) | (length < CAR_LENGTH / 2)
     kind = np.full(len(length), UNKNOWN, dtype=np.int8)
-    kind[told & (width >= _NARROW)] = CAR
-    kind[length > _TRUCK_LENGTH] = TRUCK
-    small = told & (width < _NARROW)
-    kind[small & (speed > _WALKING)] = TWO_WHEELER
-    kind[small & (speed <= _WALKING) & (length < _NARROW)] = PEDESTRIAN
+    kind[told & (width >= NARROW)] = CAR
+    kind[length > TRUCK_LENGTH] = TRUCK
+    small = told & (width < NARROW)
+    kind[small & (speed > WALKING)] = TWO_WHEELER
+    kind[small & (speed <= WALKING) & (length < NARROW)] = PEDESTRIAN
     kind[standing] = STANDING
     return kind

@@ -28,6 +28,7 @@ RANGE_BINS: Final = 8
 """Parts of a sensor's range whose detection rates are learnt apart."""
 _ANGLE_MARGIN = radians(0.5)  # on either side of an obstacle: a field of view ends within a degree
 _RANGE_MARGIN = 2.0  # m over which it ends; the least range within half of it
+_NEAREST = 1e-6  # m from a mount, from which on a line of sight has a direction
 _POINT = 1.0  # m, length and width of an obstacle whose size is not known
 _CLEAR = 0.9  # share in sight from which a detection is expected without doubt
 _PRIOR_WEIGHT = 40.0  # opportunities that the setting counts as
@@ -118,7 +119,7 @@ class Visibility:
         self,
         centre: Floats,
         reference: Floats,
-        heading: Floats,
+        axis: Floats,
         length: Floats,
         width: Floats,
         sensor: int,
@@ -129,13 +130,13 @@ class Visibility:
         Args:
             centre: of the obstacles' boxes (k, 2), vehicle axes, m.
             reference: their points that face the vehicle (k, 2), vehicle axes, m.
-            heading: of the boxes from the vehicle's x axis (k,), rad; NaN where it is not known.
+            axis: unit vectors along the boxes (k, 2), vehicle axes; NaN where they are not known.
             length: (k,), m; NaN where it is not known.
             width: (k,), m; NaN where it is not known.
             sensor: its number.
             look: which of its looks the scan is; −1: it has none, or did not say which.
         """
-        return self._models[sensor].sight(centre, reference, heading, length, width, look)
+        return self._models[sensor].sight(centre, reference, axis, length, width, look)
 
     def detection_probability(
         self, sensor: int, share: Floats, distance: Floats, missed: Booleans | None = None
@@ -152,9 +153,15 @@ class Visibility:
         return np.minimum(np.maximum(share * rate, LEAST_PROBABILITY), GREATEST_PROBABILITY)
 
     def learn(
-        self, sensor: int, expected: Floats, detected: Booleans, distance: Floats, missed: Booleans | None = None
+        self,
+        sensor: int,
+        expected: Floats,
+        detected: Booleans,
+        distance: Floats,
+        missed: Booleans | None = None,
+        surely: Booleans | None = None,
     ) -> None:
-        """Learn from a scan which obstacles the sensor detected; to be given those that surely exist.
+        """Learn from a scan which obstacles the sensor detected.
 
         Args:
             sensor: its number.
@@ -162,16 +169,14 @@ class Visibility:
             detected: whether the scan held it (k,).
             distance: from the sensor (k,), m.
             missed: as in `detection_probability`.
+            surely: which of them surely exist (k,): only they count; None: all.
         """
-        clear = (expected > _CLEAR) & np.isfinite(distance)
-        if not clear.any():
+        missed = np.zeros(len(expected), dtype=np.bool_) if missed is None else missed
+        surely = np.ones(len(expected), dtype=np.bool_) if surely is None else surely
+        opportunities, taken = self._models[sensor].opportunities(expected, detected, distance, missed, surely)
+        if not opportunities.any():
             return
         learnt = self._state.sensors[sensor]
-        part = self._models[sensor].part(distance[clear]).astype(np.intp)
-        row = np.zeros(len(part), np.intp) if missed is None else missed[clear].astype(np.intp)
-        cell = row * RANGE_BINS + part
-        opportunities = np.bincount(cell, minlength=2 * RANGE_BINS).reshape(2, RANGE_BINS)
-        taken = np.bincount(cell, weights=detected[clear], minlength=2 * RANGE_BINS).reshape(2, RANGE_BINS)
         fading = np.exp(-opportunities / _MEMORY)
         learnt.expected *= fading
         learnt.detected *= fading
@@ -214,30 +219,47 @@ class _DetectionModel:
         self._area = float(np.mean([view.area for view in self._views.values()]))
 
     def sight(
-        self, centre: Floats, reference: Floats, heading: Floats, length: Floats, width: Floats, look: int
+        self, centre: Floats, reference: Floats, axis: Floats, length: Floats, width: Floats, look: int
     ) -> tuple[Floats, Floats]:
         """Return the share of each obstacle in sight (k,), and its distance (k,), m."""
-        view = self._views.get(look)
-        distance = np.hypot(reference[:, 0] - self._mount.x, reference[:, 1] - self._mount.y)
+        mount, view = (self._mount.x, self._mount.y), self._views.get(look)
+        x, y, away, distance, across = _sight_lines(centre, reference, axis, length, width, mount)
         if view is None:  # a scan that does not say which of the looks it is: nothing is expected
             return np.zeros(len(distance)), distance
-        x, y = centre[:, 0] - self._mount.x, centre[:, 1] - self._mount.y
-        away = np.hypot(x, y)
-        bearing = np.arctan2(y, x) - view.yaw
-        half = _half_angle(bearing, away, heading - view.yaw, length, width) + _ANGLE_MARGIN
-        azimuth = np.remainder(bearing + pi, 2 * pi) - pi
+        bearing, half = np.arctan2(y, x), np.arctan2(across, 2.0 * away)
+        opening, field = radians(view.field.azimuth_deg), view.field
+        behind = opening > pi / 2
+        if compiled.in_use:
+            field_of_view = (view.yaw, opening, field.min_range, field.range, behind)
+            share = compiled.kernels.shares_in_sight(
+                bearing, half, away, distance, *field_of_view, _ANGLE_MARGIN, _RANGE_MARGIN, pi
+            )
+            return share, distance
+        half = half + _ANGLE_MARGIN
+        azimuth = np.remainder(bearing - view.yaw + pi, 2 * pi) - pi
         low, high = azimuth - half, azimuth + half
-        opening = radians(view.field.azimuth_deg)
-        share = 1.0 - _hidden(low, high, away, distance, behind=opening > pi / 2)
+        share = 1.0 - _hidden(low, high, away, distance, behind=behind)
         if opening < pi:
             inside = np.minimum(high, opening) - np.maximum(low, -opening)
             share -= 1.0 - np.maximum(inside, 0.0) / np.minimum(2.0 * half, 2.0 * opening)
-        within = np.minimum(distance - view.field.min_range, view.field.range - distance) / _RANGE_MARGIN + 0.5
+        within = np.minimum(distance - field.min_range, field.range - distance) / _RANGE_MARGIN + 0.5
         return np.clip(share, 0.0, 1.0) * np.clip(within, 0.0, 1.0), distance
 
-    def part(self, distance: Floats) -> Floats:
-        """Return in which part of the range each distance lies (k,)."""
-        return np.asarray(np.minimum(distance // self._bin, RANGE_BINS - 1))
+    def opportunities(
+        self, share: Floats, seen: Booleans, distance: Floats, missed: Booleans, surely: Booleans
+    ) -> tuple[Floats, Floats]:
+        """Return how often what surely exists was clearly in sight, and how often of that seen (2, `RANGE_BINS`)."""
+        if compiled.in_use:
+            opportunities, taken = compiled.kernels.opportunities(
+                share, distance, seen, missed, surely, _CLEAR, self._bin, RANGE_BINS
+            )
+            return opportunities, taken
+        clear = (share > _CLEAR) & np.isfinite(distance) & surely
+        part = np.minimum(distance[clear] // self._bin, RANGE_BINS - 1).astype(np.intp)
+        cell, shape = missed[clear] * RANGE_BINS + part, (2, RANGE_BINS)
+        expected = np.bincount(cell, minlength=2 * RANGE_BINS).astype(np.float64)
+        taken = np.bincount(cell, weights=seen[clear], minlength=2 * RANGE_BINS).astype(np.float64)
+        return expected.reshape(shape), taken.reshape(shape)
 
     def rate(self, learnt: LearntDetection, distance: Floats, missed: Booleans | None) -> Floats:
         """Return with which probability what is in sight is detected (k,), linear between the parts' middles."""
@@ -252,12 +274,23 @@ class _DetectionModel:
         return float(np.clip(density, self._clutter / _CLUTTER_SPREAD, self._clutter * _CLUTTER_SPREAD))
 
 
-def _half_angle(bearing: Floats, away: Floats, heading: Floats, length: Floats, width: Floats) -> Floats:
-    """Return half the angle that each box subtends (k,), rad, by its extent across the line of sight."""
-    sized = (length > 0.0) & (width > 0.0) & np.isfinite(heading)
-    turn = heading - bearing
-    across = np.abs(np.sin(turn)) * length + np.abs(np.cos(turn)) * width
-    return np.asarray(np.arctan2(np.where(sized, across, _POINT), 2.0 * away))
+def _sight_lines(
+    centre: Floats, reference: Floats, axis: Floats, length: Floats, width: Floats, mount: tuple[float, float]
+) -> Floats:
+    """Return of boxes (5, k) x, y and distance of the centre from a mount, that of the reference point, extent across.
+
+    That is across the line of sight; of what has no size or axis it is that of a point.
+    """
+    if compiled.in_use:
+        return compiled.kernels.sight_lines(centre, reference, axis, length, width, *mount, _NEAREST, _POINT)
+    x, y = centre[:, 0] - mount[0], centre[:, 1] - mount[1]
+    away = np.sqrt(x * x + y * y)
+    near, (axis_x, axis_y) = np.maximum(away, _NEAREST), axis.T
+    sine, cosine = (axis_y * x - axis_x * y) / near, (axis_x * x + axis_y * y) / near
+    sized = (length > 0.0) & (width > 0.0) & np.isfinite(axis).all(axis=1)
+    across = np.where(sized, np.abs(sine) * length + np.abs(cosine) * width, _POINT)
+    far_x, far_y = reference[:, 0] - mount[0], reference[:, 1] - mount[1]
+    return np.stack([x, y, away, np.sqrt(far_x * far_x + far_y * far_y), across])
 
 
 def _hidden(low: Floats, high: Floats, away: Floats, distance: Floats, *, behind: bool) -> Floats:
@@ -270,8 +303,6 @@ def _hidden(low: Floats, high: Floats, away: Floats, distance: Floats, *, behind
         distance: of its reference point (k,), m.
         behind: whether the sensor sees to where azimuths change their sign, in its back.
     """
-    if compiled.in_use:
-        return compiled.kernels.hidden_shares(low, high, away, distance, behind, _ANGLE_MARGIN, 2 * pi)
     hiding_low, hiding_high, nearer = low + _ANGLE_MARGIN, high - _ANGLE_MARGIN, away[:, None] < distance
     np.fill_diagonal(nearer, val=False)  # nobody hides itself
     if behind:

@@ -14,7 +14,7 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
 from candaemon.config.sensors import FieldOfView
-from candaemon.config.tracker import ReflectionSettings
+from candaemon.config.tracker import LifecycleSettings, ReflectionSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode, acceleration, shown
@@ -30,9 +30,12 @@ from candaemon.frames.frame_batch import FrameBatch
 from candaemon.pipeline.saved_state import dump
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.radar.detections import Detections
+from candaemon.radar.mounting import sensor_views
 from candaemon.tracking import box
 from candaemon.tracking.association import pair_nis
+from candaemon.tracking.body_association import Association
 from candaemon.tracking.body_axes import turned_axes
+from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_measurement import of_bodies
 from candaemon.tracking.body_merging import merge_candidates
 from candaemon.tracking.body_modes import dynamics_of, modes_of
@@ -362,8 +365,12 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
         bodies.return_reference(0.05, 10**9, 0.5, 10**8)
         obstacles.facing = box.facing_offsets(bodies, POSE)
         told = report(bodies, POSE, Used(np.zeros(0, np.intp), 0, np.zeros(0, np.int64)), 0, 0.5, obstacles.id > 0)
-        columns = [getattr(told, name) for name in ("x", "vy", "ax", "sx", "svy", "heading", "center_x", "covariance")]
-        moved = bodies.moments()
+        columns = [
+            getattr(told, name)
+            for name in ("x", "vy", "ax", "sx", "svy", "heading", "center_x", "covariance", "width", "age")
+        ]
+        moved, codes = bodies.moments(), [each.astype(np.float64) for each in (told.state, told.kind)]
+        assert all(len(np.unique(each)) > 1 for each in codes)
         return [
             obstacles.axis,
             obstacles.directed * 1.0,
@@ -419,17 +426,46 @@ def test_what_boxes_learn(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
     both(monkeypatch, computed)
 
 
+@pytest.mark.parametrize("extra", [0, 9])
+def test_where_reflections_are_and_what_a_scan_says_of_existence(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    random, settings = np.random.default_rng(8), full_binding().sensors[0].settings
+    settings = settings.model_copy(update={"field_of_view": FieldOfView(range=100.0, azimuth_deg=160.0)})
+    reflection = np.where(random.random(15) < 0.7, np.arange(15), -1)
+    nis, missed, confirmed = random.uniform(0.0, 30.0, 15), random.random(20) < 0.5, random.random(20) < 0.5
+    first, unseen = random.uniform(0.001, 0.999, 20), random.random(20)
+
+    def computed() -> list[Floats]:
+        bodies = bodies_on_road(20, extra)
+        obstacles, body = bodies.obstacles, np.where(reflection < 0, -1, bodies.reflections.body[reflection])
+        obstacles.existence, obstacles.unseen, obstacles.confirmed = first.copy(), unseen.copy(), confirmed
+        obstacles.history = missed.astype(np.int64)
+        existence = BodyExistence(LifecycleSettings(), {0: settings}, list(sensor_views(settings, 0).values()))
+        existence.observe(bodies, Association(body, reflection, nis), scan_of(15, speeds=False), POSE)
+        assert 0 < np.count_nonzero(obstacles.existence > first) < 15
+        assert (obstacles.existence < first).any()
+        states = (*bodies.reflection_states(), *bodies.reflection_states(np.arange(5, 12)))
+        return [obstacles.existence, obstacles.in_sight, obstacles.unseen, *states]
+
+    both(monkeypatch, computed)
+
+
 @pytest.mark.parametrize("azimuth", [60.0, 180.0])
 def test_what_hides_what(azimuth: float, monkeypatch: pytest.MonkeyPatch) -> None:
     random, settings = np.random.default_rng(7), full_binding().sensors[0].settings
     settings = settings.model_copy(update={"field_of_view": FieldOfView(range=100.0, azimuth_deg=azimuth)})
     centre, (length, width) = random.uniform(-30.0, 30.0, (40, 2)), random.uniform(0.5, 2.0, (2, 40))
     heading = random.uniform(-3.0, 3.0, 40)
+    axis, surely, missed = np.stack([np.cos(heading), np.sin(heading)], axis=1), heading < 2.0, heading < 0.0
+    axis[3], centre[4] = np.nan, [settings.mount.x, settings.mount.y]
 
     def computed() -> list[Floats]:
-        share, distance = Visibility({0: settings}).in_sight(centre, 0.95 * centre, heading, length, width, 0)
+        visibility = Visibility({0: settings})
+        share, distance = visibility.in_sight(centre, 0.95 * centre, axis, length, width, 0)
         assert np.count_nonzero((share > 0.0) & (share < 1.0)) > 4
-        return [share, distance]
+        visibility.learn(0, share, np.arange(40) % 4 > 0, distance, missed, surely)
+        learnt = visibility.state.sensors[0]
+        assert learnt.expected.sum() >= learnt.detected.sum() > 0.0
+        return [share, distance, learnt.expected, learnt.detected]
 
     both(monkeypatch, computed)
 

@@ -160,10 +160,10 @@ def test_obstacles_live_on_through_the_looks_that_do_not_see_them(tmp_path: Path
 def test_nothing_is_expected_where_the_present_look_cannot_see(tmp_path: Path) -> None:
     visibility = Visibility({0: bound(tmp_path).sensors[0].settings})
     place = np.array([[25.0, 2.0], [110.0, 0.0], [15.0, 20.0], [15.0, -20.0]])
-    bare = np.full(4, np.nan)
+    bare, none = np.full(4, np.nan), np.full((4, 2), np.nan)
 
     def found(look: int) -> Floats:
-        return visibility.detection_probability(0, *visibility.in_sight(place, place, bare, bare, bare, 0, look))
+        return visibility.detection_probability(0, *visibility.in_sight(place, place, none, bare, bare, 0, look))
 
     expected = {look: (found(look) > 0.5).tolist() for look in (*sorted(ALL), -1, 9)}
     assert expected == {

@@ -30,7 +30,8 @@ def _detection(
     missed: Booleans | None = None,
 ) -> Floats:
     """Return the probability that a scan of sensor 0 holds each of some boxes."""
-    share, distance = visibility.in_sight(centre, near, heading, length, width, 0)
+    axis = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    share, distance = visibility.in_sight(centre, near, axis, length, width, 0)
     return visibility.detection_probability(0, share, distance, missed)
 
 
