@@ -42,6 +42,10 @@ class AssociationSettings(Settings):
         "nearest",
         description="nearest: the sensor's id as first guess, global nearest neighbour for the rest; id: the id alone",
     )
+    joint: bool = Field(
+        True,
+        description="of vehicles: where gates of obstacles overlap, a detection counts by its probability",
+    )
     gate: float = Field(16.0, gt=1, le=1000, description="largest normalised innovation squared")
     id_gate: float = Field(
         40.0, gt=1, le=1e6, description="the same where the sensor keeps the id of a confirmed obstacle"

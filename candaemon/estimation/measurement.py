@@ -120,6 +120,13 @@ class Measurement:
         """Return the detections with the variances of their positions multiplied by a factor each (m,)."""
         return replace(self, noise=self.noise * factor[:, None, None])
 
+    def weakened(self, factor: Floats) -> Measurement:
+        """Return the detections with all their variances multiplied by a factor each (m,)."""
+        rate = self.range_rate_variance
+        projections = tuple(replace(each, variance=each.variance * factor) for each in self.projections)
+        variance = None if rate is None else rate * factor
+        return replace(self.scaled(factor), range_rate_variance=variance, projections=projections)
+
 
 def line_of_sight(mean: Floats, origin: Floats, velocity: Floats) -> tuple[Floats, Floats]:
     """Return the predicted range rate (…) and its Jacobian (…, 4) over x, y, vx, vy.

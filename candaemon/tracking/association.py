@@ -123,22 +123,53 @@ def nearest_neighbours(
     Returns:
         Rows of tracks and rows of detections, aligned.
     """
+    track, detection, nis = gated_pairs(mean, covariance, tracks, measurement, detections, gate)
+    chosen = best_pairs(track, detection, nis)
+    return track[chosen], detection[chosen]
+
+
+def gated_pairs(
+    mean: Floats, covariance: Floats, tracks: Indices, measurement: Measurement, detections: Indices, gate: float
+) -> tuple[Indices, Indices, Floats]:
+    """Return the pairs within the gate: rows of tracks (p,), of detections (p,), and their NIS (p,).
+
+    Args:
+        mean: as in `nearest_neighbours`, like all others.
+        covariance: likewise.
+        tracks: likewise.
+        measurement: likewise.
+        detections: likewise.
+        gate: likewise.
+    """
     none = np.empty(0, dtype=np.intp)
     if not len(tracks) or not len(detections):
-        return none, none
+        return none, none, np.empty(0)
     apart = np.abs(mean[tracks, None, :2] - measurement.position[None, detections]).max(axis=2)
     t, d = np.nonzero(apart < _REACH)
     if not len(t):
-        return none, none
-    nis = pair_nis(mean[tracks[t]], covariance[tracks[t]], measurement.take(detections[d]))
+        return none, none, np.empty(0)
+    track, detection = tracks[t], detections[d]
+    nis = pair_nis(mean[track], covariance[track], measurement.take(detection))
     inside = nis <= gate
-    if not inside.any():
-        return none, none
-    t, d, nis = t[inside], d[inside], nis[inside]
-    if len(t) == 1:
-        return tracks[t], detections[d]
-    cost = np.full((len(tracks), len(detections)), _OUT_OF_GATE)
-    cost[t, d] = nis
-    chosen_t, chosen_d = assign(cost)
-    real = cost[chosen_t, chosen_d] < _OUT_OF_GATE
-    return tracks[chosen_t[real]], detections[chosen_d[real]]
+    return track[inside], detection[inside], nis[inside]
+
+
+def best_pairs(track: Indices, detection: Indices, cost: Floats) -> Indices:
+    """Return which pairs (p,) assign most detections at the least cost, each track and detection in one at most.
+
+    Args:
+        track: of each pair, ascending, and within a track detections ascending.
+        detection: likewise.
+        cost: of each pair.
+    """
+    if len(track) < 2:
+        return np.arange(len(track))
+    tracks, t = np.unique(track, return_inverse=True)
+    detections, d = np.unique(detection, return_inverse=True)
+    table = np.full((len(tracks), len(detections)), _OUT_OF_GATE)
+    table[t, d] = cost
+    number = np.zeros(table.shape, dtype=np.intp)
+    number[t, d] = np.arange(len(track))
+    chosen_t, chosen_d = assign(table)
+    real = table[chosen_t, chosen_d] < _OUT_OF_GATE
+    return number[chosen_t[real], chosen_d[real]]

@@ -10,8 +10,9 @@ from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.tracker import AssociationSettings, ReflectionSettings
 from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.radar.detections import Detections
-from candaemon.tracking.association import nearest_neighbours, pair_nis
+from candaemon.tracking.association import best_pairs, gated_pairs, pair_nis
 from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.joint_association import doubts, likelihood_ratios
 from candaemon.tracking.reflections import to_travel_axes
 
 
@@ -23,13 +24,28 @@ class Association:
         body: row of the body (n,), −1: of none that is known.
         reflection: row of the reflection (n,), −1: of none that is known.
         nis: normalised innovation squared against that reflection (n,), NaN where there is none.
+        doubt: times the noise that the detections have where they may be another body's, None: there is no doubt.
         slot_jumps: detections whose sensor kept the id but that cannot be the reflection of that id.
     """
 
     body: Indices
     reflection: Indices
     nis: Floats
+    doubt: Floats | None = None
     slot_jumps: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Detecting:
+    """How a sensor detects.
+
+    Attributes:
+        probability: of detecting what is in sight.
+        clutter: density of its false detections, per m².
+    """
+
+    probability: float
+    clutter: float
 
 
 def associate(
@@ -38,6 +54,7 @@ def associate(
     settings: AssociationSettings,
     extent: ReflectionSettings,
     vague: Booleans,
+    detecting: Detecting | None = None,
 ) -> Association:
     """Return what the detections of a scan belong to.
 
@@ -51,6 +68,7 @@ def associate(
         settings: gates.
         extent: how near one body's reflections lie to each other, and how alike they move.
         vague: which bodies (k,) are too uncertain for a gate to tell what is theirs: nothing is.
+        detecting: how the sensor detects; None: nothing is in doubt.
     """
     n, measurement = len(detections), detections.measurement
     found = Association(np.full(n, -1, np.intp), np.full(n, -1, np.intp), np.full(n, np.nan))
@@ -66,7 +84,7 @@ def associate(
     mean, covariance = bodies.reflection_states()
     if settings.method == "nearest" or not detections.identified:
         usable[found.reflection[found.reflection >= 0]] = False
-        _by_place(found, mean, covariance, np.flatnonzero(usable), measurement, settings.gate)
+        _by_place(found, bodies, mean, covariance, np.flatnonzero(usable), measurement, settings.gate, detecting)
         left = np.flatnonzero(found.reflection < 0)
     found.body = np.where(found.reflection < 0, -1, bodies.reflections.body.take(found.reflection))
     if extent.merge and len(left):
@@ -105,14 +123,29 @@ def _by_id(
 
 
 def _by_place(
-    found: Association, mean: Floats, covariance: Floats, free: Indices, measurement: Measurement, gate: float
+    found: Association,
+    bodies: Bodies,
+    mean: Floats,
+    covariance: Floats,
+    free: Indices,
+    measurement: Measurement,
+    gate: float,
+    detecting: Detecting | None,
 ) -> None:
-    """Associate what is left by global nearest neighbour."""
+    """Associate what is left by global nearest neighbour, in doubt where bodies compete for a detection."""
     left = np.flatnonzero(found.reflection < 0)
-    rows, chosen = nearest_neighbours(mean, covariance, free, measurement, left, gate)
-    if len(rows):
-        found.reflection[chosen] = rows
-        found.nis[chosen] = pair_nis(mean[rows], covariance[rows], measurement.take(chosen))
+    row, detection, nis = gated_pairs(mean, covariance, free, measurement, left, gate)
+    chosen = best_pairs(row, detection, nis)
+    found.reflection[detection[chosen]], found.nis[detection[chosen]] = row[chosen], nis[chosen]
+    if detecting is None or len(chosen) == len(row):
+        return
+    ratio = likelihood_ratios(
+        mean[row], covariance[row], measurement.take(detection), detecting.probability, detecting.clutter
+    )
+    doubt = doubts(row, detection, bodies.reflections.body[row], ratio, chosen)
+    if (doubt > 1.0).any():
+        found.doubt = np.ones(len(found.body))
+        found.doubt[detection[chosen]] = doubt
 
 
 def beside(

@@ -20,7 +20,7 @@ from candaemon.estimation.body_filter import POSITION
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView, seen_by_any
 from candaemon.tracking import existence
-from candaemon.tracking.body_association import Association
+from candaemon.tracking.body_association import Association, Detecting
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies, BodyTable
 from candaemon.tracking.sensor_visibility import Visibility, VisibilityState
@@ -153,6 +153,12 @@ class BodyExistence:
     def leave(self, bodies: Bodies, in_view: Booleans) -> None:
         """Note what has left all fields of view: nothing can see it."""
         bodies.obstacles.in_sight = np.where(in_view, bodies.obstacles.in_sight, 0.0)
+
+    def detecting(self, sensor: int) -> Detecting | None:
+        """Return how a sensor detects, by all that is known of it; None: nothing is."""
+        if sensor not in self._visibility.state.sensors:
+            return None
+        return Detecting(self._visibility.mean_probability(sensor), self._visibility.clutter_density(sensor))
 
     def learn_clutter(self, sensor: int, false: int) -> None:
         """Learn from a scan how many detections belonged to nothing.

@@ -152,6 +152,11 @@ class Visibility:
         rate = self._models[sensor].rate(self._state.sensors[sensor], distance, missed)
         return np.minimum(np.maximum(share * rate, LEAST_PROBABILITY), GREATEST_PROBABILITY)
 
+    def mean_probability(self, sensor: int) -> float:
+        """Return the probability with which a scan of a sensor holds a detection of what is in its sight."""
+        rate = self._models[sensor].mean_rate(self._state.sensors[sensor])
+        return min(max(rate, LEAST_PROBABILITY), GREATEST_PROBABILITY)
+
     def learn(
         self,
         sensor: int,
@@ -266,6 +271,11 @@ class _DetectionModel:
         rates = (learnt.detected + self._prior) / (learnt.expected + _PRIOR_WEIGHT)
         rate: Floats = np.interp(distance, self._middle, rates[0])
         return rate if missed is None else np.where(missed, np.interp(distance, self._middle, rates[1]), rate)
+
+    def mean_rate(self, learnt: LearntDetection) -> float:
+        """Return with which probability what is in sight, at any range, is detected."""
+        expected, detected = learnt.expected.sum(), learnt.detected.sum()
+        return float((detected + self._prior[0, 0]) / (expected + _PRIOR_WEIGHT))
 
     def clutter_density(self, learnt: LearntDetection) -> float:
         """Return the detections of a scan that belong to nothing, per m²."""

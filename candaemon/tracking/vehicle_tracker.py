@@ -381,7 +381,9 @@ class VehicleTracker:
         bodies, lifecycle = self._bodies, self.settings.lifecycle
         away = (self._state.time_ns - bodies.obstacles.last_ns) * 1e-9 > self._tentative_coast
         vague = away & (self._uncertain() > lifecycle.uncertainty) if away.any() else away
-        found = associate(bodies, detections, self.settings.association, self.settings.reflections, vague)
+        association, extent = self.settings.association, self.settings.reflections
+        detecting = self._existence.detecting(detections.sensor) if association.joint else None
+        found = associate(bodies, detections, association, extent, vague, detecting)
         self.counts.slot_jumps += found.slot_jumps
         return found
 
@@ -401,6 +403,8 @@ class VehicleTracker:
             return
         row = association.reflection[rows]
         body, measurement = association.body[rows], detections.measurement.take(rows)
+        if association.doubt is not None:
+            measurement = measurement.weakened(association.doubt[rows])
         offset = bodies.offsets(row)
         self._note_rates(row, body, offset, detections, rows)
         alike = self._alike(detections.sensor)
