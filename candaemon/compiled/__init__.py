@@ -11,12 +11,15 @@ from typing import Final
 
 from candaemon.arrays import Floats
 
-REVISION: Final = 12
+REVISION: Final = 13
 """Of the kernels that this code calls: others, left in a checkout by an earlier build, are not used."""
 WIDEST: Final = 16
-"""Components of a state that the kernels have room for."""
+"""Components of a state that the kernels of updates one after another have room for."""
+COMPONENTS: Final = 9
+MODELS: Final = 8
+"""Components of a state, and models of it, that the kernels of interacting models have room for."""
 
-__all__ = ("REVISION", "WIDEST", "description", "fit_for", "in_use", "kernels")
+__all__ = ("COMPONENTS", "MODELS", "REVISION", "WIDEST", "description", "fit_for", "in_use", "kernels")
 
 try:
     from candaemon.compiled import _kernels as kernels

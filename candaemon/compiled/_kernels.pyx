@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 12
+REVISION = 13
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -32,84 +32,6 @@ cdef inline double bounded(double a) noexcept nogil:
     a = larger(a, -FARTHEST)
     within = a if a < FARTHEST else FARTHEST
     return a if a != a else within
-
-
-def mix(
-    const double[:, :, :] mean,
-    const double[:, :, :, :] covariance,
-    const double[:, :] probability,
-    const double[:, :] switch,
-    const unsigned char[:, :] has,
-):
-    """Return the mixed (n, M, D) and (n, M, D, D) of an interaction, and the predicted probabilities (n, M).
-
-    Of each model only the components that it has (M, D) are mixed; the others are zero.
-    """
-    cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], d = mean.shape[2]
-    mixed, spread, predicted = np.zeros((n, m, d)), np.zeros((n, m, d, d)), np.empty((n, m))
-    if d <= 8:
-        mix_padded(mean, covariance, probability, switch, has, mixed, spread, predicted, 8)
-    else:
-        mix_padded(mean, covariance, probability, switch, has, mixed, spread, predicted, 16)
-    return mixed, spread, predicted
-
-
-cdef inline void mix_padded(
-    const double[:, :, :] mean,
-    const double[:, :, :, :] covariance,
-    const double[:, :] probability,
-    const double[:, :] switch,
-    const unsigned char[:, :] has,
-    double[:, :, ::1] mixed,
-    double[:, :, :, ::1] spread,
-    double[:, ::1] predicted,
-    int wide,
-) noexcept nogil:
-    """Do it with rows of so many numbers, which the compiler knows: those beyond D are zero."""
-    cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], d = mean.shape[2], t, i, j, a, b
-    cdef double w
-    cdef double off[16]
-    cdef double weight[16]
-    cdef double total[16][16]
-    cdef double p[16][16][16]
-    for a in range(wide):
-        off[a] = 0.0
-        for i in range(m):
-            for b in range(wide):
-                p[i][a][b] = 0.0
-    for t in range(n):
-        for i in range(m):
-            for a in range(d):
-                for b in range(d):
-                    p[i][a][b] = covariance[t, i, a, b]
-        for j in range(m):
-            w = probability[t, 0] * switch[0, j]
-            for i in range(1, m):
-                w = w + probability[t, i] * switch[i, j]
-            predicted[t, j] = w
-            for i in range(m):
-                weight[i] = probability[t, i] * switch[i, j] / predicted[t, j]
-            for a in range(d):
-                if has[j, a]:
-                    w = weight[0] * mean[t, 0, a]
-                    for i in range(1, m):
-                        w = w + weight[i] * mean[t, i, a]
-                    mixed[t, j, a] = w
-                for b in range(wide):
-                    total[a][b] = 0.0
-            for i in range(m):
-                w = weight[i]
-                for a in range(d):
-                    off[a] = mean[t, i, a] - mixed[t, j, a]
-                for a in range(d):
-                    if has[j, a]:
-                        for b in range(wide):
-                            total[a][b] = total[a][b] + (off[a] * off[b] + p[i][a][b]) * w
-            for a in range(d):
-                if has[j, a]:
-                    for b in range(a, d):
-                        if has[j, b]:
-                            spread[t, j, a, b] = spread[t, j, b, a] = total[a][b]
 
 
 def halved(double[:, :, ::1] covariance):
@@ -543,83 +465,471 @@ def plane_moments(const double[:, :] columns):
     return mean_array, covariance_array
 
 
-cdef inline void weighted_sum(
-    double* total, double[16]* rows, const int* chosen, const double* weight, int begin, int end, int wide
-) noexcept nogil:
-    """Sum the chosen rows, each times its weight."""
-    cdef int term, b
-    for b in range(wide):
-        total[b] = 0.0
-    for term in range(begin, end):
-        for b in range(wide):
-            total[b] = total[b] + weight[term] * rows[chosen[term]][b]
+cdef enum:
+    MODELS = 8  # of an interaction
+    SIZE = 9  # components of a state
+    ENTRIES = 45  # of the triangle of its covariance
+
+
+cdef int[SIZE] BLOCK = [0, 0, 0, 0, 1, 1, 2, 3, 3]  # place and velocity, acceleration, turn rate, jerk
+
+
+def interact(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    double[:, ::1] probability,
+    const double[:, :] switch,
+    const unsigned char[:, :] has,
+    const Py_ssize_t[:, :] source,
+):
+    """Mix the estimates (n, M, D) and (n, M, D, D) of models in place, and predict their probabilities (n, M).
+
+    Of each model only the components that it has (M, D) are mixed; the others are zero, and remain so. Where it lacks
+    a block of components, that of a source takes part (M, D), which is the model itself where there is none.
+    """
+    cdef Py_ssize_t n = mean.shape[0], t, track
+    cdef int m = mean.shape[1], d = mean.shape[2], group, lanes, l, i, j, a, b, k, at, pairs = 0
+    cdef double w
+    cdef bint both
+    cdef int[ENTRIES] row
+    cdef int[ENTRIES] column
+    cdef int upper[MODELS][ENTRIES]  # where the covariances of a track have what takes part for a model
+    cdef int component[MODELS][SIZE]  # and its means likewise
+    cdef int own[MODELS][SIZE]  # components that a model has, how many, and its pairs of them
+    cdef int[MODELS] owns
+    cdef int own_pair[MODELS][ENTRIES]
+    cdef int[MODELS] own_pairs
+    cdef double mu[MODELS][SIZE][LANES]
+    cdef double p[MODELS][ENTRIES][LANES]
+    cdef double weight[MODELS][LANES]
+    cdef double prior[MODELS][LANES]
+    cdef double predicted[MODELS][LANES]
+    cdef double mixed[SIZE][LANES]
+    cdef double off[SIZE][LANES]
+    cdef double total[ENTRIES][LANES]
+    cdef const double* here
+    cdef double* there
+    for j in range(m):
+        owns[j] = own_pairs[j] = 0
+        for a in range(d):
+            component[j][a] = source[j, a] * d + a
+            if has[j, a]:
+                own[j][owns[j]] = a
+                owns[j] += 1
+    for a in range(d):
+        for b in range(a, d):
+            both = False
+            for j in range(m):
+                if has[j, a] and has[j, b]:
+                    own_pair[j][own_pairs[j]] = pairs
+                    own_pairs[j] += 1
+                    both = True
+            if both:
+                row[pairs], column[pairs] = a, b
+                for i in range(m):
+                    upper[i][pairs] = ((source[i, a] if BLOCK[a] == BLOCK[b] else i) * d + a) * d + b
+                pairs += 1
+    with nogil:
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            for l in range(LANES):
+                track = t + min(l, lanes - 1)
+                here = &mean[track, 0, 0]
+                for i in range(m):
+                    prior[i][l] = probability[track, i]
+                    for a in range(d):
+                        mu[i][a][l] = here[component[i][a]]
+                here = &covariance[track, 0, 0, 0]
+                for i in range(m):
+                    for k in range(pairs):
+                        p[i][k][l] = here[upper[i][k]]
+            for j in range(m):
+                for l in range(LANES):
+                    predicted[j][l] = prior[0][l] * switch[0, j]
+                for i in range(1, m):
+                    w = switch[i, j]
+                    for l in range(LANES):
+                        predicted[j][l] = predicted[j][l] + prior[i][l] * w
+                for i in range(m):
+                    w = switch[i, j]
+                    for l in range(LANES):
+                        weight[i][l] = prior[i][l] * w / predicted[j][l]
+                for at in range(owns[j]):
+                    a = own[j][at]
+                    for l in range(LANES):
+                        mixed[a][l] = weight[0][l] * mu[0][a][l]
+                    for i in range(1, m):
+                        for l in range(LANES):
+                            mixed[a][l] = mixed[a][l] + weight[i][l] * mu[i][a][l]
+                for k in range(pairs):
+                    for l in range(LANES):
+                        total[k][l] = 0.0
+                for i in range(m):
+                    for at in range(owns[j]):
+                        a = own[j][at]
+                        for l in range(LANES):
+                            off[a][l] = mu[i][a][l] - mixed[a][l]
+                    for at in range(own_pairs[j]):
+                        k = own_pair[j][at]
+                        a, b = row[k], column[k]
+                        for l in range(LANES):
+                            total[k][l] = total[k][l] + (off[a][l] * off[b][l] + p[i][k][l]) * weight[i][l]
+                for l in range(lanes):
+                    there = &mean[t + l, j, 0]
+                    for at in range(owns[j]):
+                        a = own[j][at]
+                        there[a] = mixed[a][l]
+                    there = &covariance[t + l, j, 0, 0]
+                    for at in range(own_pairs[j]):
+                        k = own_pair[j][at]
+                        a, b = row[k], column[k]
+                        there[a * d + b] = there[b * d + a] = total[k][l]
+            for l in range(lanes):
+                for j in range(m):
+                    probability[t + l, j] = predicted[j][l]
 
 
 def propagate(double[:, :, :] covariance, const double[:, :, :] transition, const double[:, :, :] noise):
-    """Replace symmetric P (n, D, D) by F P Fᵀ + Q, for F and Q (n or 1, D, D); a negative variance counts as known."""
-    if covariance.shape[1] <= 8:
-        propagate_padded(covariance, transition, noise, 8)
-    else:
-        propagate_padded(covariance, transition, noise, 16)
+    """Replace symmetric P (n, D, D) by F P Fᵀ + Q, for F and Q (n or 1, D, D); a negative variance counts as known.
 
-
-cdef inline void propagate_padded(
-    double[:, :, :] covariance, const double[:, :, :] transition, const double[:, :, :] noise, int wide
-) noexcept nogil:
-    """Do it with rows of so many numbers, which the compiler knows: those beyond D are zero."""
-    cdef Py_ssize_t n = covariance.shape[0], d = covariance.shape[1], t, i, k, b, terms = 0
+    The numbers of each P lie together, row by row.
+    """
+    cdef Py_ssize_t n = covariance.shape[0], t
+    cdef int d = covariance.shape[1], group, lanes, l, i, b, k, terms = 0
     cdef bint own_f = transition.shape[0] > 1, own_q = noise.shape[0] > 1
-    cdef double p[16][16]
-    cdef double half[16][16]  # (F P)ᵀ
-    cdef double row[16]
-    cdef int first[17]
-    cdef int column[256]
-    cdef double value[256]  # of the elements of F that are not zero, row by row
-    for i in range(wide):
-        for b in range(wide):
-            p[i][b] = half[i][b] = 0.0
-    for t in range(n):
-        if own_f or t == 0:
-            terms = 0
-            for i in range(d):
-                first[i] = terms
+    cdef int[SIZE + 1] begin
+    cdef int[SIZE * SIZE] column  # of the elements of F that are not zero for all tracks, row by row
+    cdef bint[SIZE] used
+    cdef double f[SIZE * SIZE][LANES]
+    cdef double p[SIZE][SIZE][LANES]
+    cdef double half[SIZE][SIZE][LANES]  # F P
+    cdef double q[LANES]
+    cdef double[LANES] element
+    cdef double* here
+    with nogil:
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            if own_f or group == 0:
+                terms = 0
                 for k in range(d):
-                    if transition[t, i, k] != 0.0:
-                        column[terms], value[terms] = k, transition[t, i, k]
-                        terms += 1
-            first[d] = terms
-        for i in range(d):
-            for b in range(d):
-                p[i][b] = covariance[t, i, b]
-        for i in range(d):
-            weighted_sum(row, p, column, value, first[i], first[i + 1], wide)
-            for b in range(d):
-                half[b][i] = row[b]
-        for i in range(d):
-            weighted_sum(row, half, column, value, first[i], first[i + 1], wide)
-            for b in range(i + 1):
-                covariance[t, b, i] = covariance[t, i, b] = row[b] + noise[t * own_q, b, i]
-        for i in range(d):
-            if covariance[t, i, i] < 0.0:
+                    used[k] = False
+                for i in range(d):
+                    begin[i] = terms
+                    for k in range(d):
+                        for l in range(LANES):
+                            element[l] = transition[t + min(l, lanes - 1) if own_f else 0, i, k]
+                        if any_of(element):
+                            used[k], column[terms] = True, k
+                            for l in range(LANES):
+                                f[terms][l] = element[l]
+                            terms += 1
+                begin[d] = terms
+            for l in range(LANES):
+                here = &covariance[t + min(l, lanes - 1), 0, 0]
+                for i in range(d):
+                    if used[i]:
+                        for b in range(i, d):
+                            p[i][b][l] = p[b][i][l] = here[i * d + b]
+            for i in range(d):
                 for b in range(d):
-                    covariance[t, i, b] = covariance[t, b, i] = 0.0
+                    if used[b]:
+                        weighted_sum(half[i][b], begin[i], begin[i + 1], column, f, p[b])
+            for i in range(d):
+                for b in range(i + 1):
+                    weighted_sum(element, begin[i], begin[i + 1], column, f, half[b])
+                    if own_q:
+                        for l in range(LANES):
+                            q[l] = noise[t + min(l, lanes - 1), b, i]
+                    else:
+                        for l in range(LANES):
+                            q[l] = noise[0, b, i]
+                    for l in range(LANES):
+                        p[b][i][l] = element[l] + q[l]
+            for l in range(lanes):
+                here = &covariance[t + l, 0, 0]
+                for i in range(d):
+                    for b in range(i + 1):
+                        here[b * d + i] = here[i * d + b] = p[b][i][l]
+                for i in range(d):
+                    if p[i][i][l] < 0.0:
+                        for b in range(d):
+                            here[i * d + b] = here[b * d + i] = 0.0
+
+
+cdef inline void weighted_sum(
+    double* total, int begin, int end, const int* chosen, double[LANES]* weight, double[LANES]* rows
+) noexcept nogil:
+    """Sum the chosen rows, each times its weight, of tracks side by side."""
+    cdef int term, l
+    if end - begin == 1:
+        for l in range(LANES):
+            total[l] = 0.0 + weight[begin][l] * rows[chosen[begin]][l]
+    elif end - begin == 2:
+        for l in range(LANES):
+            total[l] = (
+                0.0 + weight[begin][l] * rows[chosen[begin]][l] + weight[begin + 1][l] * rows[chosen[begin + 1]][l]
+            )
+    elif end - begin == 3:
+        for l in range(LANES):
+            total[l] = (
+                0.0
+                + weight[begin][l] * rows[chosen[begin]][l]
+                + weight[begin + 1][l] * rows[chosen[begin + 1]][l]
+                + weight[begin + 2][l] * rows[chosen[begin + 2]][l]
+            )
+    else:
+        for l in range(LANES):
+            total[l] = 0.0
+        for term in range(begin, end):
+            for l in range(LANES):
+                total[l] = total[l] + weight[term][l] * rows[chosen[term]][l]
+
+
+cdef inline bint any_of(const double* values) noexcept nogil:
+    """Return whether any lane is not zero."""
+    cdef int l
+    cdef bint found = False
+    for l in range(LANES):
+        found = found or values[l] != 0.0
+    return found
 
 
 def moved(const double[:, :] mean, const double[:, :, :] transition):
     """Return F x (n, D) of means (n, D) for transitions (n or 1, D, D)."""
-    cdef Py_ssize_t n = mean.shape[0], d = mean.shape[1], t, i, k
+    cdef Py_ssize_t n = mean.shape[0], t
+    cdef int d = mean.shape[1], i, k, at, terms = 0
     cdef bint own = transition.shape[0] > 1
     cdef double total
-    predicted_array = np.empty((n, d))
+    cdef int[SIZE * SIZE] row
+    cdef int[SIZE * SIZE] column
+    predicted_array = np.zeros((n, d))
     cdef double[:, ::1] predicted = predicted_array
     with nogil:
-        for t in range(n):
+        if not own:
             for i in range(d):
-                total = 0.0
                 for k in range(d):
-                    total = total + transition[t * own, i, k] * mean[t, k]
-                predicted[t, i] = total
+                    if transition[0, i, k] != 0.0:
+                        row[terms], column[terms] = i, k
+                        terms += 1
+        for t in range(n):
+            for at in range(terms):
+                i, k = row[at], column[at]
+                predicted[t, i] = predicted[t, i] + transition[0, i, k] * mean[t, k]
+            if own:
+                for i in range(d):
+                    total = 0.0
+                    for k in range(d):
+                        total = total + transition[t, i, k] * mean[t, k]
+                    predicted[t, i] = total
     return predicted_array
+
+
+def update_models(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    const unsigned char[:, :] has,
+    const Py_ssize_t[::1] rows,
+    const double[:, :] position,
+    const double[:, :, :] noise,
+    const double[:] rate,
+    const double[:] variance,
+    double x0,
+    double y0,
+    double vx0,
+    double vy0,
+):
+    """Update some states (n, M, D) in place with positions (m, 2), and with range rates unless they are None.
+
+    The sensor is at (x0, y0) and moves at (vx0, vy0). Return NIS and root of the determinant of S of each part
+    (1 or 2, m, M), NaN where a rate was not measured.
+    """
+    cdef Py_ssize_t m = rows.shape[0], t, track
+    cdef int models = mean.shape[1], d = mean.shape[2], group, lanes, l, j, a, b, k, pairs, owns, entry
+    cdef bint rated = rate is not None
+    cdef double x, y, vx, vy, distance, nearest, far, predicted
+    cdef int[SIZE] own  # components that a model has
+    cdef int[ENTRIES] row  # of the upper triangle, and the column, by what is in `own`
+    cdef int[ENTRIES] column
+    cdef int[ENTRIES] flat
+    cdef int[ENTRIES] mirrored
+    cdef int at[SIZE][SIZE]
+    cdef double state[SIZE][LANES]
+    cdef double p[ENTRIES][LANES]
+    cdef double measured[5][LANES]  # x, y, and their covariance
+    cdef double speed[2][LANES]  # and its variance
+    cdef double first[LANES]
+    cdef double slope[LANES]
+    cdef double second[LANES]
+    cdef double along[LANES]
+    cdef double across[LANES]
+    cdef double spread[LANES]
+    cdef double certain[LANES]
+    cdef double r[4][LANES]
+    cdef double h[2][SIZE][LANES]
+    cdef bint[LANES] known
+    cdef double* there
+    nis_array, root_array = np.empty((1 + rated, m, models)), np.empty((1 + rated, m, models))
+    cdef double[:, :, ::1] nis = nis_array, root = root_array
+    with nogil:
+        for j in range(models):
+            owns = pairs = 0
+            for a in range(d):
+                if has[j, a]:
+                    own[owns] = a
+                    owns += 1
+            for a in range(owns):
+                for b in range(a, owns):
+                    row[pairs], column[pairs] = a, b
+                    flat[pairs], mirrored[pairs] = own[a] * d + own[b], own[b] * d + own[a]
+                    at[a][b] = at[b][a] = pairs
+                    pairs += 1
+            for group in range((m + LANES - 1) // LANES):
+                t = group * LANES
+                lanes = min(LANES, m - t)
+                for l in range(LANES):
+                    entry = t + min(l, lanes - 1)
+                    measured[0][l], measured[1][l] = position[entry, 0], position[entry, 1]
+                    measured[2][l], measured[3][l] = noise[entry, 0, 0], noise[entry, 0, 1]
+                    measured[4][l] = noise[entry, 1, 1]
+                    track = rows[entry]
+                    there = &mean[track, j, 0]
+                    for a in range(owns):
+                        state[a][l] = there[own[a]]
+                    there = &covariance[track, j, 0, 0]
+                    for k in range(pairs):
+                        p[k][l] = there[flat[k]]
+                for l in range(LANES):
+                    first[l] = sqrt(larger((1.0 + LOST) * (p[0][l] + measured[2][l]), LEAST_VARIANCE))
+                    slope[l] = (p[1][l] + measured[3][l]) / first[l]
+                    second[l] = p[owns][l] + measured[4][l]
+                    second[l] = larger((1.0 + LOST) * second[l] - slope[l] * slope[l], LOST * second[l])
+                    second[l] = sqrt(larger(second[l], LEAST_VARIANCE))
+                    along[l] = bounded(measured[0][l] - state[0][l]) / first[l]
+                    across[l] = (bounded(measured[1][l] - state[1][l]) - slope[l] * along[l]) / second[l]
+                for a in range(owns):
+                    k = at[1][a]
+                    for l in range(LANES):
+                        h[0][a][l] = p[a][l] / first[l]
+                        h[1][a][l] = (p[k][l] - slope[l] * h[0][a][l]) / second[l]
+                        state[a][l] = state[a][l] + h[0][a][l] * along[l] + h[1][a][l] * across[l]
+                for k in range(pairs):
+                    a, b = row[k], column[k]
+                    for l in range(LANES):
+                        p[k][l] = p[k][l] - h[0][a][l] * h[0][b][l] - h[1][a][l] * h[1][b][l]
+                for l in range(lanes):
+                    nis[0, t + l, j] = along[l] * along[l] + across[l] * across[l]
+                    root[0, t + l, j] = first[l] * second[l]
+                if rated:
+                    for l in range(LANES):
+                        entry = t + min(l, lanes - 1)
+                        speed[0][l], speed[1][l] = rate[entry], variance[entry]
+                    for l in range(LANES):
+                        x, y, vx, vy = state[0][l] - x0, state[1][l] - y0, state[2][l] - vx0, state[3][l] - vy0
+                        distance = sqrt(x * x + y * y)
+                        nearest, far = larger(distance, 1e-3), larger(distance, 1.0)
+                        x, y = x / nearest, y / nearest
+                        predicted = x * vx + y * vy
+                        r[0][l], r[1][l] = (vx - predicted * x) / far, (vy - predicted * y) / far
+                        r[2][l], r[3][l] = x, y
+                        along[l] = speed[0][l] - predicted
+                    for l in range(LANES):
+                        known[l] = isfinite(along[l])
+                        if not known[l]:
+                            along[l] = r[0][l] = r[1][l] = r[2][l] = r[3][l] = 0.0
+                    for a in range(owns):
+                        for l in range(LANES):
+                            h[0][a][l] = r[0][l] * p[a][l]
+                        for b in range(1, 4):
+                            k = at[a][b]
+                            for l in range(LANES):
+                                h[0][a][l] = h[0][a][l] + r[b][l] * p[k][l]
+                    for l in range(LANES):
+                        spread[l], certain[l] = r[0][l] * h[0][0][l], r[0][l] * r[0][l] * p[0][l]
+                    for a in range(1, 4):
+                        k = at[a][a]
+                        for l in range(LANES):
+                            spread[l] = spread[l] + r[a][l] * h[0][a][l]
+                            certain[l] = certain[l] + r[a][l] * r[a][l] * p[k][l]
+                    for l in range(LANES):
+                        spread[l] = larger(spread[l], 0.0) + speed[1][l]
+                        spread[l] = sqrt(larger(spread[l] + LOST * fabs(certain[l]), LEAST_VARIANCE))
+                        along[l] = bounded(along[l]) / spread[l]
+                    for a in range(owns):
+                        for l in range(LANES):
+                            h[0][a][l] = h[0][a][l] / spread[l]
+                            state[a][l] = state[a][l] + h[0][a][l] * along[l]
+                    for k in range(pairs):
+                        a, b = row[k], column[k]
+                        for l in range(LANES):
+                            p[k][l] = p[k][l] - h[0][a][l] * h[0][b][l]
+                    for l in range(lanes):
+                        nis[1, t + l, j] = along[l] * along[l]
+                        root[1, t + l, j] = spread[l] if known[l] else NAN
+                for l in range(lanes):
+                    track = rows[t + l]
+                    there = &mean[track, j, 0]
+                    for a in range(owns):
+                        there[own[a]] = state[a][l]
+                    there = &covariance[track, j, 0, 0]
+                    for k in range(pairs):
+                        there[flat[k]] = there[mirrored[k]] = p[k][l]
+    return nis_array, root_array
+
+
+def fits(const double[:, :, ::1] nis, const double[:, :, ::1] log_root, double log_2_pi, double least):
+    """Return of all parts of a measurement NIS and log likelihood less the greatest of the models, (m, M) each.
+
+    A part is a position or, from the second on, a speed, not measured where the logarithm of its root is not a number.
+    """
+    cdef Py_ssize_t parts = nis.shape[0], m = nis.shape[1], models = nis.shape[2], t, j, part
+    cdef double greatest, value
+    sum_array, log_array = np.empty((m, models)), np.empty((m, models))
+    cdef double[:, ::1] total = sum_array, likelihood = log_array
+    with nogil:
+        for t in range(m):
+            greatest = -INFINITY
+            for j in range(models):
+                total[t, j] = nis[0, t, j]
+                value = -log_root[0, t, j] - 0.5 * nis[0, t, j] - log_2_pi
+                for part in range(1, parts):
+                    total[t, j] = total[t, j] + nis[part, t, j]
+                    if log_root[part, t, j] == log_root[part, t, j]:
+                        value = value + (-0.5 * (nis[part, t, j] + log_2_pi) - log_root[part, t, j])
+                likelihood[t, j] = larger(value, least)
+                greatest = larger(greatest, likelihood[t, j])
+            for j in range(models):
+                likelihood[t, j] = likelihood[t, j] - greatest
+    return sum_array, log_array
+
+
+def weigh(
+    double[:, ::1] probability,
+    const Py_ssize_t[::1] rows,
+    const double[:, ::1] likelihood,
+    const double[:, ::1] nis,
+    double least,
+):
+    """Weigh the models of some tracks (n, M) in place by likelihoods (m, M); return their NIS weighted as before (m,)."""
+    cdef Py_ssize_t m = rows.shape[0], models = probability.shape[1], t, j
+    cdef double* own
+    cdef double total, weighted
+    weighted_array = np.empty(m)
+    cdef double[::1] mean_nis = weighted_array
+    with nogil:
+        for t in range(m):
+            own = &probability[rows[t], 0]
+            weighted = own[0] * nis[t, 0]
+            total = own[0] = larger(own[0] * likelihood[t, 0], least)
+            for j in range(1, models):
+                weighted = weighted + own[j] * nis[t, j]
+                own[j] = larger(own[j] * likelihood[t, j], least)
+                total = total + own[j]
+            mean_nis[t] = weighted
+            for j in range(models):
+                own[j] = own[j] / total
+    return weighted_array
 
 
 def coordinated_turn(

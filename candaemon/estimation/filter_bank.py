@@ -240,8 +240,7 @@ class FilterBank(ABC):
             return nis[:, 0]
         prior = self.probability[rows]
         self._update_probabilities(rows, log_likelihood)  # 4. mode probabilities
-        weighted: Floats = (prior * nis).sum(axis=1)
-        return weighted
+        return summed_models(prior * nis)
 
     def inflated(self, rows: Indices, measurement: Measurement) -> Measurement:
         """Return a measurement of a sensor that keeps an object's id with its noise inflated to the largest plausible.
@@ -367,6 +366,12 @@ class MomentBank(FilterBank):
     def _empty(self) -> MomentBankState:
         return MomentBankState(*self._empty_weights(), *self._empty_moments())
 
+    def _hand_down(self) -> None:
+        super()._hand_down()
+        state = self._state  # a saved one may lie in memory in another order than the kernels take
+        state.mean, state.covariance = np.ascontiguousarray(state.mean), np.ascontiguousarray(state.covariance)
+        state.probability = np.ascontiguousarray(state.probability)
+
     def _empty_moments(self) -> tuple[Floats, Floats]:
         """Return means and covariances of no tracks."""
         m, d = len(self._models), self._width
@@ -419,6 +424,14 @@ def mixture(weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, 
         spread += part
     full = spread.take(triangle.place.ravel(), axis=1).reshape(len(mixed), d, d, n)
     return np.ascontiguousarray(mixed.transpose(2, 0, 1)), np.ascontiguousarray(full.transpose(3, 0, 1, 2))
+
+
+def summed_models(values: Floats) -> Floats:
+    """Return the sum over models of values (n, M), from the first to the last as the kernels add them up, (n,)."""
+    total = values[:, 0].copy()
+    for j in range(1, values.shape[1]):
+        total += values[:, j]
+    return total
 
 
 _packed = lru_cache(PackedSymmetric)

@@ -27,7 +27,8 @@ import numpy as np
 
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
-from candaemon.estimation.filter_bank import MomentBank, mixture
+from candaemon.estimation.filter_bank import MomentBank, mixture, summed_models
+from candaemon.estimation.kalman import LOG_2PI
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.measurement_update import correct, inform
 from candaemon.estimation.motion_models import ACCELERATION, JERK, TURN, MotionModel
@@ -80,6 +81,33 @@ class Imm(MomentBank):
         if len(self._forms) != len(self._models):
             raise ValueError(f"{len(self._models)} models, {len(self._forms)} forms; give one form a model, or none")
         self._unequal = unequal_blocks(self._has, _BLOCKS)
+        self._source = np.tile(np.arange(len(self._models))[:, None], self._width)
+        for unequal in self._unequal:
+            if len(unequal.having) == 1:
+                self._source[unequal.lacking, unequal.block] = unequal.having[0]
+
+    def update(self, rows: Indices, measurement: Measurement) -> Floats:
+        """Update the given rows (m,) with a measurement each; return their NIS (m,); see `FilterBank.update`."""
+        if not _fitting(self._has) or "information" in self._forms or measurement.projections:
+            return super().update(rows, measurement)
+        measurement, state = self._adapted(rows, measurement), self._state
+        nis, root = compiled.kernels.update_models(
+            state.mean,
+            state.covariance,
+            self._has,
+            rows,
+            measurement.position,
+            measurement.noise,
+            None if measurement.range_rate_variance is None else measurement.range_rate,
+            measurement.range_rate_variance,
+            *measurement.origin.tolist(),
+            *measurement.velocity.tolist(),
+        )
+        nis, log_likelihood = compiled.kernels.fits(nis, np.log(root), LOG_2PI, _LEAST_LOG_LIKELIHOOD)
+        self._note_fit(rows, nis, measurement)
+        if len(self._models) == 1:
+            return nis[:, 0]
+        return compiled.kernels.weigh(state.probability, rows, np.exp(log_likelihood), nis, _LEAST_PROBABILITY)
 
     def _update_models(
         self, rows: Indices, mean: Floats, covariance: Floats, measurement: Measurement
@@ -101,13 +129,19 @@ class Imm(MomentBank):
         """Mix the models' estimates with their spread, and predict the mode probabilities by the chain (3)."""
         if len(self._models) == 1:
             return
-        for block in self._unequal:
-            block.fill(self.mean, self.covariance, self.probability)
         switch = switching(self._switch_rate, dt, len(self._models))
-        state = self._state
-        state.mean, state.covariance, state.probability = mix(
-            state.mean, state.covariance, state.probability, switch, self._has
-        )
+        state, by_kernels = self._state, _fitting(self._has)
+        for unequal in self._unequal:
+            if not by_kernels or len(unequal.having) > 1:  # else the kernel takes the estimate of the one that has it
+                unequal.fill(state.mean, state.covariance, state.probability)
+        if by_kernels:
+            compiled.kernels.interact(state.mean, state.covariance, state.probability, switch, self._has, self._source)
+            if any(len(unequal.having) > 1 for unequal in self._unequal):
+                _clear(state.mean, state.covariance, self._has)
+        else:
+            state.mean, state.covariance, state.probability = mix(
+                state.mean, state.covariance, state.probability, switch, self._has
+            )
 
 
 _CORRECT = {"covariance": correct, "information": inform}
@@ -145,16 +179,31 @@ def mix(
         Mixed means, mixed covariances with the means' spread, and the predicted mode probabilities.
     """
     has = np.ones(mean.shape[1:], dtype=np.bool_) if has is None else has
-    if compiled.in_use and max(has.shape) <= compiled.WIDEST:
-        return compiled.kernels.mix(mean, covariance, probability, switch, has)
+    if _fitting(has):
+        source = np.tile(np.arange(len(switch))[:, None], has.shape[1])
+        mixed, spread, predicted = (np.array(each, order="C") for each in (mean, covariance, probability))
+        compiled.kernels.interact(mixed, spread, predicted, switch, has, source)
+        _clear(mixed, spread, has)
+        return mixed, spread, predicted
     predicted = probability[:, 0, None] * switch[0]
     for i in range(1, len(switch)):
         predicted += probability[:, i, None] * switch[i]
     weights = probability[:, None, :] * switch.T[None] / predicted[:, :, None]
     mixed, spread = mixture(weights, mean, covariance)
-    mixed[:, ~has] = 0.0
-    spread[:, ~(has[:, :, None] & has[:, None, :])] = 0.0
+    _clear(mixed, spread, has)
     return mixed, spread, predicted
+
+
+def _fitting(has: Booleans) -> bool:
+    """Return whether the kernels of interacting models have room for models with these components (M, D)."""
+    models, size = has.shape
+    return compiled.in_use and models <= compiled.MODELS and size <= compiled.COMPONENTS
+
+
+def _clear(mean: Floats, covariance: Floats, has: Booleans) -> None:
+    """Set what models lack, of means (n, M, D) and covariances (n, M, D, D), to zero in place."""
+    mean[:, ~has] = 0.0
+    covariance[:, ~(has[:, :, None] & has[:, None, :])] = 0.0
 
 
 def posterior(prior: Floats, log_likelihood: Floats) -> Floats:
@@ -167,7 +216,7 @@ def posterior(prior: Floats, log_likelihood: Floats) -> Floats:
     log_likelihood = np.maximum(log_likelihood, _LEAST_LOG_LIKELIHOOD)
     probability = prior * np.exp(log_likelihood - np.maximum.reduce(log_likelihood, axis=1, keepdims=True))
     probability = np.maximum(probability, _LEAST_PROBABILITY)
-    probability /= np.add.reduce(probability, axis=1, keepdims=True)
+    probability /= summed_models(probability)[:, None]
     return np.asarray(probability)
 
 

@@ -206,18 +206,23 @@ def propagate(covariance: Floats, transition: Floats, noise: Floats) -> None:
         transition: F (n or 1, D, D).
         noise: Q (n or 1, D, D).
     """
-    if compiled.in_use and covariance.shape[-1] <= compiled.WIDEST:
+    if compiled.in_use and covariance.shape[-1] <= compiled.COMPONENTS:
         compiled.kernels.propagate(covariance, transition, noise)
         return
-    width = range(covariance.shape[-1])
-    half, both = np.zeros_like(covariance), np.zeros_like(covariance)
-    has = transition != 0.0
-    for k in width:  # sums from the first term to the last, as the kernel adds them up; a matrix product does not
-        half += np.where(has[:, :, k, None], transition[:, :, k, None] * covariance[:, None, k], 0.0)
-    for k in width:
-        both += np.where(has[:, None, :, k], half[:, :, k, None] * transition[:, None, :, k], 0.0)
-    both += noise
-    covariance[...] = np.where(np.tri(len(width), dtype=np.bool_), np.swapaxes(both, 1, 2), both)
+    # Sums from the first term to the last, as the kernel adds them up; a matrix product does not. Tracks last: numpy is
+    # quickest along the last axis.
+    before, f = np.ascontiguousarray(covariance.transpose(1, 2, 0)), transition.transpose(1, 2, 0)
+    terms = np.argwhere((transition != 0.0).any(axis=0)).tolist()
+    half, both = np.zeros_like(before), np.zeros_like(before)
+    for i, k in terms:
+        row = half[i]
+        row += f[i, k] * before[k]
+    for i, k in terms:
+        column = both[:, i]
+        column += f[i, k] * half[:, k]
+    both += noise.transpose(1, 2, 0)
+    lower = np.tri(len(both), dtype=np.bool_)[:, :, None]
+    covariance[...] = np.where(lower, np.swapaxes(both, 0, 1), both).transpose(2, 0, 1)
     _forget_negative(covariance)
 
 

@@ -107,10 +107,8 @@ class LinearModel:
         """Predict the mean with its own F; see `MotionModel.transition`."""
         width = mean.shape[1]
         if self.isotropic:
-            f, q = white_plane(dt, self.noise[0], order=self.order, width=width)
-            q[0, 0] += self.position_noise[0] * dt
-            q[1, 1] += self.position_noise[0] * dt
-            return _moved(mean, f[None]), f[None], q[None]
+            f, q = _white_matrices(self.order, width, dt, self.noise[0], self.position_noise[0])
+            return _moved(mean, f), f, q
         along, across = self.axes(dt)
         f = directed(along.transition, across.transition, direction, width)
         return _moved(mean, f), f, directed(along.noise, across.noise, direction, width)
@@ -118,7 +116,7 @@ class LinearModel:
     def predicted_mean(self, mean: Floats, dt: float, direction: Floats) -> Floats:
         """Predict the mean alone; see the function `predicted_mean`."""
         if self.isotropic:
-            return _moved(mean, _white_transition(self.order, mean.shape[1], dt))
+            return _moved(mean, _white_matrices(self.order, mean.shape[1], dt)[0])
         along, across = self.axes(dt)
         return _moved(mean, directed(along.transition, across.transition, direction, mean.shape[1]))
 
@@ -275,11 +273,8 @@ class CoordinatedTurn:
         """
         del direction  # the model is the same in every direction
         predicted, f = _turned(mean, dt, self.limit)
-        _, q = white_plane(dt, self.noise, order=1, width=mean.shape[1])
-        q[0, 0] += self.position_noise * dt
-        q[1, 1] += self.position_noise * dt
-        q[TURN, TURN] = self.turn_noise * dt
-        return predicted, f, q[None]
+        _, q = _white_matrices(1, mean.shape[1], dt, self.noise, self.position_noise, self.turn_noise)
+        return predicted, f, q
 
     def predicted_mean(self, mean: Floats, dt: float, direction: Floats) -> Floats:
         """Predict the mean alone; see the function `predicted_mean`."""
@@ -332,9 +327,20 @@ def predicted_mean(model: MotionModel, mean: Floats, dt: float, direction: Float
 
 
 @lru_cache(maxsize=64)
-def _white_transition(order: int, width: int, dt: float) -> Floats:
-    """Return F (1, width, width) of `white_plane`; not to be written to. Horizons are the same in every cycle."""
-    return white_plane(dt, 0.0, order=order, width=width)[0][None]
+def _white_matrices(
+    order: int, width: int, dt: float, noise: float = 0.0, position_noise: float = 0.0, turn_noise: float | None = None
+) -> tuple[Floats, Floats]:
+    """Return F and Q (1, width, width) of `white_plane`; not to be written to.
+
+    Steps of time are the same in many cycles, horizons in all.
+    """
+    f, q = white_plane(dt, noise, order=order, width=width)
+    q[0, 0] += position_noise * dt
+    q[1, 1] += position_noise * dt
+    if turn_noise is not None:
+        q[TURN, TURN] = turn_noise * dt
+    f.flags.writeable = q.flags.writeable = False
+    return f[None], q[None]
 
 
 def _moved(mean: Floats, transition: Floats) -> Floats:
