@@ -78,6 +78,12 @@ class ReflectionPlaceSettings(Settings):
         le=1e4,
         description="s, with which a speed across the axis settles where the sensor's reflections are found to walk",
     )
+    settling_speed: float = Field(
+        5.0,
+        gt=0.1,
+        le=100,
+        description="m/s, faster than which it does not: there the course tells the axis, and settling would let it lag",
+    )
     body: float = Field(0.3, ge=0, le=5, description="m, standard deviation of the bias once two are seen")
     return_time: float = Field(
         1.0, gt=0.02, le=60, description="s, with which the reference point returns to the middle of what is seen"

@@ -57,7 +57,8 @@ class BodyMode:
         bias_walk: random walk of the bias beyond the sensors' own, m²/s.
         dwell: mean time for which a body stays in the mode, s.
         turn_time: correlation time of ω, s.
-        settles: whether, where the sensors' walk hides it, its velocity across the axis settles and it hardly turns.
+        settles: whether, where the sensors' walk hides it, its velocity across the axis settles while it is slow, and
+            it hardly turns.
     """
 
     moves: bool
@@ -83,6 +84,7 @@ class BodyDynamics:
         first_bias: standard deviation of a body's first bias, m.
         evidence: power of the likelihoods that weigh the modes where successive errors are alike.
         settling: time constant with which a velocity across the axis settles that is wholly hidden, s.
+        settling_speed: above which that does not settle, m/s: the course tells the axis, not the axis the course.
     """
 
     first_acceleration: float
@@ -93,6 +95,7 @@ class BodyDynamics:
     first_bias: float
     evidence: float
     settling: float = 1.0
+    settling_speed: float = 5.0
 
 
 @dataclass(slots=True)
@@ -245,7 +248,7 @@ class BodyFilter:
             axis: unit vector along each body (n, 2), which a slow one speeds up along.
             walk: random walk of each one's bias along and across that axis, as its sensors have it (n, 2), m²/s.
             hidden: how surely that walk hides how each moves across its axis, 0 to 1 (n,): in the modes that settle,
-                its velocity across then does, and it hardly turns.
+                the velocity across of what is slow then does, and it hardly turns.
         """
         self.link = None
         if not len(self):
@@ -330,7 +333,7 @@ class BodyFilter:
         np.sin(turn, out=turned[1])
         settling = None
         if hidden.any():
-            settling = -np.expm1(-dt / self._dynamics.settling * hidden * self._settles)
+            settling = -np.expm1(-dt / self._dynamics.settling * hidden * self._settles * self.unsteady(_speed(mean)))
         if not self._compiled:
             transition = self._transition(dt, axis, turned, drive[6], decay, settling)
             transition.propagate(covariance)
@@ -355,6 +358,10 @@ class BodyFilter:
             _LEAST_TURNING,
         )
         return None if gain is None else BodyTransition(gain, decay)
+
+    def unsteady(self, speed: Floats) -> Floats:
+        """Return how surely bodies at speeds (…), m/s, have no course that could tell their axis (…), 0 to 1."""
+        return np.asarray(np.exp(-np.square(speed / self._dynamics.settling_speed)))
 
     def _drive(self, dt: float) -> Floats:
         """Return what drives each mode in a step of dt, s: (7, M, 1).

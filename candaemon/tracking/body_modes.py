@@ -66,4 +66,5 @@ def dynamics_of(settings: VehicleEstimatorSettings) -> BodyDynamics:
         first_bias=places.first_bias,
         evidence=settings.evidence,
         settling=places.settling,
+        settling_speed=places.settling_speed,
     )

@@ -235,7 +235,8 @@ class VehicleTracker:
         ahead = predicted_positions(mean, horizon) - mean[:, POSITION]
         hidden = self._hidden()
         drift = to_travel_axes(ahead, bodies.obstacles.axis[body])
-        settles = hidden[body] * (1.0 - bodies.filter.probability[body, MANOEUVRING])
+        settles = hidden[body] * bodies.filter.unsteady(np.hypot(*mean[:, VELOCITY].T))
+        settles *= 1.0 - bodies.filter.probability[body, MANOEUVRING]
         rate = np.maximum(settles / self._places.settling, _LEAST_RATE)
         drift[:, 1] *= -np.expm1(-rate * horizon) / (rate * horizon)
         ahead = from_travel_axes(drift, bodies.obstacles.axis[body])

@@ -100,7 +100,8 @@ def plain_motion(x: Floats, dt: float, mode: BodyMode, axis: Floats, settling: f
         after = np.zeros(2)
     left = np.array([-axis[1], axis[0]])
     if mode.settles:
-        after = after - (1.0 - exp(-settling * dt)) * (left @ after) * left
+        slow = exp(-((speed / DYNAMICS.settling_speed) ** 2))
+        after = after - (1.0 - exp(-settling * slow * dt)) * (left @ after) * left
     before = x[2:4] if mode.moves else np.zeros(2)
     fade = np.exp(-dt / np.array([mode.turn_time, DYNAMICS.acceleration_time, *[DYNAMICS.bias_time] * 2]))
     return np.concatenate([x[:2] + dt / 2 * (before + after), after, x[4:] * fade])
@@ -351,6 +352,16 @@ def test_what_the_walk_of_reflections_hides_is_not_taken_for_a_turn() -> None:
         uncertain.append(bodies.state.covariance[:, 0, 4, 4])
     assert (uncertain[0] > uncertain[1]).all()
     assert (uncertain[1] > uncertain[2]).all()
+
+
+def test_the_course_of_what_is_fast_does_not_settle_to_its_axis() -> None:
+    drifts = []
+    for speed in (1.0, 30.0):
+        bodies = spawned((DRIVING,), 1, 3)
+        bodies.state.mean[0, 0, 2:6] = [speed, 0.5, 0.0, 0.0]
+        bodies.predict(1.0, np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.ones(1))
+        drifts.append(float(bodies.state.mean[0, 0, 3]))
+    np.testing.assert_allclose(drifts, [0.5 * exp(-exp(-(1.25 / 25.0))), 0.5], rtol=1e-6)
 
 
 def test_errors_that_are_alike_tell_the_modes_apart_less() -> None:
