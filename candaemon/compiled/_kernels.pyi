@@ -99,6 +99,7 @@ def step_bodies(
     axis: Floats,
     walk: Floats,
     hidden: Floats,
+    fade: Floats,
     settling: Floats | None,
     gain: Floats | None,
     dt: float,

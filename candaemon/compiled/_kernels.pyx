@@ -1507,6 +1507,7 @@ def step_bodies(
     const double[:, :] axis,
     const double[:, :] walk,
     const double[:] hidden,
+    const double[:] fade,
     const double[:, ::1] settling,
     double[:, :, :, ::1] gain,
     double dt,
@@ -1517,7 +1518,8 @@ def step_bodies(
     """Predict means (8, M, n) and covariances (8, 8, M, n) of bodies in place.
 
     Cosines and sines of the turns are given (2, M, n). Rows of the modes (3, M): whether they move,
-    deviation of the lateral acceleration, whether they settle. What drives them (7, M, 1): what is added to a place's
+    deviation of the lateral acceleration, whether they settle. Shares of ω and a that are kept are given (2, M), and
+    those of the biases (n,). What drives them (7, M, 1): what is added to a place's
     variance, to place with speed, to a speed, to the bias; share of the variance of ω, variance of a; dt if they steer.
     Shares that settle (M, n) and room for the gain of `BodyTransition` (4, 4, M, n) may be None.
     """
@@ -1534,6 +1536,7 @@ def step_bodies(
     cdef double spread[LANES]
     cdef double across[LANES]
     cdef double concealed[LANES]
+    cdef double left_over[LANES]
     cdef double unit[2][LANES]
     cdef double left[2][LANES]
     cdef double wander[2][LANES]
@@ -1553,6 +1556,7 @@ def step_bodies(
                 wander[0][l] = walk[k, 0]
                 wander[1][l] = walk[k, 1]
                 concealed[l] = hidden[k]
+                left_over[l] = fade[k]
             for l in range(LANES):
                 left[0][l] = -unit[1][l]
                 left[1][l] = unit[0][l]
@@ -1602,10 +1606,11 @@ def step_bodies(
                     for l in range(LANES):
                         state[a][l] = state[a][l] + half_step * (state[2 + a][l] * factor + velocity[a][l])
                         state[2 + a][l] = velocity[a][l]
-                for a in range(4):
+                for a in range(2):
                     other = decay[a, i]
                     for l in range(LANES):
                         state[4 + a][l] = state[4 + a][l] * other
+                        state[6 + a][l] = state[6 + a][l] * left_over[l]
                 for a in range(8):
                     put(&mean[a, i, t], state[a], lanes)
                 if told:
@@ -1650,15 +1655,26 @@ def step_bodies(
                         if b < 2:
                             for l in range(LANES):
                                 p[a][b][l] = half[a][b][l] + p[a][b][l]
-                    for b in range(4, 8):
+                    for b in range(4, 6):
                         other = decay[b - 4, i]
                         for l in range(LANES):
                             p[a][b][l] = half[a][b][l] * other
-                for a in range(4, 8):
-                    for b in range(a, 8):
-                        factor, other = decay[a - 4, i], decay[b - 4, i]
+                    for b in range(6, 8):
+                        for l in range(LANES):
+                            p[a][b][l] = half[a][b][l] * left_over[l]
+                for a in range(4, 6):
+                    factor = decay[a - 4, i]
+                    for b in range(a, 6):
+                        other = decay[b - 4, i]
                         for l in range(LANES):
                             p[a][b][l] = p[a][b][l] * factor * other
+                    for b in range(6, 8):
+                        for l in range(LANES):
+                            p[a][b][l] = p[a][b][l] * factor * left_over[l]
+                for a in range(6, 8):
+                    for b in range(a, 8):
+                        for l in range(LANES):
+                            p[a][b][l] = p[a][b][l] * left_over[l] * left_over[l]
                 for a in range(2):
                     for l in range(LANES):
                         p[a][a][l] = p[a][a][l] + drive[0, i, 0]

@@ -71,6 +71,9 @@ class ReflectionPlaceSettings(Settings):
     """Where on a body its reflections lie, and how they wander."""
 
     bias_time: float = Field(0.5, gt=0.05, le=60, description="s, with which the leading reflection's bias fades")
+    walk_time: float = Field(
+        2.0, gt=0.05, le=60, description="s, likewise where the sensor's reflections are found to walk: a walk lasts"
+    )
     first_bias: float = Field(0.2, gt=0, le=5, description="m, standard deviation of a new body's bias")
     settling: float = Field(
         1.0,
@@ -82,7 +85,7 @@ class ReflectionPlaceSettings(Settings):
         5.0,
         gt=0.1,
         le=100,
-        description="m/s, faster than which it does not: there the course tells the axis, and settling would let it lag",
+        description="m/s, faster than which it does not: there the course tells the axis; settling would let it lag",
     )
     body: float = Field(0.3, ge=0, le=5, description="m, standard deviation of the bias once two are seen")
     return_time: float = Field(

@@ -80,7 +80,6 @@ class BodyDynamics:
         acceleration_time: correlation time of the acceleration, s.
         turn_rate: largest standard deviation of ω, rad/s, which holds at low speed.
         standing: standard deviation of the speed of what stands, m/s.
-        bias_time: time constant with which the bias returns to zero, s.
         first_bias: standard deviation of a body's first bias, m.
         evidence: power of the likelihoods that weigh the modes where successive errors are alike.
         settling: time constant with which a velocity across the axis settles that is wholly hidden, s.
@@ -91,7 +90,6 @@ class BodyDynamics:
     acceleration_time: float
     turn_rate: float
     standing: float
-    bias_time: float
     first_bias: float
     evidence: float
     settling: float = 1.0
@@ -137,8 +135,7 @@ class BodyFilter:
         self._dwell = _column([mode.dwell for mode in modes])
         self._others = self._dwell.sum() - self._dwell
         self._turn_time = _column([mode.turn_time for mode in modes])
-        others = np.array([[dynamics.acceleration_time], [dynamics.bias_time], [dynamics.bias_time]])
-        self._memory = np.vstack([self._turn_time.T, np.broadcast_to(others, (3, len(modes)))])
+        self._memory = np.vstack([self._turn_time.T, np.full((1, len(modes)), dynamics.acceleration_time)])
         self._modes = np.hstack([self._moves, self._lateral_acceleration, self._settles]).T.copy()
         self._standing, self._variance = (1.0 - self._moves) * dynamics.standing**2, self._acceleration**2
         self._state = self._empty()
@@ -240,7 +237,7 @@ class BodyFilter:
             covariance[rows, :, at, 6 + at] -= variance
             covariance[rows, :, 6 + at, at] -= variance
 
-    def predict(self, dt: float, axis: Floats, walk: Floats, hidden: Floats) -> None:
+    def predict(self, dt: float, axis: Floats, walk: Floats, hidden: Floats, bias_time: Floats) -> None:
         """Predict all bodies by dt, s.
 
         Args:
@@ -249,6 +246,7 @@ class BodyFilter:
             walk: random walk of each one's bias along and across that axis, as its sensors have it (n, 2), m²/s.
             hidden: how surely that walk hides how each moves across its axis, 0 to 1 (n,): in the modes that settle,
                 the velocity across of what is slow then does, and it hardly turns.
+            bias_time: time constants with which the biases return to zero (n,), s.
         """
         self.link = None
         if not len(self):
@@ -256,7 +254,7 @@ class BodyFilter:
         self._interact(dt)
         self._keep_moving()
         before = self.combined() if self.linking else None
-        transition = self._step(dt, axis, walk, hidden)
+        transition = self._step(dt, axis, walk, hidden, np.exp(-dt / bias_time))
         if before is not None and transition is not None:
             weighted = np.einsum("in,cdin->ncd", self.probability.T, transition.dense())
             self.link = self._linked(before, weighted)
@@ -323,7 +321,7 @@ class BodyFilter:
             self._buffer = np.empty(size)
         return self._buffer[:size].reshape(shape)
 
-    def _step(self, dt: float, axis: Floats, walk: Floats, hidden: Floats) -> BodyTransition | None:
+    def _step(self, dt: float, axis: Floats, walk: Floats, hidden: Floats, fade: Floats) -> BodyTransition | None:
         """Predict means and covariances in each mode; return F, which the kernel tells only if `linking`."""
         mean, covariance, drive = self._state.mean.T, self._state.covariance.T, self._drive(dt)
         decay = np.exp(-dt / self._memory)
@@ -335,7 +333,7 @@ class BodyFilter:
         if hidden.any():
             settling = -np.expm1(-dt / self._dynamics.settling * hidden * self._settles * self.unsteady(_speed(mean)))
         if not self._compiled:
-            transition = self._transition(dt, axis, turned, drive[6], decay, settling)
+            transition = self._transition(dt, axis, turned, drive[6], decay, fade, settling)
             transition.propagate(covariance)
             self._add_noise(dt, axis, walk, hidden, drive)
             return transition
@@ -350,6 +348,7 @@ class BodyFilter:
             axis,
             walk,
             hidden,
+            fade,
             settling,
             gain,
             dt,
@@ -357,7 +356,7 @@ class BodyFilter:
             self._dynamics.turn_rate,
             _LEAST_TURNING,
         )
-        return None if gain is None else BodyTransition(gain, decay)
+        return None if gain is None else BodyTransition(gain, decay, fade)
 
     def unsteady(self, speed: Floats) -> Floats:
         """Return how surely bodies at speeds (…), m/s, have no course that could tell their axis (…), 0 to 1."""
@@ -381,7 +380,14 @@ class BodyFilter:
         return drive
 
     def _transition(
-        self, dt: float, axis: Floats, turned: Floats, steered: Floats, decay: Floats, settling: Floats | None
+        self,
+        dt: float,
+        axis: Floats,
+        turned: Floats,
+        steered: Floats,
+        decay: Floats,
+        fade: Floats,
+        settling: Floats | None,
     ) -> BodyTransition:
         """Predict the means; return their Jacobians F.
 
@@ -391,6 +397,7 @@ class BodyFilter:
             turned: cosine and sine of the turns (2, M, n).
             steered: dt of the modes that steer, else 0 (M, 1).
             decay: as in `BodyTransition`.
+            fade: likewise.
             settling: share of a velocity across the axis that goes (M, n); None: nothing of any.
         """
         mean, moves = self._state.mean.T, self._moves
@@ -420,8 +427,9 @@ class BodyFilter:
             gain[2:] -= settled[:, None] * (left_x * after[0] + left_y * after[1])
         mean[POSITION] += half * (mean[VELOCITY] * moves + velocity)
         mean[VELOCITY] = velocity
-        mean[4:] *= decay[:, :, None]
-        return BodyTransition(gain, decay)
+        mean[4:6] *= decay[:, :, None]
+        mean[BIAS] *= fade
+        return BodyTransition(gain, decay, fade)
 
     def _add_noise(self, dt: float, axis: Floats, walk: Floats, hidden: Floats, drive: Floats) -> None:
         """Add the process noise Q of a step of dt, s, to the predicted covariances."""

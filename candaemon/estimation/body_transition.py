@@ -12,7 +12,8 @@ import numpy as np
 
 from candaemon.arrays import Floats
 
-_UPPER = np.triu_indices(8, 1)
+_WIDTH = 8
+_UPPER = np.triu_indices(_WIDTH, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +24,13 @@ class BodyTransition:
 
     Attributes:
         gain: (4, 4, M, n).
-        decay: of both components of w and of b (4, M).
+        decay: of both components of w (2, M).
+        fade: of b (n,).
     """
 
     gain: Floats
     decay: Floats
+    fade: Floats
 
     def apply(self, columns: Floats) -> None:
         """Multiply columns (8, k, M, n) by F from the left, in place."""
@@ -36,7 +39,8 @@ class BodyTransition:
             after += self.gain[:, at, None] * columns[2 + at]
         columns[:2] += after[:2]
         columns[2:4] = after[2:]
-        columns[4:] *= self.decay[:, None, :, None]
+        columns[4:6] *= self.decay[:, None, :, None]
+        columns[6:] *= self.fade
 
     def propagate(self, covariance: Floats) -> None:
         """Make F P Fᵀ of covariances P (8, 8, M, n), in place; they stay symmetric to the last bit."""
@@ -46,9 +50,8 @@ class BodyTransition:
 
     def dense(self) -> Floats:
         """Return F (8, 8, M, n)."""
-        width = len(self.gain) + len(self.decay)
-        matrix = np.zeros((width, width, *self.gain.shape[2:]))
-        for at in range(width):
+        matrix = np.zeros((_WIDTH, _WIDTH, *self.gain.shape[2:]))
+        for at in range(_WIDTH):
             matrix[at, at] = 1.0
         self.apply(matrix)
         return matrix

@@ -62,7 +62,6 @@ def dynamics_of(settings: VehicleEstimatorSettings) -> BodyDynamics:
         acceleration_time=settings.acceleration_time,
         turn_rate=settings.turn_rate,
         standing=settings.standing.speed,
-        bias_time=places.bias_time,
         first_bias=places.first_bias,
         evidence=settings.evidence,
         settling=places.settling,

@@ -231,7 +231,7 @@ class VehicleTracker:
         rows, bodies = self.update.reflection, self._bodies
         body = bodies.reflections.body[rows]
         mean = bodies.moments().mean[body]
-        bias = mean[:, BIAS] * exp(-horizon / self._places.bias_time)
+        bias = mean[:, BIAS] * np.exp(-horizon / self._of_leaders(self._bias_time)[body])[:, None]
         ahead = predicted_positions(mean, horizon) - mean[:, POSITION]
         hidden = self._hidden()
         drift = to_travel_axes(ahead, bodies.obstacles.axis[body])
@@ -281,7 +281,8 @@ class VehicleTracker:
         self._state.time_ns = time_ns
         bodies = self._bodies
         if dt > 0.0:
-            bodies.filter.predict(dt, bodies.obstacles.axis, self._of_leaders(self._walk), self._hidden())
+            walk, bias_time = self._of_leaders(self._walk), self._of_leaders(self._bias_time)
+            bodies.filter.predict(dt, bodies.obstacles.axis, walk, self._hidden(), bias_time)
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
             bodies.changed()
@@ -324,6 +325,11 @@ class VehicleTracker:
     def _walking(self, sensor: int) -> float:
         """Return how surely a sensor's reflections walk across, 0 to 1."""
         return self._noise.walking(sensor) if sensor in self._stated else 0.0
+
+    def _bias_time(self, sensor: int) -> float:
+        """Return the time constant with which the bias of a sensor's reflections fades, s."""
+        places = self._places
+        return places.bias_time + self._walking(sensor) * (places.walk_time - places.bias_time)
 
     def _alike(self, sensor: int) -> float:
         """Return how surely successive errors of a sensor are alike, 0 to 1: those of one that filters by itself."""

@@ -221,7 +221,7 @@ def test_prediction_of_bodies(
         tracked = bodies_of(bodies, modes)
         tracked.linking = linking
         for _ in range(3):
-            tracked.predict(0.07, axis, walk, hidden * settling)
+            tracked.predict(0.07, axis, walk, hidden * settling, 0.5 + hidden)
         return told(tracked)
 
     both(monkeypatch, computed)
@@ -279,7 +279,8 @@ def test_links_of_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
     def computed() -> list[Floats]:
         tracked = bodies_of(2, MODES)
         tracked.linking = True
-        tracked.predict(0.05, np.tile([0.6, 0.8], (2, 1)), np.full((2, 2), 0.1), np.array([0.0, 0.4]))
+        hidden, bias_time = np.array([0.0, 0.4]), np.array([0.5, 2.0])
+        tracked.predict(0.05, np.tile([0.6, 0.8], (2, 1)), np.full((2, 2), 0.1), hidden, bias_time)
         assert tracked.link is not None
         return [tracked.link.mean, tracked.link.covariance, tracked.link.gain]
 

@@ -38,10 +38,10 @@ DYNAMICS = BodyDynamics(
     acceleration_time=1.5,
     turn_rate=0.3,
     standing=0.15,
-    bias_time=1.2,
     first_bias=0.2,
     evidence=1.0,
 )
+BIAS_TIME = 1.2
 DRIVING = BodyMode(
     moves=True, acceleration=2.0, lateral_acceleration=1.5, velocity_noise=0.05, bias_walk=0.1, dwell=3.0,
     turn_time=2.0, settles=True,
@@ -103,7 +103,7 @@ def plain_motion(x: Floats, dt: float, mode: BodyMode, axis: Floats, settling: f
         slow = exp(-((speed / DYNAMICS.settling_speed) ** 2))
         after = after - (1.0 - exp(-settling * slow * dt)) * (left @ after) * left
     before = x[2:4] if mode.moves else np.zeros(2)
-    fade = np.exp(-dt / np.array([mode.turn_time, DYNAMICS.acceleration_time, *[DYNAMICS.bias_time] * 2]))
+    fade = np.exp(-dt / np.array([mode.turn_time, DYNAMICS.acceleration_time, *[BIAS_TIME] * 2]))
     return np.concatenate([x[:2] + dt / 2 * (before + after), after, x[4:] * fade])
 
 
@@ -124,7 +124,7 @@ def differences(x: Floats, dt: float, mode: BodyMode, axis: Floats) -> Floats:
 def test_the_means_move_as_written_out(mode: BodyMode, settling: float) -> None:
     bodies, axis = spawned((mode,), 20, 3), directions(20, 4)
     before = bodies.state.mean[:, 0].copy()
-    bodies.predict(0.07, axis, np.zeros((20, 2)), np.full(20, settling))
+    bodies.predict(0.07, axis, np.zeros((20, 2)), np.full(20, settling), np.full(20, BIAS_TIME))
     for row in range(20):
         expected = plain_motion(before[row], 0.07, mode, axis[row], settling)
         np.testing.assert_allclose(bodies.state.mean[row, 0], expected, rtol=0, atol=1e-10)
@@ -147,7 +147,7 @@ def test_the_covariance_follows_the_jacobian(mode: BodyMode) -> None:
     bodies.state.mean[..., ACCELERATION] = 0.0
     bodies.state.mean[..., TURN] = np.clip(bodies.state.mean[..., TURN], -0.5, 0.5)
     mean, covariance = bodies.state.mean[:, 0].copy(), bodies.state.covariance[:, 0].copy()
-    bodies.predict(0.05, axis, np.zeros((10, 2)), np.zeros(10))
+    bodies.predict(0.05, axis, np.zeros((10, 2)), np.zeros(10), np.full(10, BIAS_TIME))
     for row in range(10):
         jacobian = differences(mean[row], 0.05, still, axis[row])
         expected = jacobian @ covariance[row] @ jacobian.T
@@ -162,7 +162,7 @@ def test_the_noise_is_that_of_its_modes() -> None:
     bodies.state = BodyFilterState(mean, np.zeros((1, 1, 8, 8)), np.ones((1, 1)))
     angle = 0.4
     axis = np.array([[cos(angle), sin(angle)]])
-    bodies.predict(dt, axis, walk, np.zeros(1))
+    bodies.predict(dt, axis, walk, np.zeros(1), np.full(1, BIAS_TIME))
     q = bodies.state.covariance[0, 0]
     expected = np.zeros((8, 8))
     block = 0.05 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
@@ -332,7 +332,7 @@ def test_long_runs_stay_sound(settling: float) -> None:
         place = place + dt * velocity
         velocity = velocity @ rotation(0.2 * dt * np.sin(k / 50)).T
         place[np.hypot(*place.T) > 200.0] *= -0.9
-        bodies.predict(dt, directions(n, k), np.tile([0.05, 0.2], (n, 1)), np.full(n, settling))
+        bodies.predict(dt, directions(n, k), np.tile([0.05, 0.2], (n, 1)), np.full(n, settling), np.full(n, BIAS_TIME))
         rows = np.flatnonzero(rng.random(n) < 0.9)
         measurement = seen((place + rng.normal(size=(n, 2)) * 0.3)[rows], k, projected=k % 3 == 0)
         assert measurement.range_rate is not None
@@ -348,7 +348,7 @@ def test_what_the_walk_of_reflections_hides_is_not_taken_for_a_turn() -> None:
     uncertain = []
     for hidden in (0.0, 0.5, 1.0):
         bodies = spawned((DRIVING,), 6, 3)
-        bodies.predict(0.5, directions(6, 4), np.zeros((6, 2)), np.full(6, hidden))
+        bodies.predict(0.5, directions(6, 4), np.zeros((6, 2)), np.full(6, hidden), np.full(6, BIAS_TIME))
         uncertain.append(bodies.state.covariance[:, 0, 4, 4])
     assert (uncertain[0] > uncertain[1]).all()
     assert (uncertain[1] > uncertain[2]).all()
@@ -359,9 +359,16 @@ def test_the_course_of_what_is_fast_does_not_settle_to_its_axis() -> None:
     for speed in (1.0, 30.0):
         bodies = spawned((DRIVING,), 1, 3)
         bodies.state.mean[0, 0, 2:6] = [speed, 0.5, 0.0, 0.0]
-        bodies.predict(1.0, np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.ones(1))
+        bodies.predict(1.0, np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.ones(1), np.full(1, BIAS_TIME))
         drifts.append(float(bodies.state.mean[0, 0, 3]))
     np.testing.assert_allclose(drifts, [0.5 * exp(-exp(-(1.25 / 25.0))), 0.5], rtol=1e-6)
+
+
+def test_each_bias_fades_in_a_time_of_its_own() -> None:
+    bodies, times = spawned((DRIVING,), 3, 3), np.array([0.5, 1.0, 4.0])
+    bodies.state.mean[:, 0, 6:] = [0.3, -0.2]
+    bodies.predict(0.5, directions(3, 4), np.zeros((3, 2)), np.zeros(3), times)
+    np.testing.assert_allclose(bodies.state.mean[:, 0, 6:], np.exp(-0.5 / times)[:, None] * [0.3, -0.2], rtol=1e-12)
 
 
 def test_errors_that_are_alike_tell_the_modes_apart_less() -> None:
@@ -393,7 +400,7 @@ def test_absurd_measurements_leave_numbers(
     noise = np.tile(np.eye(2) * deviation**2, (2, 1, 1))
     measurement = Measurement(np.array(place).reshape(2, 2), noise, ORIGIN, OWN, np.full(2, rate), np.full(2, 0.01))
     for _ in range(3):
-        bodies.predict(dt, directions(2, seed), np.zeros((2, 2)), np.zeros(2))
+        bodies.predict(dt, directions(2, seed), np.zeros((2, 2)), np.zeros(2), np.full(2, BIAS_TIME))
         nis = updated(bodies, np.arange(2), measurement)
         assert np.isfinite(nis).all()
         assert (nis >= 0.0).all()
@@ -411,7 +418,7 @@ def test_what_a_body_does_shows_in_the_modes() -> None:
     for k in range(120):
         speed = 0.0 if k < 80 else min(speed + 0.15, 10.0)
         x += 0.05 * speed
-        bodies.predict(0.05, axis, np.zeros((1, 2)), np.zeros(1))
+        bodies.predict(0.05, axis, np.zeros((1, 2)), np.zeros(1), np.full(1, DEFAULT.reflections.bias_time))
         place = np.array([[x, y]]) + rng.normal(size=(1, 2)) * 0.1
         rate = np.array([speed])
         updated(
@@ -471,7 +478,7 @@ def test_kept_rows_stay_what_they_are() -> None:
     np.testing.assert_array_equal(bodies.state.mean, mean[[2, 0, 2]])
     assert len(bodies) == 3
     bodies.keep(np.zeros(3, dtype=np.bool_))
-    bodies.predict(0.1, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+    bodies.predict(0.1, np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
     assert bodies.link is None
     assert len(bodies) == 0
 

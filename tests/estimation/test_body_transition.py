@@ -21,7 +21,8 @@ def covariances(random: np.random.Generator, *shape: int) -> np.ndarray:
 
 def test_blocks_propagate_as_the_whole_matrix_does() -> None:
     random = np.random.default_rng(1)
-    transition = BodyTransition(random.normal(size=(4, 4, MODES, BODIES)), random.uniform(0.5, 1.0, (4, MODES)))
+    fade = random.uniform(0.5, 1.0, BODIES)
+    transition = BodyTransition(random.normal(size=(4, 4, MODES, BODIES)), random.uniform(0.5, 1.0, (2, MODES)), fade)
     before = covariances(random, BODIES, MODES)
     whole = transition.dense().T.swapaxes(-2, -1)
     expected = whole @ before @ whole.swapaxes(-2, -1)
