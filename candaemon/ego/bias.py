@@ -7,6 +7,7 @@ range rate and b by its apparent drift across.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import radians
 
@@ -86,11 +87,11 @@ class MotionBias:
 
     def learn_from_wheels(self, difference: float) -> None:
         """Learn from one difference of yaw rates, wheels minus sensor, rad/s."""
-        self._update(np.array([0.0, -1.0, 1.0]), difference, self._wheel_variance)
+        self._update((0.0, -1.0, 1.0), difference, self._wheel_variance)
 
     def learn_at_rest(self, yaw_rate: float) -> None:
         """Learn from what the yaw rate sensor reads while the vehicle stands, rad/s."""
-        self._update(np.array([0.0, 1.0, 0.0]), yaw_rate, self._rest_variance)
+        self._update((0.0, 1.0, 0.0), yaw_rate, self._rest_variance)
 
     def learn_from_returns(self, returns: StationaryReturns, wheel_speed: float, *, by_wheels: bool = False) -> None:
         """Learn from what stands still: the speed over ground that it implies, and its drift to the side.
@@ -101,11 +102,11 @@ class MotionBias:
             by_wheels: whether the yaw rate is that of the wheels' difference, and the sensor is silent.
         """
         for speed, cosine in returns.speeds:
-            self._update(np.array([wheel_speed * cosine, 0.0, 0.0]), speed, self._return_variance)
-        row = np.array([0.0, 0.0, 1.0]) if by_wheels else np.array([0.0, 1.0, 0.0])
+            self._update((wheel_speed * cosine, 0.0, 0.0), speed, self._return_variance)
+        row = (0.0, 0.0, 1.0) if by_wheels else (0.0, 1.0, 0.0)
         for moved, swept in returns.drifts:
             variance = 2 * (self._settings.drift_noise / swept) ** 2
-            self._update(row, float(row @ self.state.mean) + moved / swept, variance)
+            self._update(row, (self.mismatch if by_wheels else self.yaw_rate) + moved / swept, variance)
 
     def set_scale(self, scale: float, deviation: float) -> None:
         """Set the speed's factor, and how well it is known."""
@@ -121,10 +122,24 @@ class MotionBias:
         state.covariance[index, :] = state.covariance[:, index] = 0.0
         state.covariance[index, index] = deviation**2
 
-    def _update(self, row: Floats, value: float, variance: float) -> None:
-        """Update with one scalar measurement: value = row · state + noise."""
-        state = self.state
-        cross = state.covariance @ row
-        gain = cross / (row @ cross + variance)
-        state.mean += gain * (value - row @ state.mean)
-        state.covariance -= np.outer(gain, cross)
+    def _update(self, row: tuple[float, float, float], value: float, variance: float) -> None:
+        """Update with one scalar measurement: value = row · state + noise.
+
+        Three numbers are too few for arrays, which take four times as long.
+        """
+        mean, covariance = self.state.mean, self.state.covariance
+        x, y, z = mean.tolist()
+        first, second, third = covariance.tolist()
+        cross = u, v, w = _product(first, row), _product(second, row), _product(third, row)
+        spread = _product(cross, row) + variance
+        rest = value - _product((x, y, z), row)
+        f, g, h = u / spread, v / spread, w / spread
+        mean[:] = x + f * rest, y + g * rest, z + h * rest
+        covariance[:] = [
+            [each - gain * other for each, other in zip(column, cross, strict=True)]
+            for column, gain in ((first, f), (second, g), (third, h))
+        ]
+
+
+def _product(a: Sequence[float], b: Sequence[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
