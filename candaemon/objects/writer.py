@@ -282,31 +282,22 @@ class ObjectWriter:
             return None
         return len(self._writers)
 
-    def write_cycles(self, cycles: Sequence[SlotValues]) -> list[list[PayloadTable]]:
+    def write_cycles(self, told: SlotValues, counts: Sequence[int]) -> list[list[PayloadTable]]:
         """Write the slots of several cycles at once, each message in the array operations that one cycle takes.
 
         Args:
-            cycles: what the slots say, cycle by cycle; all with the same quantities.
+            told: what the slots say, cycle after cycle; of one cycle where `frames_a_slot` is None.
+            counts: slots of each cycle.
 
         Returns:
             The frames of each cycle in the order of `write`, a table a message.
 
         """
-        of_slot = self.frames_a_slot
-        if of_slot is None or len(cycles) == 1:
-            return [self._tables(each) for each in cycles]
-        joined = SlotValues(
-            np.concatenate([each.slot for each in cycles]),
-            {name: np.concatenate([each.values[name] for each in cycles]) for name in cycles[0].values},
-            np.concatenate([each.occupied for each in cycles]),
-            np.concatenate([np.broadcast_to(each.counter, each.slot.shape) for each in cycles]),
-            np.concatenate([_none_new(each) if each.new is None else each.new for each in cycles]),
-        )
-        tables = self._tables(joined)
-        ends = np.cumsum([len(each.slot) for each in cycles]).tolist()
-        return [
-            [table.rows(end - len(each.slot), end) for table in tables] for each, end in zip(cycles, ends, strict=True)
-        ]
+        tables = self._tables(told)
+        if len(counts) == 1:
+            return [tables]
+        ends = np.cumsum(counts).tolist()
+        return [[table.rows(end - count, end) for table in tables] for count, end in zip(counts, ends, strict=True)]
 
     def _whole_messages(
         self,
@@ -342,7 +333,3 @@ class ObjectWriter:
             None if new is None else spread(new),
             everywhere,
         )
-
-
-def _none_new(cycle: SlotValues) -> Booleans:
-    return np.zeros(len(cycle.slot), np.bool_)

@@ -18,7 +18,7 @@ from candaemon.ego.georeference import Georeference
 from candaemon.ego.pose import EgoPose
 from candaemon.frames.payload_table import Payloads, PayloadTable, TabledPayloads
 from candaemon.objects.writer import SlotValues
-from candaemon.output.quantities import EgoAcceleration, EgoAccelerationState, MountView, finder
+from candaemon.output.quantities import EgoAcceleration, EgoAccelerationState, MountView, SeenCycle, finder
 from candaemon.output.slots import OFF_PATH, SlotColumns, SlotEncoding, SlotState
 from candaemon.tracking.obstacles import TENTATIVE, Obstacles
 
@@ -68,6 +68,21 @@ class OutputEncoderState:
     cycle: int = 0
     unreported: int = 0
     saturated: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class _PlannedCycle:
+    """What one cycle sends.
+
+    Attributes:
+        seen: the obstacles that may be sent.
+        slots: which of them have which.
+        counter: values of this cycle's frames, one for all or one a slot sent.
+    """
+
+    seen: SeenCycle
+    slots: SlotColumns
+    counter: int | Integers
 
 
 class PlannedPayloads(TabledPayloads):
@@ -139,7 +154,7 @@ class OutputEncoder:
         self._sends_id = "id" in settings.signals
         self._slots = SlotEncoding(output.writer.slots, send_all=self._all, send_freed=not self._listed)
         sent = np.zeros(output.writer.slots, np.int64)
-        self._planned: list[tuple[SlotValues, PlannedPayloads]] = []
+        self._planned: list[tuple[_PlannedCycle, PlannedPayloads]] = []
         self._state = OutputEncoderState(self._slots.state, sent, self._ego_acceleration.state)
 
     @property
@@ -193,12 +208,10 @@ class OutputEncoder:
         state.unreported = (len(obstacles) if requested is None else int(np.count_nonzero(requested))) - held
         told = [] if self._status is None else [self._write_status(status, held, slots)]
         acceleration = self._ego_acceleration.update(pose) if self._relative else 0j
-        view = MountView(obstacles, rows, self._mount, pose, acceleration, georeference, self._half_width)
-        columns = self._columns(view, obstacles.id[rows], slots)
+        seen = SeenCycle(obstacles, rows, pose, acceleration, georeference)
         of_slot = self._writer.frames_a_slot
         payloads = PlannedPayloads(self, told, len(told) + (of_slot or 0) * len(slots.sent))
-        planned = SlotValues(slots.sent, columns, slots.occupied, self._count(slots), slots.new)
-        self._planned.append((planned, payloads))
+        self._planned.append((_PlannedCycle(seen, slots, self._count(slots)), payloads))
         if len(self._planned) == TOGETHER or of_slot is None:
             self.write_planned()
         state.cycle += 1
@@ -208,11 +221,20 @@ class OutputEncoder:
         """Write the cycles that nobody has asked for yet."""
         if not self._planned:
             return
-        cycles, self._planned = self._planned, []
+        planned, self._planned = self._planned, []
+        cycles = [each for each, _ in planned]
+        sent = [each.slots.sent for each in cycles]
+        told = SlotValues(
+            np.concatenate(sent),
+            self._columns(cycles),
+            np.concatenate([each.slots.occupied for each in cycles]),
+            np.concatenate([np.broadcast_to(each.counter, each.slots.sent.shape) for each in cycles]),
+            np.concatenate([each.slots.new for each in cycles]),
+        )
         writer, before = self._writer, self._writer.saturated  # the writer counts all of its callers
-        written = writer.write_cycles([values for values, _ in cycles])
+        written = writer.write_cycles(told, [len(each) for each in sent])
         self._state.saturated += writer.saturated - before
-        for (_, payloads), slots in zip(cycles, written, strict=True):
+        for (_, payloads), slots in zip(planned, written, strict=True):
             payloads.complete(slots)
 
     def _count(self, slots: SlotColumns) -> int | Integers:
@@ -233,18 +255,23 @@ class OutputEncoder:
         in_path = (x > 0) & (np.abs(y) <= self._half_width)
         return np.hypot(x, y) + np.where(in_path, 0.0, OFF_PATH)
 
-    def _columns(self, view: MountView, ids: Integers, slots: SlotColumns) -> Columns:
+    def _columns(self, cycles: Sequence[_PlannedCycle]) -> Columns:
         """Return each quantity of the slots sent: of the obstacle where occupied, 0 elsewhere; NaN where unknown."""
+        view = MountView([each.seen for each in cycles], self._mount, self._half_width)
         with np.errstate(invalid="ignore", over="ignore"):  # what is no number is replaced below
             table = np.array([find(view) for find in self._finders], np.float64)
-        table = table.take(slots.order, axis=-1)
+        ids = [each.seen.obstacles.id[each.seen.rows] for each in cycles]
+        begins = np.cumsum([0, *map(len, ids[:-1])]).tolist()
+        order = np.concatenate([each.slots.order + begin for each, begin in zip(cycles, begins, strict=True)])
+        occupied = np.concatenate([each.slots.occupied for each in cycles])
+        table = table.take(order, axis=-1)
         if not isfinite(np.vdot(table, table)):
             filler = np.zeros((len(self._names), 1))
             filler[self._may_be_unknown] = np.nan
             table = np.where(np.isfinite(table), table, filler)
-        columns: Columns = dict(zip(self._names, _spread(table, slots.occupied), strict=True))
+        columns: Columns = dict(zip(self._names, _spread(table, occupied), strict=True))
         if self._sends_id:
-            columns["id"] = _spread(ids[slots.order], slots.occupied)
+            columns["id"] = _spread(np.concatenate(ids)[order], occupied)
         return columns
 
     def _write_status(self, status: OutputStatus, held: int, slots: SlotColumns) -> tuple[int, bytes]:

@@ -6,7 +6,7 @@ Plane vectors are complex numbers, x + iy: a rotation is a multiplication.
 from __future__ import annotations
 
 from cmath import exp, phase
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from operator import methodcaller
@@ -82,34 +82,39 @@ class _CachedProperty(Generic[Value]):
         return value
 
 
-class MountView:
-    """Obstacles of one cycle as a sensor at the mount would see them.
+@dataclass(frozen=True, slots=True)
+class SeenCycle:
+    """Obstacles of one cycle, and the vehicle then.
 
-    Args:
+    Attributes:
         obstacles: of the cycle.
         rows: the obstacles to include, (n,) or a slice.
-        mount: of the output's axes in vehicle axes.
         pose: ego pose at the obstacles' time.
         acceleration: of the vehicle over ground, in vehicle axes, m/s².
         georeference: of the local frame on earth; None: not known.
+    """
+
+    obstacles: Obstacles
+    rows: Indices | slice
+    pose: EgoPose
+    acceleration: complex = 0j
+    georeference: Georeference | None = None
+
+
+class MountView:
+    """Obstacles of one or more cycles, one after the other, as a sensor at the mount would see them.
+
+    Args:
+        cycles: the obstacles.
+        mount: of the output's axes in vehicle axes.
         half_width: half the width of the own path, m.
     """
 
-    def __init__(
-        self,
-        obstacles: Obstacles,
-        rows: Indices | slice,
-        mount: Mount,
-        pose: EgoPose,
-        acceleration: complex = 0j,
-        georeference: Georeference | None = None,
-        half_width: float = 1.8,
-    ) -> None:
+    def __init__(self, cycles: Sequence[SeenCycle], mount: Mount, half_width: float = 1.8) -> None:
         self._half_width = half_width
-        self._obstacles, self._rows = obstacles, rows
+        self._cycles = cycles
         self._mount = complex(mount.x, mount.y)
         self._rotation = exp(-1j * radians(mount.yaw_deg))
-        self._pose, self._acceleration, self._georeference = pose, acceleration, georeference
 
     def quantity(self, name: str, *, polar: bool) -> Floats:
         """Return a quantity of each obstacle (n,), SI, as `candaemon.config.output.Quantity` names it.
@@ -156,26 +161,29 @@ class MountView:
     @_CachedProperty
     def relative_acceleration(self) -> ComplexPlane:
         """Accelerations relative to the vehicle in the mount's axes, m/s²."""
-        return self.acceleration - self._acceleration * self._rotation
+        return self.acceleration - self._of_each([each.acceleration * self._rotation for each in self._cycles])
 
     @_CachedProperty
     def relative_velocity(self) -> ComplexPlane:
         """Velocities relative to the mount, m/s."""
-        mount_velocity = complex(*self._pose.velocity_in_vehicle_axes()) + 1j * self._pose.yaw_rate * self._mount
-        return self.velocity - mount_velocity * self._rotation
+        own = [complex(*each.pose.velocity_in_vehicle_axes()) for each in self._cycles]
+        turning = [1j * each.pose.yaw_rate * self._mount for each in self._cycles]
+        return self.velocity - self._of_each([(a + b) * self._rotation for a, b in zip(own, turning, strict=True)])
 
     @_CachedProperty
     def rate(self) -> ComplexPlane:
         """Rates of the positions in the mount's axes, which rotate with the vehicle, m/s."""
-        return self.relative_velocity - 1j * self._pose.yaw_rate * self.position
+        return (
+            self.relative_velocity - self._of_each([1j * each.pose.yaw_rate for each in self._cycles]) * self.position
+        )
 
     @_CachedProperty
     def earth(self) -> tuple[Floats, Floats]:
         """Latitudes and longitudes, rad; NaN without a georeference."""
-        east, north = self.column("east"), self.column("north")
-        if self._georeference is None:
-            return np.full_like(east, np.nan), np.full_like(north, np.nan)
-        return self._georeference.to_earth(east, north)
+        found = [_on_earth(each) for each in self._cycles]
+        return np.concatenate([latitude for latitude, _ in found]), np.concatenate(
+            [longitude for _, longitude in found]
+        )
 
     def heading(self) -> Floats:
         """Return the headings in the mount's axes, −π to π rad."""
@@ -186,14 +194,7 @@ class MountView:
 
     def lead(self) -> Floats:
         """Return 1 for the obstacle that is the next one in the own path, which bends as the vehicle turns; else 0."""
-        speed = abs(complex(*self._pose.velocity_in_vehicle_axes()))
-        curvature = self._pose.yaw_rate / max(speed, LEAST_SPEED)
-        x, y = self.column("x"), self.column("y")
-        in_path = (x > 0.0) & (np.abs(y - 0.5 * curvature * x * x) <= self._half_width)
-        lead = np.zeros(len(x))
-        if in_path.any():
-            lead[np.where(in_path, x, np.inf).argmin()] = 1.0
-        return lead
+        return np.concatenate([_lead(each, self._half_width) for each in self._cycles])
 
     def time_to_collision(self) -> Floats:
         """Return the time until an obstacle in the own path is reached at the present speeds, s; NaN if it never is."""
@@ -206,8 +207,17 @@ class MountView:
 
     def column(self, name: str) -> Floats:
         """Return a column of the obstacles as it is."""
-        column: Floats = getattr(self._obstacles, name)[self._rows]
-        return column
+        columns = [_column(each, name) for each in self._cycles]
+        return columns[0] if len(columns) == 1 else np.concatenate(columns)
+
+    @_CachedProperty
+    def _counts(self) -> Indices:
+        """How many obstacles each cycle has."""
+        return np.array([len(_column(each, "x")) for each in self._cycles])
+
+    def _of_each(self, values: list[complex]) -> ComplexPlane:
+        """Return a value of each cycle for each of its obstacles."""
+        return np.repeat(np.array(values, np.complex128), self._counts)
 
     def _plane(self, x: str, y: str) -> ComplexPlane:
         real, imaginary = self.column(x), self.column(y)
@@ -231,6 +241,29 @@ class MountView:
             return self.column(name)
         c, s = (self._rotation.real, self._rotation.imag) if axis == "x" else (self._rotation.imag, self._rotation.real)
         return np.hypot(c * self.column(f"{kind}x"), s * self.column(f"{kind}y"))
+
+
+def _column(cycle: SeenCycle, name: str) -> Floats:
+    column: Floats = getattr(cycle.obstacles, name)[cycle.rows]
+    return column
+
+
+def _on_earth(cycle: SeenCycle) -> tuple[Floats, Floats]:
+    east, north = _column(cycle, "east"), _column(cycle, "north")
+    if cycle.georeference is None:
+        return np.full_like(east, np.nan), np.full_like(north, np.nan)
+    return cycle.georeference.to_earth(east, north)
+
+
+def _lead(cycle: SeenCycle, half_width: float) -> Floats:
+    speed = abs(complex(*cycle.pose.velocity_in_vehicle_axes()))
+    curvature = cycle.pose.yaw_rate / max(speed, LEAST_SPEED)
+    x, y = _column(cycle, "x"), _column(cycle, "y")
+    in_path = (x > 0.0) & (np.abs(y - 0.5 * curvature * x * x) <= half_width)
+    lead = np.zeros(len(x))
+    if in_path.any():
+        lead[np.where(in_path, x, np.inf).argmin()] = 1.0
+    return lead
 
 
 def finder(name: str, *, polar: bool) -> Callable[[MountView], Floats]:

@@ -25,7 +25,7 @@ from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.frames.bodies import CLASSES
 from candaemon.output.decoder import OutputDecoder
 from candaemon.output.encoder import TOGETHER, OutputEncoder, OutputStatus
-from candaemon.output.quantities import EgoAcceleration, MountView
+from candaemon.output.quantities import EgoAcceleration, MountView, SeenCycle
 from candaemon.protection.checksums import crc8_sae_j1850
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.scan import Scan
@@ -276,7 +276,7 @@ def test_a_configuration_without_the_body_sends_the_same_frames_without_it() -> 
 
 def test_a_body_turns_with_the_mount() -> None:
     seen = obstacles(2, heading=[3.0, math.nan], center_x=[5.0, 0.0], center_y=[1.0, 0.0], x=[4.0, 0.0], y=[1.0, 0.0])
-    view = MountView(seen, np.array([0, 1]), Mount(x=1.0, yaw_deg=-90), POSE)
+    view = MountView([SeenCycle(seen, np.array([0, 1]), POSE)], Mount(x=1.0, yaw_deg=-90))
     heading = view.quantity("heading", polar=False)
     assert heading[0] == pytest.approx(3.0 + math.pi / 2 - 2 * math.pi)
     assert math.isnan(heading[1])
@@ -337,7 +337,7 @@ def test_written_as_esr_targets_obstacles_read_back(seed: int, n: int) -> None:
     )
     assert sorted(nearest.tolist()) == list(range(n))
     assert np.hypot(x - seen.x[nearest], y - seen.y[nearest]) == pytest.approx(0, abs=0.15)
-    view = MountView(seen, nearest, bound.settings.mount, pose)
+    view = MountView([SeenCycle(seen, nearest, pose)], bound.settings.mount)
     assert rows["range_rate"] == pytest.approx(view.quantity("range_rate", polar=True), abs=0.006)
 
 
@@ -353,13 +353,13 @@ def test_written_as_ars408_objects_obstacles_read_back(seed: int, n: int) -> Non
     (scan,) = scans(sensor("ars408"), frames)
     assert scan.complete
     rows = dict(zip(sensor("ars408").reader.quantities, scan.values, strict=True))
-    everyone = MountView(seen, np.arange(len(seen)), bound.settings.mount, pose)
+    everyone = MountView([SeenCycle(seen, np.arange(len(seen)), pose)], bound.settings.mount)
     places = [everyone.quantity(name, polar=False) for name in ("x", "y")]
     told = np.array(
         [np.argmin(np.hypot(places[0] - x, places[1] - y)) for x, y in zip(rows["x"], rows["y"], strict=True)], int
     )
     assert len(set(told.tolist())) == n
-    view = MountView(seen, told, bound.settings.mount, pose)
+    view = MountView([SeenCycle(seen, told, pose)], bound.settings.mount)
     for name, quantity, step in (("x", "x", 0.2), ("y", "y", 0.2), ("vx", "rel_vx", 0.25), ("vy", "rel_vy", 0.25)):
         assert rows[name] == pytest.approx(view.quantity(quantity, polar=False), abs=0.51 * step)
     again = encoder.encode(obstacles(1), STATUS, pose)
@@ -392,7 +392,7 @@ def test_relative_quantities_are_the_rates_of_what_the_mount_sees(
 
     rate = (at(step) - at(-step)) / (2 * step)
     pose = EgoPose(0, 0.0, 0.0, heading, own.real, own.imag, turn, 0.01, EgoStatus.VALID)
-    view = MountView(obstacles(1, x=[x], y=[y], vx=[vx], vy=[vy]), np.array([0]), mount, pose)
+    view = MountView([SeenCycle(obstacles(1, x=[x], y=[y], vx=[vx], vy=[vy]), np.array([0]), pose)], mount)
     assert complex(view.position[0]) == pytest.approx(at(0.0), abs=1e-9)
     assert view.quantity("rel_vx", polar=False)[0] == pytest.approx(rate.real, abs=1e-4)
     assert view.quantity("rel_vy", polar=False)[0] == pytest.approx(rate.imag, abs=1e-4)
@@ -403,7 +403,7 @@ def test_relative_quantities_are_the_rates_of_what_the_mount_sees(
 
 def test_deviations_turn_with_the_mount() -> None:
     seen = obstacles(1, sx=[0.5], sy=[0.2], svx=[1.0], svy=[0.0])
-    view = MountView(seen, np.array([0]), Mount(yaw_deg=90), POSE)
+    view = MountView([SeenCycle(seen, np.array([0]), POSE)], Mount(yaw_deg=90))
     assert [view.quantity(name, polar=False)[0] for name in ("sx", "sy", "svx", "svy")] == pytest.approx(
         [0.2, 0.5, 0, 1]
     )

@@ -10,7 +10,7 @@ import pytest
 
 from candaemon.config.sensors import Mount
 from candaemon.ego.pose import EgoPose, EgoStatus
-from candaemon.output.quantities import MountView
+from candaemon.output.quantities import MountView, SeenCycle
 from candaemon.tracking.obstacles import no_obstacles
 
 NEVER = float("nan")
@@ -22,7 +22,7 @@ def values(name: str, *, yaw_rate: float = 0.0, mount: float = 0.0, **columns: l
     given: dict[str, Any] = {"y": [0.0] * count, "vx": [20.0] * count, "vy": [0.0] * count, "width": [NEVER] * count}
     arrays: dict[str, Any] = {each: np.array(column) for each, column in (given | columns).items()}
     pose = EgoPose(0, 0.0, 0.0, 0.0, 20.0, 0.0, yaw_rate, 0.01, EgoStatus.VALID)
-    view = MountView(replace(no_obstacles(0), **arrays), slice(None), Mount(x=mount), pose, half_width=1.8)
+    view = MountView([SeenCycle(replace(no_obstacles(0), **arrays), slice(None), pose)], Mount(x=mount), half_width=1.8)
     return [float(each) for each in view.quantity(name, polar=False)]
 
 
