@@ -8,6 +8,9 @@ from math import isnan, radians
 from sys import float_info
 from typing import Final
 
+import numpy as np
+
+from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.binding.bound import EgoMessage
 from candaemon.config.protection import MotionPlausibilitySettings
 from candaemon.frames.times import LONG_AGO_NS
@@ -101,6 +104,8 @@ class MotionPlausibility:
         self.faults = faults
         self._limits = [_limit(binding, settings) for binding in message.bindings]
         self._rated = [(index, limit) for index, limit in enumerate(self._limits) if limit.rate < float_info.max]
+        self._low: Floats = np.array([limit.low for limit in self._limits])
+        self._high: Floats = np.array([limit.high for limit in self._limits])
         self._state = MotionPlausibilityState([ValueHistory() for _ in self._limits])
 
     @property
@@ -142,6 +147,32 @@ class MotionPlausibility:
                 jumps = True
         faults.impossible += jumps
         return not jumps
+
+    def surely(self, times_ns: Integers, values: Floats) -> Booleans:
+        """Return of which frames, in order of time, it is sure that `admits` would return True; nothing is remembered.
+
+        To be called before the first of them is judged or noted; each value is to be there.
+
+        Args:
+            times_ns: time stamps of the frames (n,).
+            values: as for `admits` (n, values).
+        """
+        inside: Booleans = np.logical_and.reduce((values >= self._low) & (values <= self._high), axis=1)
+        sure = inside.copy()
+        sure[1:] &= inside[:-1]  # else the value before was not the one that is remembered
+        for index, limit in self._rated:
+            before = self._state.values[index]
+            change = np.abs(np.diff(values[:, index], prepend=before.latest))
+            seconds = np.diff(times_ns, prepend=before.latest_ns) * 1e-9
+            sure &= change <= limit.rate * np.maximum(seconds, LEAST_INTERVAL)
+        return sure
+
+    def note(self, time_ns: int, values: Sequence[float]) -> None:
+        """Remember the values of a frame that can be true; arguments as `admits`."""
+        for index, _ in self._rated:
+            before = self._state.values[index]
+            before.latest = before.accepted = values[index]
+            before.latest_ns = before.accepted_ns = time_ns
 
 
 def _limit(binding: SignalBinding, settings: MotionPlausibilitySettings) -> _Limit:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from candaemon.arrays import Integers
 from candaemon.binding.bound import BoundEgo, EgoMessage
 from candaemon.ego.georeference import Georeferencer
 from candaemon.ego.motion import EgoMotion
@@ -88,6 +91,36 @@ class EgoFrames:
         self._counts, self._plausibility.faults = counts, counts.ego_motion
         if self._monitor is not None:
             self._monitor.faults = counts.ego_motion
+
+    @property
+    def are_judged_together(self) -> bool:
+        """Whether `judged` says anything of them: no frame lacks a value, and none is looked at for its counter."""
+        return self._monitor is None and not self._is_multiplexed
+
+    def judged(self, times_ns: Integers, payloads: Sequence[bytes]) -> list[Sequence[float] | None]:
+        """Return the values of frames that are used for sure, in order of time; None of others, which `receive` takes.
+
+        To be called when all frames before them were received.
+
+        Args:
+            times_ns: their time stamps (n,).
+            payloads: their payloads.
+        """
+        if not self._consumers:
+            return [() if len(data) >= self._length else None for data in payloads]
+        values = [self._decode(data) for data in payloads]
+        if None in values:
+            return [None] * len(values)
+        sure = self._plausibility.surely(times_ns, np.array(values, np.float64))
+        return [each if is_sure else None for each, is_sure in zip(values, sure.tolist(), strict=True)]
+
+    def receive_judged(self, _part: int, _slot: int, values: Sequence[float], time_ns: int) -> None:
+        """Take the values of a frame that is used for sure."""
+        self._used += 1
+        if self._consumers:
+            self._plausibility.note(time_ns, values)
+            for consumer in self._consumers:
+                consumer.update(time_ns, self._names, values)
 
     def receive(self, _part: int, _slot: int, data: bytes, time_ns: int) -> None:
         """Take a frame."""

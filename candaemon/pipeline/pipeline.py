@@ -128,7 +128,8 @@ class Pipeline:
         Args:
             blocks: frames and ticks in order of time.
         """
-        router, counts = BlockRouter(self._routes, self.binding.sensors, self.assemblers), self._counts.buses
+        router = BlockRouter(self._routes, self.binding.sensors, self.assemblers, self._judges())
+        counts = self._counts.buses
         for block in blocks:
             if not isinstance(block, FrameBlock):
                 yield from self.run(block)
@@ -427,6 +428,17 @@ class Pipeline:
         if self.georeferencer is not None:
             consumers.append(self.georeferencer)
         return {can_id: EgoFrames(message, ego, consumers, self._counts) for can_id, message in ego.messages.items()}
+
+    def _judges(self) -> dict[tuple[int, int], EgoFrames]:
+        """Return who receives frames that are judged together, by bus and CAN id."""
+        ego = self.binding.ego
+        if ego is None:
+            return {}
+        return {
+            (ego.bus, can_id): frames
+            for can_id, frames in self.ego_frames.items()
+            if frames.are_judged_together and self._routes[ego.bus][can_id][0] == frames.receive
+        }
 
     def _make_routes(self) -> list[dict[int, Route]]:
         """Return for each bus who receives an identifier: a sensor, ego motion, or a counter of the rest."""

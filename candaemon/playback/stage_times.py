@@ -78,7 +78,7 @@ class StageTimes:
     def watch_pipeline(self, pipeline: Pipeline) -> None:
         """Count what a pipeline does from here on."""
         for frames in pipeline.ego_frames.values():
-            self.watch(frames, {"receive": "ego motion"})
+            self.watch(frames, dict.fromkeys(("receive", "receive_judged", "judged"), "ego motion"))
         for assembler in pipeline.assemblers:
             self.watch(assembler, dict.fromkeys(("end_whole", "expire", "flush"), "assemble scans"))
         self.watch(pipeline.ego, {"pose": "ego motion", "learn": "ego motion"})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from candaemon.radar.scan import Scan
 
 Event: TypeAlias = tuple[int, int, Callable[[int, int, Any, int], Scan | None], int, int, Any]
 """Time, how many frames before it nobody receives, the receiver, and the part, slot and payload to call it with: as a
-`Route`, or with the objects of a whole scan."""
+`Route`, or with the objects of a whole scan, or the values of a frame that is used for sure."""
 
 
 class Routed(NamedTuple):
@@ -37,6 +37,23 @@ class Routed(NamedTuple):
     unknown: list[int]
 
 
+class JudgedFrames(Protocol):
+    """Who receives frames that can be judged many at a time."""
+
+    def judged(self, times_ns: Integers, payloads: Sequence[bytes]) -> list[Sequence[float] | None]:
+        """Return the values of frames that are used for sure; None of the others.
+
+        Args:
+            times_ns: their time stamps (n,), in order.
+            payloads: their payloads.
+        """
+        ...
+
+    def receive_judged(self, part: int, slot: int, values: Sequence[float], time_ns: int) -> None:
+        """Take the values of one."""
+        ...
+
+
 class BlockRouter:
     """Routes blocks.
 
@@ -44,10 +61,15 @@ class BlockRouter:
         routes: for each bus, who receives an identifier.
         sensors: the bound sensors.
         assemblers: of their scans.
+        judges: by bus and identifier, who receives frames that are judged together.
     """
 
     def __init__(
-        self, routes: Sequence[Mapping[int, Route]], sensors: Sequence[BoundSensor], assemblers: Sequence[ScanAssembler]
+        self,
+        routes: Sequence[Mapping[int, Route]],
+        sensors: Sequence[BoundSensor],
+        assemblers: Sequence[ScanAssembler],
+        judges: Mapping[tuple[int, int], JudgedFrames],
     ) -> None:
         self._buses = len(routes)
         known = {_key(bus, can_id): route for bus, each in enumerate(routes) for can_id, route in each.items()}
@@ -57,6 +79,7 @@ class BlockRouter:
         in_order = [known[key] for key in sorted(known)]
         self._receivers = np.array([receive for receive, _, _ in in_order], object)
         self._parts, self._slots = np.array([each[1:] for each in in_order], np.int64).reshape(-1, 2).T
+        self._judges = [(int(np.searchsorted(self._keys, _key(*at))), each) for at, each in judges.items()]
         self._whole: list[tuple[WholeScans, Booleans]] = []
         for sensor, assembler in zip(sensors, assemblers, strict=True):
             scans = whole_scans(sensor, assembler)
@@ -90,6 +113,13 @@ class BlockRouter:
             first, last = np.searchsorted(rows, frames[:, 0]), np.searchsorted(rows, frames[:, -1])
             for begin, end, whole in zip(first.tolist(), last.tolist(), objects, strict=True):
                 receivers[begin], receivers[end], data[end] = assembler.begin_whole, assembler.end_whole, whole
+        for listed, judge in self._judges:
+            mine = (places == listed).nonzero()[0].tolist()
+            if mine:
+                judged = judge.judged(block.time_ns[rows[mine]], [data[row] for row in mine])
+                for row, values in zip(mine, judged, strict=True):
+                    if values is not None:
+                        receivers[row], data[row] = judge.receive_judged, values
         events = zip(times, passed, receivers, parts, slots, data, strict=True)
         return Routed(events, block.time_ns[unheard].tolist(), *self._counted(block, place))
 

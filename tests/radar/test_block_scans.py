@@ -30,6 +30,7 @@ from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame, Tick
 from candaemon.frames.frame_block import FrameBlock, block_of
 from candaemon.pipeline.cycle import Cycle
+from candaemon.pipeline.ego_frames import EgoFrames
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.radar.counter_assembler import CounterAssembler
 from candaemon.simulation.scenario import Scenario, load_scenario
@@ -155,6 +156,49 @@ def test_what_came_whole_is_taken_together(config: str, monkeypatch: pytest.Monk
     pipeline = Pipeline(bound(config))
     list(pipeline.run_blocks(blocks_of(drive(config))))
     assert len(taken) > 0.6 * sum(each.counts.scans for each in pipeline.assemblers) > 20
+
+
+def with_damaged_ego(frames: Sequence[Frame], of: Binding, seed: int) -> Iterator[Frame]:
+    """Change, cut short and lose some of the frames of ego motion: by little, or by more than can be."""
+    rng = random.Random(seed)  # noqa: S311 - test data
+    ego = of.ego
+    assert ego is not None
+    for frame in frames:
+        if frame.bus != ego.bus or frame.can_id not in ego.messages or rng.random() > 0.1:
+            yield frame
+        elif (kind := rng.choice(("change", "change", "short", "loss"))) == "change":
+            data = bytearray(frame.data)
+            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+            yield frame._replace(data=bytes(data))
+        elif kind == "short":
+            yield frame._replace(data=frame.data[: rng.randrange(len(frame.data))])
+
+
+@pytest.mark.parametrize("config", ["esr_ins", "toyota_rav4", "toyota_rav4_ins"])
+@settings(deadline=None, max_examples=examples(4, fewest=2))
+@given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from((50, 700, 3000)))
+def test_frames_of_ego_motion_are_judged_together_as_they_are_alone(config: str, seed: int, size: int) -> None:
+    frames = list(with_damaged_ego(drive(config), bound(config), seed))
+    by_frame, by_block = Pipeline(bound(config)), Pipeline(bound(config))
+    assert told(by_frame, by_frame.run(frames)) == told(by_block, by_block.run_blocks(blocks_of(frames, size)))
+    assert by_frame.counts.ego_motion.refused + by_frame.counts.ego_motion_short > 0
+    assert by_frame.state.ego_frames == by_block.state.ego_frames
+    assert by_frame.ego_signals == by_block.ego_signals
+
+
+def test_what_is_sure_of_ego_motion_is_not_judged_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone: list[int] = []
+    receive = EgoFrames.receive
+
+    def noted(self: EgoFrames, part: int, slot: int, data: bytes, time_ns: int) -> None:
+        alone.append(time_ns)
+        receive(self, part, slot, data, time_ns)
+
+    monkeypatch.setattr(EgoFrames, "receive", noted)
+    pipeline = Pipeline(bound("esr_ins"))
+    list(pipeline.run_blocks(blocks_of(drive("esr_ins"))))
+    assert pipeline.ego_signals["heading"] > 100
+    assert len(alone) <= len(pipeline.ego_frames)  # the first of each follows nothing
 
 
 def test_messages_that_are_all_too_short_are_counted(tmp_path: Path) -> None:
