@@ -5,8 +5,10 @@ from __future__ import annotations
 import atexit
 import os
 import resource
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -17,6 +19,8 @@ from tempfile import TemporaryDirectory
 import yaml
 
 from .chains import HERE, ROOT, imm_config, simulated_log
+from .live_sides import process_cpu
+from .live_wire import free_wire, on_wire
 
 SECONDS, NAIVE_SECONDS = 80.0, 8.0
 """Length of the drives, s: a chain that takes ten times as long is given a tenth. A run over a tenth of a second shows
@@ -91,17 +95,37 @@ def _byte_code_folder() -> str:
     return folder.name
 
 
-def cpu_seconds(arguments: Sequence[str]) -> float:
-    """Run Python with arguments; return the CPU time of the process, s.
-
-    It finds and keeps byte code as it does where pip has installed candaemon, wherever this process keeps none.
-    """
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+def environment() -> dict[str, str]:
+    """Return that of a process that finds and keeps byte code as it does where pip has installed candaemon."""
     kept = {"PYTHONPATH": str(ROOT), "PYTHONPYCACHEPREFIX": _byte_code_folder()}
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | kept
-    subprocess.run([sys.executable, *arguments], check=True, env=environment, cwd=ROOT, capture_output=True)
+    return {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"} | kept
+
+
+def cpu_seconds(arguments: Sequence[str]) -> float:
+    """Run Python with arguments; return the CPU time of the process, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, *arguments], check=True, env=environment(), cwd=ROOT, capture_output=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def ready_seconds(folder: Path) -> tuple[float, float]:
+    """Start `candaemon run` of a shipped configuration; return its CPU time and the time until it says READY=1, s."""
+    config = on_wire(_FULL, free_wire(), 1200.0, folder)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notified:
+        notified.bind(str(folder / "notify"))
+        notified.settimeout(60.0)
+        told = environment() | {"NOTIFY_SOCKET": str(folder / "notify"), "XDG_RUNTIME_DIR": str(folder)}
+        command = [sys.executable, "-m", "candaemon", "run", str(config)]
+        began = time.perf_counter()
+        with subprocess.Popen(command, env=told, cwd=ROOT, stderr=subprocess.DEVNULL) as service:
+            try:
+                while b"READY=1" not in notified.recv(4096):
+                    pass
+                return process_cpu(service.pid), time.perf_counter() - began
+            finally:
+                (folder / "notify").unlink()
+                service.terminate()
 
 
 def drive(log: Path, seconds: float) -> Path:
@@ -130,6 +154,8 @@ def print_comparisons(folder: Path) -> None:
     for line in table(timed_commands(folder)):
         print(line, flush=True)
     print(f"{'check, a shipped configuration':<32}{median(cpu_seconds(START) for _ in range(3)):>9.2f} s", flush=True)
+    ready = [ready_seconds(folder)[0] for _ in range(3)]
+    print(f"{'run until ready, the same':<32}{median(ready):>9.2f} s", flush=True)
 
 
 def table(times: dict[str, float]) -> Iterator[str]:

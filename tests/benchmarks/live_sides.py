@@ -26,6 +26,12 @@ _STARTING_S = 20.0
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
+def process_cpu(pid: int) -> float:
+    """Return the CPU time of a process so far, s, in user and kernel mode."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS
+
+
 @contextmanager
 def ahead_of_others() -> Iterator[None]:
     """Run this thread and the processes it starts before all else on the machine, where that is allowed."""
@@ -139,11 +145,11 @@ class Side:
     def feed(self, warming: Sequence[Datagram], block: Sequence[Datagram]) -> None:
         """Feed a part of a drive that brings the daemon up to it, and right after it a block that is measured."""
         self._driver.play(warming)
-        before, began_ns = self._cpu(), time.time_ns()
+        before, began_ns = process_cpu(self._process.pid), time.time_ns()
         played = self._driver.play(block)
         self._driver.hear_the_rest(played)
         self.fed += len(warming) + len(block)
-        self.blocks.append(Measured.of(played, self._cpu() - before, (began_ns, time.time_ns())))
+        self.blocks.append(Measured.of(played, process_cpu(self._process.pid) - before, (began_ns, time.time_ns())))
 
     @contextmanager
     def paused_from(self, seconds: float | None) -> Iterator[None]:
@@ -168,11 +174,6 @@ class Side:
         self._end()
         text = self._told.read_text(encoding="utf-8")
         return dict(json.loads(text)) if text else {}
-
-    def _cpu(self) -> float:
-        """Return the daemon's CPU time so far, s, in user and kernel mode."""
-        fields = Path(f"/proc/{self._process.pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / _TICKS
 
     def _end(self) -> None:
         """End the process."""

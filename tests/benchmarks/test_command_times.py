@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from .command_times import COMMANDS, START, cpu_seconds, table
+from .command_times import COMMANDS, START, cpu_seconds, ready_seconds, table
 
 
 def test_the_table_divides_by_what_is_compared() -> None:
@@ -18,3 +20,10 @@ def test_the_table_divides_by_what_is_compared() -> None:
 @pytest.mark.benchmark
 def test_a_command_has_its_cpu_time_counted() -> None:
     assert 0.05 < cpu_seconds(START) < 60.0
+
+
+@pytest.mark.benchmark
+def test_a_service_says_when_it_is_ready(tmp_path: Path) -> None:
+    cpu, waited = ready_seconds(tmp_path)
+    assert 0.05 < cpu < 60.0
+    assert waited > 0.05
