@@ -370,3 +370,26 @@ def tell_bodies(
     truck_length: float,
     walking: float,
 ) -> tuple[Floats, NDArray[np.int8]]: ...
+def fit_reflections(
+    rows: Indices,
+    new: Booleans,
+    vague: Booleans,
+    body: Integers,
+    shown: Floats,
+    spread: Floats,
+    offset: Floats,
+    variance: Floats,
+    axis: Floats,
+    confirmed: Booleans,
+    position: Floats,
+    noise: Floats,
+    rate: Floats,
+    rate_variance: Floats,
+    x0: float,
+    y0: float,
+    vx0: float,
+    vy0: float,
+    confirmed_gate: float,
+    gate: float,
+) -> tuple[Indices, Floats, int]: ...
+def mode_exponents(nis: Floats, log_spread: Floats, evidence: float) -> Floats: ...

@@ -1075,32 +1075,57 @@ def pair_nis(
 ):
     """Return the NIS (m,) of positions and range rates, the latter with Jacobian (m, 4); NaN where none was measured."""
     cdef Py_ssize_t m = mean.shape[0], t, i, k
-    cdef double a, b, d, ix, iy, determinant, gain_x, gain_y, residual, spread
-    cdef double cross[4]
+    cdef double state[4]
+    cdef double p[4][4]
+    cdef double h[4]
     nis_array = np.empty(m)
     cdef double[::1] nis = nis_array
     with nogil:
         for t in range(m):
-            a = covariance[t, 0, 0] + noise[t, 0, 0]
-            b = covariance[t, 0, 1] + noise[t, 0, 1]
-            d = covariance[t, 1, 1] + noise[t, 1, 1]
-            ix, iy = position[t, 0] - mean[t, 0], position[t, 1] - mean[t, 1]
-            determinant = a * d - b * b
-            nis[t] = (d * ix * ix - 2.0 * b * ix * iy + a * iy * iy) / determinant
             for i in range(4):
-                cross[i] = covariance[t, i, 0] * row[t, 0]
-                for k in range(1, 4):
-                    cross[i] = cross[i] + covariance[t, i, k] * row[t, k]
-            gain_x = (d * cross[0] - b * cross[1]) / determinant
-            gain_y = (a * cross[1] - b * cross[0]) / determinant
-            residual = rate[t] - predicted_rate[t] - gain_x * ix - gain_y * iy
-            spread = row[t, 0] * cross[0]
-            for k in range(1, 4):
-                spread = spread + row[t, k] * cross[k]
-            spread = spread + variance[t] - gain_x * cross[0] - gain_y * cross[1]
-            if isfinite(residual):
-                nis[t] = nis[t] + residual * residual / spread
+                state[i], h[i] = mean[t, i], row[t, i]
+                for k in range(4):
+                    p[i][k] = covariance[t, i, k]
+            nis[t] = nis_of_pair(
+                state, p, position[t, 0], position[t, 1], noise[t, 0, 0], noise[t, 0, 1], noise[t, 1, 1],
+                predicted_rate[t], h, rate[t], variance[t],
+            )
     return nis_array
+
+
+cdef inline double nis_of_pair(
+    double[4] mean,
+    double[4][4] covariance,
+    double x,
+    double y,
+    double xx,
+    double xy,
+    double yy,
+    double predicted,
+    double[4] row,
+    double rate,
+    double variance,
+) noexcept nogil:
+    """Return the NIS of a position and a range rate, of which the latter may be NaN."""
+    cdef int i, k
+    cdef double a, b, d, ix, iy, determinant, gain_x, gain_y, residual, spread, nis
+    cdef double cross[4]
+    a, b, d = covariance[0][0] + xx, covariance[0][1] + xy, covariance[1][1] + yy
+    ix, iy = x - mean[0], y - mean[1]
+    determinant = a * d - b * b
+    nis = (d * ix * ix - 2.0 * b * ix * iy + a * iy * iy) / determinant
+    for i in range(4):
+        cross[i] = covariance[i][0] * row[0]
+        for k in range(1, 4):
+            cross[i] = cross[i] + covariance[i][k] * row[k]
+    gain_x = (d * cross[0] - b * cross[1]) / determinant
+    gain_y = (a * cross[1] - b * cross[0]) / determinant
+    residual = rate - predicted - gain_x * ix - gain_y * iy
+    spread = row[0] * cross[0]
+    for k in range(1, 4):
+        spread = spread + row[k] * cross[k]
+    spread = spread + variance - gain_x * cross[0] - gain_y * cross[1]
+    return nis + residual * residual / spread if isfinite(residual) else nis
 
 
 def vehicle_axes(
@@ -2864,3 +2889,84 @@ def tell_bodies(
             if standing[t] > surely or ((time_ns - first_ns[t]) * 1e-9 > settled and fastest[t] < slow):
                 codes[1, t] = 5
     return numbers_array, codes_array
+
+
+def fit_reflections(
+    const Py_ssize_t[:] rows,
+    const unsigned char[:] new,
+    const unsigned char[:] vague,
+    const Py_ssize_t[:] body,
+    const double[:, ::1] shown,
+    const double[:, :, ::1] spread,
+    const double[:, :] offset,
+    const double[:] variance,
+    const double[:, :] axis,
+    const unsigned char[:] confirmed,
+    const double[:, :] position,
+    const double[:, :, :] noise,
+    const double[:] rate,
+    const double[:] rate_variance,
+    double x0,
+    double y0,
+    double vx0,
+    double vy0,
+    double confirmed_gate,
+    double gate,
+):
+    """Return which reflection each detection fits of those that its id stands for (m,), −1: none; the NIS, NaN where it
+    fits none; and how many do not fit."""
+    cdef Py_ssize_t m = rows.shape[0], i, r, t, jumps = 0
+    cdef int a, b
+    cdef double x, y, vx, vy, distance, nearest, far, predicted, fits
+    cdef double state[4]
+    cdef double p[4][4]
+    cdef double h[4]
+    found_array, nis_array = np.full(m, -1, np.intp), np.full(m, NAN)
+    cdef Py_ssize_t[::1] found = found_array
+    cdef double[::1] nis = nis_array
+    with nogil:
+        for i in range(m):
+            r = rows[i]
+            if r < 0 or new[i] or vague[body[r]]:
+                continue
+            t = body[r]
+            for a in range(4):
+                state[a] = shown[t, a]
+                for b in range(4):
+                    p[a][b] = spread[t, a, b]
+            state[0] = state[0] + (offset[r, 0] * axis[t, 0] - offset[r, 1] * axis[t, 1])
+            state[1] = state[1] + (offset[r, 1] * axis[t, 0] + offset[r, 0] * axis[t, 1])
+            p[0][0] = p[0][0] + variance[r]
+            p[1][1] = p[1][1] + variance[r]
+            x, y, vx, vy = state[0] - x0, state[1] - y0, state[2] - vx0, state[3] - vy0
+            distance = sqrt(x * x + y * y)
+            nearest, far = larger(distance, 1e-3), larger(distance, 1.0)
+            x, y = x / nearest, y / nearest
+            predicted = x * vx + y * vy
+            h[0], h[1], h[2], h[3] = (vx - predicted * x) / far, (vy - predicted * y) / far, x, y
+            fits = nis_of_pair(
+                state, p, position[i, 0], position[i, 1], noise[i, 0, 0], noise[i, 0, 1], noise[i, 1, 1],
+                predicted, h, rate[i], rate_variance[i],
+            )
+            if fits <= (confirmed_gate if confirmed[t] else gate):
+                found[i], nis[i] = r, fits
+            else:
+                jumps += 1
+    return found_array, nis_array, jumps
+
+
+def mode_exponents(const double[:, :] nis, const double[:, :] log_spread, double evidence):
+    """Return the logarithms of the modes' likelihoods (M, m) below the greatest, times how much they count."""
+    cdef Py_ssize_t modes = nis.shape[0], m = nis.shape[1], i, t
+    cdef double most
+    out_array = np.empty((modes, m))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(m):
+            most = -0.5 * (nis[0, t] + log_spread[0, t])
+            for i in range(modes):
+                out[i, t] = -0.5 * (nis[i, t] + log_spread[i, t])
+                most = larger(most, out[i, t])
+            for i in range(modes):
+                out[i, t] = evidence * (out[i, t] - most)
+    return out_array

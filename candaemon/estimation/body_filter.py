@@ -34,7 +34,6 @@ from candaemon.estimation.smoothing import Link, smoothing_gain
 WIDTH = 8
 POSITION, VELOCITY, BIAS = slice(0, 2), slice(2, 4), slice(6, 8)
 TURN, ACCELERATION = 4, 5
-_LOG_2_PI = float(np.log(2.0 * np.pi))
 _UNMEASURED = float(0.5 / np.pi)  # variance of a number that adds nothing to a log likelihood
 _LEAST_PROBABILITY = 1e-6
 _SLOW = 1.0  # m/s, below which the course says nothing of the axis
@@ -111,6 +110,23 @@ class BodyFilterState:
     probability: Floats
 
 
+@dataclass(frozen=True, slots=True)
+class _StepConstants:
+    """What a step has the same for all bodies in M modes.
+
+    Attributes:
+        dt: its length, s.
+        leave: share of each mode's probability that leaves it (M, 1).
+        decay: of ω, a and both components of the bias (4, M).
+        drive: what drives each mode (7, M, 1), see `BodyFilter._drive`.
+    """
+
+    dt: float
+    leave: Floats
+    decay: Floats
+    drive: Floats
+
+
 class BodyFilter:
     """An interacting multiple model filter of rigid bodies.
 
@@ -140,6 +156,7 @@ class BodyFilter:
         self._standing, self._variance = (1.0 - self._moves) * dynamics.standing**2, self._acceleration**2
         self._state = self._empty()
         self._buffer = np.empty(0)
+        self._step_constants = _StepConstants(np.nan, *[np.empty(0)] * 3)
         self.linking = False
         self.link: Link | None = None
 
@@ -275,7 +292,7 @@ class BodyFilter:
         if len(self._dwell) == 1:
             return
         dwell, others = self._dwell, self._others
-        leave = -np.expm1(-dt / dwell)
+        leave = self._constants(dt).leave
         prior, mean, covariance = self.probability.T, self._state.mean.T, self._state.covariance.T
         if self._compiled:
             predicted = compiled.kernels.mix_bodies(mean, covariance, prior, leave, dwell, others)
@@ -323,8 +340,8 @@ class BodyFilter:
 
     def _step(self, dt: float, axis: Floats, walk: Floats, hidden: Floats, fade: Floats) -> BodyTransition | None:
         """Predict means and covariances in each mode; return F, which the kernel tells only if `linking`."""
-        mean, covariance, drive = self._state.mean.T, self._state.covariance.T, self._drive(dt)
-        decay = np.exp(-dt / self._memory)
+        mean, covariance, constants = self._state.mean.T, self._state.covariance.T, self._constants(dt)
+        drive, decay = constants.drive, constants.decay
         turn = np.minimum(np.maximum(mean[TURN], -_FULL_TURN), _FULL_TURN) * drive[6]
         turned = np.empty((2, *turn.shape))
         np.cos(turn, out=turned[0])
@@ -361,6 +378,13 @@ class BodyFilter:
     def unsteady(self, speed: Floats) -> Floats:
         """Return how surely bodies at speeds (…), m/s, have no course that could tell their axis (…), 0 to 1."""
         return np.asarray(np.exp(-np.square(speed / self._dynamics.settling_speed)))
+
+    def _constants(self, dt: float) -> _StepConstants:
+        """Return what a step of dt, s, has the same for all bodies; scans mostly come at one rate."""
+        if dt != self._step_constants.dt:
+            leave, decay = -np.expm1(-dt / self._dwell), np.exp(-dt / self._memory)
+            self._step_constants = _StepConstants(dt, leave, decay, self._drive(dt))
+        return self._step_constants
 
     def _drive(self, dt: float) -> Floats:
         """Return what drives each mode in a step of dt, s: (7, M, 1).
@@ -472,15 +496,17 @@ class BodyFilter:
         mean, covariance, prior = state.mean.T, state.covariance.T, state.probability.T.take(rows, axis=-1)
         if not self._compiled:
             mean, covariance = mean.take(rows, axis=-1), covariance.take(rows, axis=-1)
-        nis, log_likelihood = self._take_places(mean, covariance, rows, measurement)
+        nis, spread = self._take_places(mean, covariance, rows, measurement)
         speeds = () if rates is None else rates.components(self._seen(mean, rows, prior))
         for speed in (*speeds, *map(_component, measurement.projections)):
-            self._take_speed(mean, covariance, rows, speed, nis, log_likelihood)
+            self._take_speed(mean, covariance, rows, speed, nis, spread)
         evidence = 1.0 + alike * (self._dynamics.evidence - 1.0)
-        likelihood = np.exp(evidence * (log_likelihood - log_likelihood.max(axis=0)))
+        log_spread = np.log(spread, out=spread)
         if self._compiled:
+            likelihood = np.exp(compiled.kernels.mode_exponents(nis, log_spread, evidence))
             return compiled.kernels.weigh_modes(state.probability.T, rows, prior, likelihood, nis, _LEAST_PROBABILITY)
-        weight = prior * likelihood
+        log_likelihood = -0.5 * (nis + log_spread)  # less what is the same in all modes
+        weight = prior * np.exp(evidence * (log_likelihood - log_likelihood.max(axis=0)))
         weight = np.maximum(weight / _total(weight), _LEAST_PROBABILITY)
         state.probability.T[:, rows] = weight / _total(weight)
         state.mean.T[..., rows], state.covariance.T[..., rows] = mean, covariance
@@ -496,7 +522,7 @@ class BodyFilter:
     def _take_places(
         self, mean: Floats, covariance: Floats, rows: Indices, measurement: Measurement
     ) -> tuple[Floats, Floats]:
-        """Update with the positions, x + b; return NIS and log likelihood, (M, m) each.
+        """Update with the positions, x + b; return NIS and determinants of the innovations' covariances, (M, m) each.
 
         Args:
             mean: of all bodies (8, M, n) for the kernel, else of the rows (8, M, m); changed in place.
@@ -507,8 +533,7 @@ class BodyFilter:
         noise = measurement.noise
         if self._compiled:
             place, spread = np.ascontiguousarray(measurement.position), np.ascontiguousarray(noise)
-            nis, determinant = compiled.kernels.take_places_of_bodies(mean, covariance, rows, place, spread)
-            return nis, -0.5 * (nis + np.log(determinant)) - _LOG_2_PI
+            return compiled.kernels.take_places_of_bodies(mean, covariance, rows, place, spread)
         x, y = measurement.position.T
         x, y = x - mean[0] - mean[6], y - mean[1] - mean[7]
         cross_x, cross_y = covariance[0] + covariance[6], covariance[1] + covariance[7]  # H P, (8, M, m) each
@@ -528,8 +553,7 @@ class BodyFilter:
         mean += cross_y * y
         covariance -= self._outer(cross_x, cross_x)
         covariance -= self._outer(cross_y, cross_y)
-        nis = x * x + y * y
-        return nis, -0.5 * (nis + np.log(a * rest)) - _LOG_2_PI
+        return x * x + y * y, a * rest
 
     def _take_speed(
         self,
@@ -538,9 +562,9 @@ class BodyFilter:
         rows: Indices,
         speed: SpeedComponent,
         nis: Floats,
-        log_likelihood: Floats,
+        spread: Floats,
     ) -> None:
-        """Update with one number each and add to NIS and log likelihood; one that was not measured adds nothing.
+        """Update with one number each; add to NIS and determinants. One that was not measured changes no weight.
 
         Args:
             mean: as in `_take_places`.
@@ -548,7 +572,7 @@ class BodyFilter:
             rows: of the bodies (m,).
             speed: of each.
             nis: (M, m), added to.
-            log_likelihood: (M, m), added to.
+            spread: determinants of the innovations' covariances (M, m), multiplied by its variance.
         """
         if self._compiled:
             part, s = compiled.kernels.take_speeds_of_bodies(
@@ -571,7 +595,7 @@ class BodyFilter:
             covariance -= self._outer(cross, cross)
             part, s = innovation * innovation, np.where(known, s, _UNMEASURED)
         nis += part
-        log_likelihood -= 0.5 * (part + np.log(s) + _LOG_2_PI)
+        spread *= s
 
     def combined(self) -> tuple[Floats, Floats]:
         """Return means (n, 8) and covariances (n, 8, 8) over all modes."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.tracker import AssociationSettings, ReflectionSettings
 from candaemon.estimation.measurement import Measurement, line_of_sight
@@ -74,15 +75,15 @@ def associate(
     found = Association(np.full(n, -1, np.intp), np.full(n, -1, np.intp), np.full(n, np.nan))
     if not len(bodies) or not n:
         return found
-    usable = ~vague.take(bodies.reflections.body)
     if detections.identified:
-        _by_id(found, bodies, detections, settings, usable)
+        _by_id(found, bodies, detections, settings, vague)
     left = np.flatnonzero(found.reflection < 0)
     if not len(left):
         found.body = bodies.reflections.body.take(found.reflection)
         return found
     mean, covariance = bodies.reflection_states()
     if settings.method == "nearest" or not detections.identified:
+        usable = ~vague.take(bodies.reflections.body)
         usable[found.reflection[found.reflection >= 0]] = False
         _by_place(found, bodies, mean, covariance, np.flatnonzero(usable), measurement, settings.gate, detecting)
         left = np.flatnonzero(found.reflection < 0)
@@ -93,12 +94,15 @@ def associate(
 
 
 def _by_id(
-    found: Association, bodies: Bodies, detections: Detections, settings: AssociationSettings, usable: Booleans
+    found: Association, bodies: Bodies, detections: Detections, settings: AssociationSettings, vague: Booleans
 ) -> None:
     """Associate by ids; one that comes twice in a scan stands for nothing, nor does that of an object called new."""
     keys = detections.object_id
     rows, distinct = bodies.rows_of(detections.sensor, keys)
-    row = np.where(detections.new | ~usable.take(rows), -1, rows)
+    if compiled.in_use and distinct and settings.method != "id" and not detections.measurement.projections:
+        _fit(found, bodies, detections, settings, vague, rows)
+        return
+    row = np.where(detections.new | vague.take(bodies.reflections.body.take(rows)), -1, rows)
     if not distinct:
         _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
         row[counts[inverse] > 1] = -1
@@ -120,6 +124,44 @@ def _by_id(
         chosen = order[first]
     found.reflection[known[chosen]] = row[chosen]
     found.nis[known[chosen]] = nis[chosen]
+
+
+def _fit(
+    found: Association,
+    bodies: Bodies,
+    detections: Detections,
+    settings: AssociationSettings,
+    vague: Booleans,
+    rows: Indices,
+) -> None:
+    """Do that with a kernel, where no id comes twice and all are gated."""
+    moments, reflections, measurement = bodies.moments(), bodies.reflections, detections.measurement
+    rate, variance = measurement.range_rate, measurement.range_rate_variance
+    if rate is None or variance is None:
+        rate = variance = np.full(len(rows), np.nan)
+    (x0, y0), (vx0, vy0) = measurement.origin.tolist(), measurement.velocity.tolist()
+    found.reflection, found.nis, found.slot_jumps = compiled.kernels.fit_reflections(
+        rows,
+        detections.new,
+        vague,
+        reflections.body,
+        moments.shown,
+        moments.shown_covariance,
+        reflections.offset,
+        reflections.variance,
+        bodies.obstacles.axis,
+        bodies.obstacles.confirmed,
+        measurement.position,
+        measurement.noise,
+        rate,
+        variance,
+        x0,
+        y0,
+        vx0,
+        vy0,
+        settings.id_gate,
+        settings.gate,
+    )
 
 
 def _by_place(

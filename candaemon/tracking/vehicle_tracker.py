@@ -377,6 +377,9 @@ class VehicleTracker:
     def _let_wander(self, dt: float) -> None:
         """Let the variances of the offsets return towards the spread; the leading reflection is where it is."""
         places, reflections = self._places, self._bodies.reflections
+        if len(reflections) == len(self):  # all of them lead
+            reflections.variance = np.zeros(len(reflections))
+            return
         keep = exp(-dt / places.spread_time)
         follows = np.ones(len(reflections), dtype=np.bool_)
         follows[self._bodies.obstacles.leader] = False
@@ -386,8 +389,11 @@ class VehicleTracker:
     def _associate(self, detections: Detections) -> Association:
         """Return which body and reflection each detection belongs to."""
         bodies, lifecycle = self._bodies, self.settings.lifecycle
-        away = (self._state.time_ns - bodies.obstacles.last_ns) * 1e-9 > self._tentative_coast
-        vague = away & (self._uncertain() > lifecycle.uncertainty) if away.any() else away
+        away = self._silent(bodies.obstacles.last_ns, self._tentative_coast)
+        if away is None:
+            vague = np.zeros(len(bodies), dtype=np.bool_)
+        else:
+            vague = away & (self._uncertain() > lifecycle.uncertainty)
         association, extent = self.settings.association, self.settings.reflections
         detecting = self._existence.detecting(detections.sensor) if association.joint else None
         found = associate(bodies, detections, association, extent, vague, detecting)
@@ -488,28 +494,38 @@ class VehicleTracker:
         obstacles, reflections = bodies.obstacles, bodies.reflections
         if not len(obstacles):
             return
-        detected = obstacles.last_ns == self._state.time_ns
+        time_ns = self._state.time_ns
         if self._by_existence:
-            promoted = (obstacles.existence >= lifecycle.sure) & detected & ~obstacles.confirmed
+            promoted = (obstacles.existence >= lifecycle.sure) & (obstacles.last_ns == time_ns) & ~obstacles.confirmed
             if detections is not None and promoted.any():
                 promoted[self._images(np.flatnonzero(promoted), detections)] = False
         else:
             hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
             promoted = (hits >= lifecycle.confirm) & ~obstacles.confirmed
-        obstacles.confirmed |= promoted
-        self.counts.confirmed += int(promoted.sum())
-        ended = self._taken_up(np.flatnonzero(promoted)) if self._by_existence else np.zeros(len(self), dtype=np.bool_)
-        missed = (self._state.time_ns - obstacles.last_ns) * 1e-9 > self._tentative_coast
-        if missed.any():
+        ended = np.zeros(len(self), dtype=np.bool_)
+        if promoted.any():
+            obstacles.confirmed |= promoted
+            self.counts.confirmed += int(np.count_nonzero(promoted))
+            if self._by_existence:
+                ended = self._taken_up(np.flatnonzero(promoted))
+        missed = self._silent(obstacles.last_ns, self._tentative_coast)
+        if missed is not None:
             ended |= missed & (self._forgotten() if self._by_existence else self._ended_by_hits(pose))
-        lost = ended[reflections.body]
-        silent = (self._state.time_ns - reflections.last_ns) * 1e-9 > lifecycle.reflection_coast
-        silent[obstacles.leader] = False
-        lost |= silent
         if self._by_existence and detections is not None:
             self._existence.learn_clutter(detections.sensor, int(np.count_nonzero(ended & ~obstacles.confirmed)))
+        lost = ended.take(reflections.body)
+        silent = self._silent(reflections.last_ns, lifecycle.reflection_coast)
+        if silent is not None:
+            silent[obstacles.leader] = False
+            lost |= silent
         if lost.any():
             self._delete(lost, ended)
+
+    def _silent(self, last_ns: Integers, longest: float) -> Booleans | None:
+        """Return of what the latest detection (n,) is longer ago than a time, s; None: of nothing."""
+        if not len(last_ns) or (self._state.time_ns - int(last_ns.min())) * 1e-9 <= longest:
+            return None
+        return np.asarray((self._state.time_ns - last_ns) * 1e-9 > longest)
 
     def _images(self, candidates: Indices, detections: Detections) -> Indices:
         """Return those of some young obstacles that are held for images of others, for a while: they may be real."""
@@ -547,9 +563,8 @@ class VehicleTracker:
         coast in sight, and within a field of view.
         """
         obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
-        coasted = self._state.time_ns - obstacles.last_ns
-        coasting = coasted * 1e-9 > self._tentative_coast
-        if not self._by_existence or not coasting.any():
+        coasting = self._silent(obstacles.last_ns, self._tentative_coast)
+        if not self._by_existence or coasting is None:
             return np.ones(len(self), dtype=np.bool_)
         in_view = self._in_view(pose)
         self._existence.leave(self._bodies, in_view)

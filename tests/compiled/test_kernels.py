@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
 from candaemon.config.sensors import FieldOfView
-from candaemon.config.tracker import LifecycleSettings, ReflectionSettings
+from candaemon.config.tracker import AssociationSettings, LifecycleSettings, ReflectionSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode, acceleration, shown
@@ -33,7 +34,7 @@ from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import sensor_views
 from candaemon.tracking import box
 from candaemon.tracking.association import pair_nis
-from candaemon.tracking.body_association import Association
+from candaemon.tracking.body_association import Association, associate
 from candaemon.tracking.body_axes import turned_axes
 from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_measurement import of_bodies
@@ -404,6 +405,26 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         older, needed = merge_candidates(bodies, ReflectionSettings())
         assert 3 < np.count_nonzero(older >= 0) < 50
         return [older.astype(np.float64), needed]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("speeds", [True, False])
+@pytest.mark.parametrize("twice", [True, False])
+def test_what_detections_are_of_by_their_ids(twice: bool, speeds: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    vague, ids = np.arange(20) == 2, np.arange(15)
+    ids[14] = 13 if twice else 99
+
+    def computed() -> list[Floats]:
+        bodies, scan = bodies_on_road(20, 9), scan_of(15, speeds)
+        states, _ = bodies.reflection_states()
+        scan.measurement.position[:] = states[:15, :2] + np.linspace(0.0, 4.0, 15)[:, None]
+        scan.new[5] = True
+        scan = replace(scan, object_id=ids)
+        found = associate(bodies, scan, AssociationSettings(), ReflectionSettings(merge=False), vague)
+        assert found.slot_jumps > 0
+        assert 2 < np.count_nonzero(np.isfinite(found.nis)) < 15
+        return [found.body.astype(np.float64), found.reflection.astype(np.float64), found.nis]
 
     both(monkeypatch, computed)
 
