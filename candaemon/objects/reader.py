@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from candaemon.arrays import Booleans, Bytes, Floats, Integers
 from candaemon.dbc.batch_codec import BatchDecoder
+from candaemon.dbc.bits import sendable_values
 from candaemon.dbc.single_codec import compile_field_reader
 from candaemon.objects.conditions import CompiledCondition, KnownCondition, TabulatedCondition
 from candaemon.objects.message_layout import MessageLayout, point_name
@@ -24,6 +25,8 @@ Row: TypeAlias = tuple[int, int]
 ReadCondition: TypeAlias = CompiledCondition | TabulatedCondition | KnownCondition
 POSITION: Final = ("x", "y", "range", "azimuth")
 """Quantities without which an object is nowhere."""
+BOUNDED: Final = (*POSITION, "range_rate", "vx", "vy")
+"""Quantities of which the ends of their signals are bounds: what is farther or faster is told as them."""
 
 
 class Claim(NamedTuple):
@@ -62,6 +65,8 @@ class LayoutReader:
         bias: (quantities, 1) in SI, None where all are 0.
         uncertain: whether a quantity may be NaN, as floats and multiplexed signals can.
         unknown: row of each signal and value of it that says nothing, and how near to that is as good.
+        ends: row of each signal of a place or speed, a value of it that is a bound (its least or greatest, not 0), and
+            whether it is of a place.
         codes: row of each signal with values for classes, and those values (1, classes).
         angles: row of each signal that gives the sine or the slope of an angle, and which of them.
 
@@ -87,6 +92,13 @@ class LayoutReader:
         self.bias: Floats | None = bias if bias.any() else None
         self.unknown = tuple(
             (row, value, abs(each.signal.scale) / 2) for row, each in enumerate(bindings) for value in each.unknown
+        )
+        self.ends = tuple(
+            (row, end, each.quantity in POSITION)
+            for row, each in enumerate(bindings)
+            if each.quantity in BOUNDED and not each.signal.is_float
+            for end in sendable_values(each.signal)
+            if each.gain * end + each.bias != 0.0
         )
         self.angles = tuple((row, each.form) for row, each in enumerate(bindings) if each.form is not None)
         self.codes = tuple((row, np.array([each.codes])) for row, each in enumerate(bindings) if each.codes is not None)
@@ -214,6 +226,12 @@ class ObjectReader:
                     rows[row] = angle_of(rows[row], form)
                 for row, unknown, near in reader.unknown:
                     rows[row, np.abs(raw[row] - unknown) < near] = np.nan
+                for row, end, is_place in reader.ends:
+                    bound = raw[row] == end
+                    if np.count_nonzero(bound):
+                        rows[row, bound] = np.nan
+                        if is_place:
+                            finite.append(~bound)
                 for row, codes in reader.codes:  # a value that stands for no class is the first: unknown
                     rows[row] = (raw[row][:, None] == codes).argmax(axis=1)
                 if missing is not None:
