@@ -326,6 +326,7 @@ def weigh_existence(
     likelihood: Floats,
     limit: float,
     careful: float,
+    most: float,
     least: float,
     largest: float,
 ) -> None: ...

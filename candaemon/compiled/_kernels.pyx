@@ -2715,6 +2715,7 @@ def weigh_existence(
     const double[:] likelihood,
     double limit,
     double careful,
+    double most,
     double least,
     double largest,
 ):
@@ -2734,7 +2735,7 @@ def weigh_existence(
                 after = larger(after, existence[t])
             odds = existence[t] / (1.0 - existence[t])
             after = after / (1.0 - after)
-            after = smaller(larger(after, odds / (limit if confirmed[t] else careful)), odds * limit)
+            after = smaller(larger(after, odds / (limit if confirmed[t] else careful)), odds * most)
             existence[t] = within(after / (1.0 + after), least, 1.0 - least)
             in_sight[t] = 1.0 if seen[t] else share[t]
             if seen[t]:

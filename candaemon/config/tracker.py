@@ -83,6 +83,16 @@ class LifecycleSettings(Settings):
     confirm: int = Field(
         5, ge=1, le=32, description="scans with a detection that confirm a track; by existence: in succession …"
     )
+    confirm_early: int = Field(
+        3,
+        ge=2,
+        le=32,
+        description="… where a sensor's false detections are found to be few and not to come again, unless `confirm` "
+        "is given and this is not …",
+    )
+    false_rate: float = Field(
+        1.0, gt=0, le=100, description="1/min, … so that this many false obstacles are confirmed at most"
+    )
     window: int = Field(8, ge=1, le=32, description="… by hits: among so many")
     sure: float = Field(0.95, gt=0.5, lt=1, description="probability of existence that confirms")
     doubtful: float = Field(0.05, gt=0, lt=0.5, description="that below which a confirmed obstacle is given up")
@@ -116,6 +126,12 @@ class LifecycleSettings(Settings):
         default_factory=lambda: AlongAcross(along=25.0, across=5.0),
         description="m/s, standard deviation over ground of an unknown target, along and across our own heading",
     )
+
+    @property
+    def earliest(self) -> int:
+        """Detections in succession that confirm at least, by existence."""
+        given = self.model_fields_set
+        return self.confirm if "confirm" in given and "confirm_early" not in given else self.confirm_early
 
     @model_validator(mode="after")
     def _window_holds_the_hits(self) -> LifecycleSettings:

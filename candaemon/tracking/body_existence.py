@@ -7,12 +7,12 @@ changes the odds by a limited factor, that with which as many detections in succ
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import sqrt
+from math import log, sqrt
 
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.tracker import LifecycleSettings
 from candaemon.ego.pose import EgoPose
@@ -49,8 +49,9 @@ class BodyExistence:
         self._views = views
         self._visibility = Visibility(sensors)
         sure, first = settings.sure, settings.first_existence
-        odds = sure / (1.0 - sure) * (1.0 - first) / first
-        self._limit = max(odds ** (1.0 / max(settings.confirm - 1, 1)) * _MARGIN, _LEAST_LIMIT)
+        self._odds = sure / (1.0 - sure) * (1.0 - first) / first
+        self._limit = self._limit_for(settings.confirm)
+        self._minutes = {number: each.cycle_time / 60.0 for number, each in sensors.items()}
         self.first = sure if settings.confirm == 1 else first
 
     @property
@@ -69,6 +70,7 @@ class BodyExistence:
     def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
         """Give what was learnt to the sensors' other numbers, and forget those left out."""
         self._visibility.renumber_sensors(sensors)
+        self._minutes = {sensors[old]: each for old, each in self._minutes.items() if old in sensors}
 
     def predict(self, bodies: Bodies, dt: float) -> None:
         """Let a time pass: what exists leaves some day, and what could be seen and was not waits longer."""
@@ -107,7 +109,7 @@ class BodyExistence:
         ratio = np.zeros(len(obstacles))
         if len(rows):
             ratio[association.body[rows]] = self._ratios(bodies, association, detections, rows, density)
-        self._weigh(obstacles, seen, expected, share, probability, ratio)
+        self._weigh(obstacles, seen, expected, share, probability, ratio, sensor)
 
     def _weigh(
         self,
@@ -117,12 +119,13 @@ class BodyExistence:
         share: Floats,
         probability: Floats,
         ratio: Floats,
+        sensor: int,
     ) -> None:
         """Weigh what is seen or expected, by a limited factor, and note what the scan could see.
 
         What is not confirmed loses half as much by a miss: what comes into view at its edge is missed now and then.
         """
-        limit, careful = self._limit, sqrt(self._limit)
+        limit, careful, most = self._limit, sqrt(self._limit), self._limit_for(self.confirming(sensor))
         if compiled.in_use:
             compiled.kernels.weigh_existence(
                 obstacles.existence,
@@ -136,6 +139,7 @@ class BodyExistence:
                 ratio,
                 limit,
                 careful,
+                most,
                 existence.LEAST,
                 existence.LARGEST_RATIO,
             )
@@ -144,7 +148,7 @@ class BodyExistence:
         raised = np.where(seen, np.maximum(raised, obstacles.existence), raised)
         odds = obstacles.existence / (1.0 - obstacles.existence)
         least = odds / np.where(obstacles.confirmed, limit, careful)
-        odds = np.clip(raised / (1.0 - raised), least, odds * limit)
+        odds = np.clip(raised / (1.0 - raised), least, odds * most)
         raised = existence.bounded(odds / (1.0 + odds))
         obstacles.existence = np.where(seen | expected, raised, obstacles.existence)
         obstacles.in_sight = np.where(seen, 1.0, np.where(expected, share, obstacles.in_sight))
@@ -160,15 +164,30 @@ class BodyExistence:
             return None
         return Detecting(self._visibility.mean_probability(sensor), self._visibility.clutter_density(sensor))
 
-    def learn_clutter(self, sensor: int, false: int) -> None:
+    def learn_clutter(self, sensor: int, ended: Integers) -> None:
         """Learn from a scan how many detections belonged to nothing.
 
         Args:
             sensor: its number.
-            false: detections of bodies that have ended unconfirmed.
+            ended: histories of the bodies that have ended unconfirmed (m,).
         """
         if sensor in self._visibility.state.sensors:
-            self._visibility.learn_clutter(sensor, false)
+            hits = int(np.bitwise_count(ended).sum())
+            self._visibility.learn_clutter(sensor, len(ended), again=max(hits - len(ended), 0))
+
+    def confirming(self, sensor: int) -> float:
+        """Return how many detections in succession confirm: as many as let few false obstacles a minute through."""
+        least, most = self._settings.earliest, self._settings.confirm
+        if least >= most or sensor not in self._visibility.state.sensors:
+            return float(most)
+        false, persistence = self._visibility.false_beginnings(sensor)
+        allowed = self._settings.false_rate * self._minutes[sensor]
+        needed = 1.0 + log(max(false / allowed, 1.0)) / -log(persistence)
+        return min(max(needed, float(least)), float(most))
+
+    def _limit_for(self, detections: float) -> float:
+        """Return by how much a scan may raise the odds where so many detections in succession are to confirm."""
+        return float(max(self._odds ** (1.0 / max(detections - 1.0, 1.0)) * _MARGIN, _LEAST_LIMIT))
 
     def _looked_at(self, detections: Detections, place: Floats) -> Booleans:
         """Return which places in vehicle axes (n, 2) lie in the field of view of the scan."""

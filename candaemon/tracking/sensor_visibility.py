@@ -33,6 +33,7 @@ _POINT = 1.0  # m, length and width of an obstacle whose size is not known
 _CLEAR = 0.9  # share in sight from which a detection is expected without doubt
 _PRIOR_WEIGHT = 40.0  # opportunities that the setting counts as
 _MEMORY = 1000.0  # opportunities of a bin, or scans, after which what was learnt has faded to 1/e
+_PERSISTENCE, _PERSISTENCE_WEIGHT = 0.2, 10.0  # probability that clutter comes again, and detections that counts as
 _CLUTTER_SPREAD = 100.0  # factor by which the learnt density of clutter differs from the setting at most
 
 
@@ -48,13 +49,15 @@ class LearntDetection:
         expected: opportunities by range, of obstacles detected (row 0) and missed (row 1) the time before.
         detected: those of them that were taken.
         scans: scans whose clutter was counted.
-        false: detections that belonged to nothing.
+        false: detections that belonged to nothing, each where nothing was known.
+        again: further detections of the same.
     """
 
     expected: Floats = field(default_factory=_unlearnt)
     detected: Floats = field(default_factory=_unlearnt)
     scans: float = 0.0
     false: float = 0.0
+    again: float = 0.0
 
     def validate(self) -> None:
         """Refuse counts that cannot be.
@@ -66,7 +69,7 @@ class LearntDetection:
         if any(each.dtype != np.float64 or each.shape != (2, RANGE_BINS) for each in counts):
             raise ValueError(f"detection rates of other than 2 times {RANGE_BINS} parts")
         possible = (self.detected >= 0.0) & (self.detected <= self.expected) & (self.expected <= 2.0 * _MEMORY)
-        if not (possible.all() and 0.0 <= self.scans <= 2.0 * _MEMORY and 0.0 <= self.false < np.inf):
+        if not (possible.all() and 0.0 <= self.scans <= 2.0 * _MEMORY and 0.0 <= min(self.false, self.again) < np.inf):
             raise ValueError("detections were counted that cannot be")
 
 
@@ -188,18 +191,28 @@ class Visibility:
         learnt.expected += np.minimum(opportunities, _MEMORY / 2)
         learnt.detected += taken * np.minimum(1.0, _MEMORY / 2 / np.maximum(opportunities, 1))
 
-    def learn_clutter(self, sensor: int, false: int, scans: int = 1) -> None:
+    def learn_clutter(self, sensor: int, false: int, scans: int = 1, again: int = 0) -> None:
         """Learn how many detections belonged to nothing.
 
         Args:
             sensor: its number.
-            false: detections of tracks that have died unconfirmed since it was last told.
+            false: tracks that have died unconfirmed since it was last told.
             scans: of the sensor since then.
+            again: detections of those tracks beside their first ones.
         """
         learnt = self._state.sensors[sensor]
-        fading = exp(-scans / _MEMORY)
+        fading, share = exp(-scans / _MEMORY), min(1.0, _MEMORY / 2 / max(scans, 1))
         learnt.scans = learnt.scans * fading + min(scans, _MEMORY / 2)
-        learnt.false = learnt.false * fading + false * min(1.0, _MEMORY / 2 / max(scans, 1))
+        learnt.false = learnt.false * fading + false * share
+        learnt.again = learnt.again * fading + again * share
+
+    def false_beginnings(self, sensor: int) -> tuple[float, float]:
+        """Return how many tracks of nothing begin in a scan, and with which probability one is detected once more."""
+        learnt = self._state.sensors[sensor]
+        persistence = (learnt.again + _PERSISTENCE * _PERSISTENCE_WEIGHT) / (
+            learnt.false + learnt.again + _PERSISTENCE_WEIGHT
+        )
+        return self._models[sensor].clutter(learnt), persistence
 
     def clutter_density(self, sensor: int) -> float:
         """Return how many detections of a scan belong to nothing, per m² of the field of view."""
@@ -277,11 +290,15 @@ class _DetectionModel:
         expected, detected = learnt.expected.sum(), learnt.detected.sum()
         return float((detected + self._prior[0, 0]) / (expected + _PRIOR_WEIGHT))
 
+    def clutter(self, learnt: LearntDetection) -> float:
+        """Return the detections of a scan that belong to nothing."""
+        usual = self._clutter * self._area
+        found = (learnt.false + usual * _PRIOR_WEIGHT) / (learnt.scans + _PRIOR_WEIGHT)
+        return float(np.clip(found, usual / _CLUTTER_SPREAD, usual * _CLUTTER_SPREAD))
+
     def clutter_density(self, learnt: LearntDetection) -> float:
         """Return the detections of a scan that belong to nothing, per m²."""
-        found = learnt.false / self._area
-        density = (found + self._clutter * _PRIOR_WEIGHT) / (learnt.scans + _PRIOR_WEIGHT)
-        return float(np.clip(density, self._clutter / _CLUTTER_SPREAD, self._clutter * _CLUTTER_SPREAD))
+        return self.clutter(learnt) / self._area
 
 
 def _sight_lines(

@@ -493,6 +493,8 @@ class VehicleTracker:
         bodies, lifecycle = self._bodies, self.settings.lifecycle
         obstacles, reflections = bodies.obstacles, bodies.reflections
         if not len(obstacles):
+            if self._by_existence and detections is not None:
+                self._existence.learn_clutter(detections.sensor, obstacles.history)
             return
         time_ns = self._state.time_ns
         if self._by_existence:
@@ -512,7 +514,7 @@ class VehicleTracker:
         if missed is not None:
             ended |= missed & (self._forgotten() if self._by_existence else self._ended_by_hits(pose))
         if self._by_existence and detections is not None:
-            self._existence.learn_clutter(detections.sensor, int(np.count_nonzero(ended & ~obstacles.confirmed)))
+            self._existence.learn_clutter(detections.sensor, obstacles.history[ended & ~obstacles.confirmed])
         lost = ended.take(reflections.body)
         silent = self._silent(reflections.last_ns, lifecycle.reflection_coast)
         if silent is not None:
@@ -602,10 +604,13 @@ class VehicleTracker:
         return ended
 
     def _in_view(self, pose: EgoPose) -> Booleans:
-        """Return which obstacles lie within some sensor's field of view."""
+        """Return of which obstacles a part lies within some sensor's field of view: the reference point, or an end."""
         if not self._views:
             return np.ones(len(self), dtype=np.bool_)
-        return seen_by_any(self._views, pose.to_vehicle(self._bodies.moments().mean[:, POSITION]))
+        obstacles, place = self._bodies.obstacles, self._bodies.moments().mean[:, POSITION]
+        centre, half = place - obstacles.facing, 0.5 * obstacles.length[:, None] * obstacles.axis
+        points = np.concatenate([place, centre + half, centre - half])
+        return np.asarray(seen_by_any(self._views, pose.to_vehicle(points)).reshape(3, -1).any(axis=0))
 
     def _hand_over(self) -> None:
         """Let another reflection lead where the leading one has not been detected for the hand-over delay."""

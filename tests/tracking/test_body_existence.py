@@ -107,6 +107,55 @@ def test_as_many_detections_in_succession_confirm_as_the_settings_say(by: str, c
     assert states == [TENTATIVE] * (confirm - 1) + [CONFIRMED]
 
 
+def _confirmed_after(tracker: VehicleTracker, first: int) -> int:
+    """Return how many detections in succession confirm a car."""
+    for k in range(first, first + 20):
+        time = k * CYCLE
+        told = tracker.step(_scan(time, {4: (60.0, 5.0, 0.0)}), pose(time, east=SPEED * time, ve=SPEED))
+        if (told.state[told.x < 61.0] != TENTATIVE).any():
+            return k - first + 1
+    return 0
+
+
+@pytest.mark.parametrize(
+    ("false", "lasting", "lifecycle", "needed"),
+    [
+        (0, 0, {}, 3),
+        (3, 1, {}, 3),
+        (3, 3, {}, 5),
+        (0, 0, {"confirm": 5}, 5),
+        (0, 0, {"confirm": 8, "confirm_early": 4}, 4),
+        (0, 0, {"confirm": 2}, 2),
+    ],
+)
+def test_a_sensor_without_clutter_that_comes_again_confirms_early(
+    false: int, lasting: int, lifecycle: dict[str, Any], needed: int
+) -> None:
+    """False detections stay where they are for some scans, and others come a while later."""
+    tracker, rng = _tracker(**lifecycle), np.random.default_rng(3)
+    places: dict[int, tuple[float, float, float]] = {}
+    for k in range(400):
+        time = k * CYCLE
+        if lasting and k % (lasting + 4) == 0:
+            places = {10 + n: (70.0 + 20.0 * n, float(rng.uniform(-20.0, 20.0)), 0.0) for n in range(false)}
+        elif lasting and k % (lasting + 4) == lasting:
+            places = {}
+        tracker.step(_scan(time, places), pose(time, east=SPEED * time, ve=SPEED))
+    assert _confirmed_after(tracker, 400) == needed
+
+
+def test_what_leaves_the_field_of_view_at_one_end_is_reported() -> None:
+    """A lorry whose rear is beside the field of view and whose front is in it is not detected for a while."""
+    tracker = _tracker()
+    for k in range(60):
+        time = k * CYCLE
+        at = pose(time, east=SPEED * time, ve=SPEED)
+        scan = _scan(time, {1: (6.0 + 0.3 * max(40 - k, 0), 9.0, 0.0)} if k < 52 else {})
+        told = tracker.step(scan, at)
+    assert told.state.tolist() == [COASTING]
+    assert not sensor_views(FRONT, 0)[-1].sees(np.stack([told.x, told.y], axis=1)).any()
+
+
 def test_an_obstacle_remembered_is_reported_again_after_a_state_was_saved() -> None:
     whole = [told for _, told in _behind_a_lorry(_tracker(coast=0.5))]
     identities = Identities()

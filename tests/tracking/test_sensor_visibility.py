@@ -134,6 +134,15 @@ def test_clutter_is_learnt_and_forgotten() -> None:
     assert prior / 100 <= visibility.clutter_density(0) < prior
 
 
+def test_whether_clutter_comes_again_is_learnt() -> None:
+    visibility = Visibility({0: _settings()})
+    for _ in range(500):
+        visibility.learn_clutter(0, 2, again=3)
+    begun, persistence = visibility.false_beginnings(0)
+    assert begun == pytest.approx(2.0, rel=0.1)
+    assert persistence == pytest.approx(0.6, abs=0.01)
+
+
 def test_what_is_learnt_stays_bounded_however_much_comes_at_once() -> None:
     visibility = Visibility({0: _settings()})
     crowd = 100_000
