@@ -2123,11 +2123,16 @@ def bodies_to_merge(
     const double[:, :, :] spread,
     const double[:, :] mean,
     const double[:, :] axis,
+    const double[:, :] facing,
+    const double[:] length,
     const unsigned char[:] confirmed,
     double along,
     double across,
     double speed,
     double merge_time,
+    double following,
+    double following_speed,
+    double extent,
     double course_speed,
     double course_along,
     double course_across,
@@ -2138,9 +2143,9 @@ def bodies_to_merge(
 ):
     """Return of each body the row of the oldest one it may be merged into, or −1, and the time alongside it takes, s."""
     cdef Py_ssize_t n = mean.shape[0], young, old
-    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear
-    cdef double reach = larger(along, course_along) + larger(across, course_across)
-    cdef bint by_course
+    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond
+    cdef double reach = larger(larger(along, course_along), extent) + larger(across, course_across)
+    cdef bint moving, by_course, by_box
     found_array, needed_array = np.full(n, -1, np.int64), np.full(n, merge_time)
     cdef Py_ssize_t[::1] found = found_array
     cdef double[::1] needed = needed_array
@@ -2155,18 +2160,19 @@ def bodies_to_merge(
                 aside = fabs(y * axis[old, 0] - x * axis[old, 1])
                 faster = fabs(vx * axis[old, 0] + vy * axis[old, 1])
                 drift = fabs(vy * axis[old, 0] - vx * axis[old, 1])
-                by_course = (
-                    smaller(velocity_of(mean, young), velocity_of(mean, old)) > course_speed
-                    and ahead < course_along
-                    and aside < course_across
-                    and faster < course_faster
-                    and drift < course_drift
-                )
+                moving = smaller(velocity_of(mean, young), velocity_of(mean, old)) > course_speed
+                moving = moving and aside < course_across and drift < course_drift
+                by_course = moving and ahead < course_along and faster < course_faster
+                x = shown[young, 0] - (mean[old, 0] - facing[old, 0])
+                y = shown[young, 1] - (mean[old, 1] - facing[old, 1])
+                beyond = fabs(x * axis[old, 0] + y * axis[old, 1])
+                by_box = moving and beyond - 0.5 * length[old] < following * velocity_of(mean, old)
+                by_box = by_box and beyond < extent and faster < following_speed
                 if by_course:
                     unclear = spread[young, 0, 0] + spread[young, 1, 1] + (spread[old, 0, 0] + spread[old, 1, 1])
                     unclear = 1.0 + unclear / clear
                     needed[young] = smaller(course_time * unclear, merge_time)
-                elif not (ahead < along and aside < across and faster * faster + drift * drift < speed):
+                elif not (by_box or ahead < along and aside < across and faster * faster + drift * drift < speed):
                     continue
                 if confirmed[old] and found[young] < 0:
                     found[young] = old
@@ -2214,12 +2220,18 @@ def reference_targets(
 ):
     """Return where on bodies (k, 2) their reference points belong, along and across, from those of their reflections."""
     cdef Py_ssize_t n = body.shape[0], k = axis.shape[0], i, t
-    cdef double ahead, aside, towards, first, second, seen_end, from_end, share
-    out_array, end_array, count_array = np.zeros((k, 2)), np.full(k, -INFINITY), np.zeros((2, k), np.intp)
-    cdef double[:, ::1] out = out_array
-    cdef double[::1] end = end_array
+    cdef double ahead, aside, towards, first, second, away, seen_end, from_end, share, nearer
+    out_array, end_array, count_array = np.zeros((k, 2)), np.full((2, k), -INFINITY), np.zeros((2, k), np.intp)
+    sight_array = np.empty((k, 2))
+    cdef double[:, ::1] out = out_array, end = end_array, sight = sight_array
     cdef Py_ssize_t[:, ::1] count = count_array
     with nogil:
+        for t in range(k):
+            ahead = facing[t, 0] * axis[t, 0] + facing[t, 1] * axis[t, 1]
+            aside = facing[t, 1] * axis[t, 0] - facing[t, 0] * axis[t, 1]
+            first, second = ahead / (length[t] * length[t]), aside / (width[t] * width[t])
+            away = larger(sqrt(first * first + second * second), least_normal)
+            sight[t, 0], sight[t, 1] = first / away, second / away
         for i in range(n):
             t = body[i]
             if last_ns[i] == time_ns:
@@ -2229,7 +2241,8 @@ def reference_targets(
             if last_ns[i] >= since_ns:
                 count[1, t] += 1
                 ahead = facing[t, 0] * axis[t, 0] + facing[t, 1] * axis[t, 1]
-                end[t] = larger(end[t], copysign(1.0, ahead) * offset[i, 0])
+                end[0, t] = larger(end[0, t], copysign(1.0, ahead) * offset[i, 0])
+                end[1, t] = larger(end[1, t], sight[t, 0] * offset[i, 0] + sight[t, 1] * offset[i, 1])
         for t in range(k):
             out[t, 0] = out[t, 0] / (count[0, t] if count[0, t] > 1 else 1)
             out[t, 1] = out[t, 1] / (count[0, t] if count[0, t] > 1 else 1)
@@ -2240,9 +2253,14 @@ def reference_targets(
             first, second = first * first, second * second
             seen_end, share = 0.0, 0.0
             if count[1, t] > 1 and fastest[t] > course_speed:
-                seen_end, share = end[t], first / larger(first + second, least_normal)
+                seen_end, share = end[0, t], first / larger(first + second, least_normal)
             from_end = towards * (seen_end - 0.5 * length[t] + fabs(ahead))
             out[t, 0] = out[t, 0] + share * (from_end - out[t, 0])
+            nearer = 0.0
+            if count[0, t] > 0 and fastest[t] <= course_speed:
+                nearer = end[1, t] - (sight[t, 0] * out[t, 0] + sight[t, 1] * out[t, 1])
+            out[t, 0] = out[t, 0] + nearer * sight[t, 0]
+            out[t, 1] = out[t, 1] + nearer * sight[t, 1]
     return out_array
 
 

@@ -58,8 +58,16 @@ class ReflectionSettings(Settings):
     merge: bool = Field(True, description="false: every object of the sensor is an obstacle")
     along: float = Field(3.5, gt=0, le=30, description="m along the travel from a known reflection")
     across: float = Field(1.2, gt=0, le=5, description="m across it")
+    edge: float = Field(0.5, ge=0, le=5, description="m beyond the box of a vehicle whose size is known")
     speed: float = Field(1.2, gt=0, le=10, description="m/s difference of speed along the line of sight")
     extent: float = Field(15.0, gt=0, le=50, description="m, longest vehicle")
+    following: float = Field(
+        0.1,
+        ge=0,
+        le=5,
+        description="s to a vehicle in which nobody follows: what is on its course there, and as fast, is a part of it",
+    )
+    following_speed: float = Field(0.5, gt=0, le=10, description="m/s along the course by which the two may differ")
     merge_time: float = Field(0.5, ge=0, le=10, description="s side by side until two obstacles become one")
     patience: float = Field(
         0.15,

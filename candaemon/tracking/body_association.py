@@ -9,10 +9,12 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.tracker import AssociationSettings, ReflectionSettings
+from candaemon.estimation.body_filter import POSITION
 from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.radar.detections import Detections
 from candaemon.tracking.association import best_pairs, gated_pairs, pair_nis
 from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.box import size_known
 from candaemon.tracking.joint_association import doubts, likelihood_ratios
 from candaemon.tracking.reflections import to_travel_axes
 
@@ -195,6 +197,8 @@ def beside(
 ) -> Indices:
     """Return for each of some detections the body that it is one more reflection of, or −1.
 
+    It lies near one of the body's reflections, or within its box where its size and course are known.
+
     Args:
         bodies: that are known.
         mean: states of their reflections (n, 4).
@@ -213,10 +217,20 @@ def beside(
         & (np.abs(reach[..., 0]) < np.minimum(longest, extent.extent))
         & (np.abs(reach[..., 1]) < 2 * extent.across)
     )
-    close &= _as_fast(mean, measurement, left, extent.speed)
+    alike = _as_fast(mean, measurement, left, extent.speed)
+    close &= alike
     distance = np.where(close, (place[..., 0] / extent.along) ** 2 + (place[..., 1] / extent.across) ** 2, np.inf)
-    nearest = distance.argmin(axis=1)
-    return np.where(close.any(axis=1), owner[nearest], -1)
+    found = np.where(close.any(axis=1), owner[distance.argmin(axis=1)], -1)
+    sized = size_known(bodies) & obstacles.directed
+    if not sized.any() or (found >= 0).all():
+        return found
+    centre = bodies.moments().mean[:, POSITION] - obstacles.facing
+    within = np.abs(to_travel_axes(measurement.position[left, None] - centre, obstacles.axis))
+    within[..., 0] -= 0.5 * obstacles.length
+    within[..., 1] -= 0.5 * obstacles.width
+    inside = (within.max(axis=2) < extent.edge) & sized & alike[:, obstacles.leader]
+    deepest = np.where(inside, within.max(axis=2), np.inf).argmin(axis=1)
+    return np.where((found < 0) & inside.any(axis=1), deepest, found)
 
 
 def _as_fast(mean: Floats, measurement: Measurement, left: Indices, speed: float) -> Booleans:

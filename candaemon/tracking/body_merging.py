@@ -7,7 +7,7 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.config.tracker import ReflectionSettings
-from candaemon.estimation.body_filter import VELOCITY
+from candaemon.estimation.body_filter import POSITION, VELOCITY
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import near_pairs, to_travel_axes
 
@@ -22,7 +22,8 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
     """Return for each obstacle the row of an older one that it is alongside of and moves like, or −1; and for how long.
 
     What moves is compared along and across its course: its speed across is known worst, and parts of one vehicle
-    differ there by noise alone. What is slow is compared as before a course is known, in all directions alike.
+    differ there by noise alone. What is slow is compared as before a course is known, in all directions alike. What
+    moves one behind the other as fast is one vehicle where no driver would follow so closely.
 
     Returns:
         Rows (k,), and the time alongside that is needed (k,), s.
@@ -34,11 +35,16 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
             moments.shown_covariance,
             moments.mean,
             obstacles.axis,
+            obstacles.facing,
+            obstacles.length,
             obstacles.confirmed,
             settings.along,
             settings.across,
             settings.speed**2,
             settings.merge_time,
+            settings.following,
+            settings.following_speed,
+            settings.extent,
             _COURSE_SPEED,
             _COURSE_ALONG,
             _COURSE_ACROSS,
@@ -49,7 +55,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
         )
     found, needed = np.full(len(obstacles), -1, dtype=np.int64), np.full(len(obstacles), settings.merge_time)
     place, velocity = moments.shown[:, :2], moments.mean[:, VELOCITY]
-    reach = max(settings.along, _COURSE_ALONG) + max(settings.across, _COURSE_ACROSS)
+    reach = max(settings.along, _COURSE_ALONG, settings.extent) + max(settings.across, _COURSE_ACROSS)
     young, old = near_pairs(place[:, 0], place[:, 1], reach)
     if not len(young):
         return found, needed
@@ -70,7 +76,17 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
         & (apart[:, 1] < settings.across)
         & ((faster * faster).sum(axis=1) < settings.speed**2)
     )
-    beside = (by_course | by_speed) & obstacles.confirmed[old]
+    # Nearer to the box than any driver follows: another part of the vehicle, however long it proves to be.
+    beyond = to_travel_axes(place[young] - (moments.mean[old, POSITION] - obstacles.facing[old]), axis)
+    by_box = (
+        moving
+        & (np.abs(beyond[:, 0]) - 0.5 * obstacles.length[old] < settings.following * speed[old])
+        & (np.abs(beyond[:, 0]) < settings.extent)
+        & (apart[:, 1] < _COURSE_ACROSS)
+        & (faster[:, 0] < settings.following_speed)
+        & (faster[:, 1] < _COURSE_DRIFT)
+    )
+    beside = (by_course | by_speed | by_box) & obstacles.confirmed[old]
     found[young[beside][::-1]] = old[beside][::-1]  # reversed, so that the oldest of several is written last
     spread = moments.shown_covariance[:, 0, 0] + moments.shown_covariance[:, 1, 1]
     unclear = 1.0 + (spread[young] + spread[old]) / _CLEAR**2
@@ -81,15 +97,17 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
 def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans:
     """Return which reflections are none of their obstacle's (n,): too far away, or of another speed.
 
-    The bounds are twice those for joining, so that a reflection at the edge does not come and go.
+    The bounds are twice those for joining, so that a reflection at the edge does not come and go; what lies far along
+    the body may be another vehicle in a queue, and is to move as the body does.
     """
     reflections = bodies.reflections
     if len(reflections) == len(bodies):
         return np.zeros(len(reflections), dtype=np.bool_)
+    far = np.abs(reflections.offset[:, 0]) > _COURSE_ALONG
     away = (
         (np.abs(reflections.offset[:, 0]) > settings.extent)
         | (np.abs(reflections.offset[:, 1]) > 2 * settings.across)
-        | (np.abs(reflections.rate_difference) > 2 * settings.speed)
+        | (np.abs(reflections.rate_difference) > np.where(far, settings.speed, 2 * settings.speed))
     )
     away[bodies.obstacles.leader] = False
     return away

@@ -349,7 +349,7 @@ class Bodies:
         """Let the reference points return to what is seen of the bodies, without a speed of their own.
 
         Along a body that point follows the end that faces us, the more the less we see of the body's side; across it,
-        the middle of what is seen.
+        the middle of what is seen. Of what has no known axis it follows what is nearest to us.
 
         Args:
             dt: s since the scan before.
@@ -407,6 +407,14 @@ class Bodies:
         from_end = towards_us * (np.where(several, end, 0.0) - half + np.abs(facing))
         share = np.where(several, normal[0] / np.maximum(normal[0] + normal[1], _LEAST_NORMAL), 0.0)
         target[:, 0] += share * (from_end - target[:, 0])
+        # What has no known axis lies where it is nearest to us.
+        sight = np.stack([facing / np.square(obstacles.length), aside / np.square(obstacles.width)], axis=1)
+        sight /= np.maximum(np.sqrt(normal[0] + normal[1]), _LEAST_NORMAL)[:, None]
+        near = np.full(k, -np.inf)
+        np.maximum.at(near, owner, (sight[owner] * reflections.offset[recent]).sum(axis=1))
+        slow = (np.bincount(body, minlength=k) > 0) & (obstacles.fastest <= _COURSE_SPEED)
+        nearer = np.where(slow, near - (sight * target).sum(axis=1), 0.0)
+        target += nearer[:, None] * sight
         return target
 
     def _keep_bias_within(self, dt: float) -> None:

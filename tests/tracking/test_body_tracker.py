@@ -127,6 +127,34 @@ def test_two_obstacles_of_one_course_merge_into_the_older() -> None:
     assert fed.tracker.counts.merged == 1
 
 
+@pytest.mark.parametrize(("ahead", "count"), [(6.0, 1), (9.0, 2)])
+def test_nobody_follows_so_closely(ahead: float, count: int) -> None:
+    """What drives a metre or so ahead of a car, as fast, is another part of it; a driver keeps another distance."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(2)
+    for t in times(1, 120):
+        told = fed.scan(t, noisy(rng, [car(0, t, 40.0), car(1, t, 40.0 + ahead)]))
+    assert len(told) == count
+
+
+def test_a_detection_within_the_box_of_a_lorry_is_of_the_lorry() -> None:
+    """Its rear alone is seen until its front is, ten metres ahead of that."""
+    fed = HandFedVehicles()
+    for t in times(1, 60):
+        fed.scan(t, [car(0, t, 40.0)], length=np.array([12.0]))
+    told = fed.scan(t + 0.05, [car(0, t + 0.05, 40.0), car(1, t + 0.05, 50.5)], length=np.array([12.0, 12.0]))
+    assert len(told) == 1
+    assert len(told.used_row) == 2
+
+
+def test_what_stands_is_where_it_is_nearest_to_us() -> None:
+    """A lorry that stands is seen at its rear and along its side: its axis is not known."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(4)
+    for t in times(1, 160):
+        told = fed.scan(t, noisy(rng, [Seen(k, 30.0 + x, 0.0, 0.0, 0.0) for k, x in enumerate((0.0, 3.0, 6.0))]))
+    assert len(told) == 1
+    assert told.x[0] == pytest.approx(30.0, abs=0.5)
+
+
 def test_neighbours_in_two_lanes_do_not_merge() -> None:
     fed, rng = HandFedVehicles(), np.random.default_rng(5)
     for t in times(1, 150):
