@@ -119,6 +119,16 @@ class LifecycleSettings(Settings):
         description="s that a confirmed obstacle lives on undetected, by existence: though it is in sight; never "
         "longer than it was seen",
     )
+    image: float = Field(
+        3.0,
+        ge=0,
+        le=30,
+        description="s after its first detection, for which what is where an image of another vehicle would be, and "
+        "moves like that, is not confirmed; by existence only",
+    )
+    coast_share: float = Field(
+        0.5, gt=0, le=1, description="of the time that it was seen, for which a vehicle is reported undetected at most"
+    )
     tentative_coast: float = Field(0.12, gt=0, le=5, description="s that a tentative one does")
     reflection_coast: float = Field(
         0.4, gt=0, le=30, description="s that a reflection does while its obstacle has others"

@@ -63,7 +63,9 @@ def _mirrored(bodies: Bodies, candidates: Indices, sources: Indices, detections:
     faster = np.abs(to_travel_axes(shown[candidates, None, 2:4] - shown[sources, 2:4], axis))
     us = to_travel_axes(detections.measurement.origin - shown[sources, :2], axis)[:, 1]
     beyond = (apart[..., 1] - us) * (apart[..., 1] / 2 - us) > (apart[..., 1] / 2 - us) ** 2
-    alike = (np.abs(apart[..., 0]) < _PLACE) & (faster[..., 0] < _SPEED) & (faster[..., 1] < _ACROSS) & beyond
+    centre = to_travel_axes(bodies.obstacles.facing[sources], axis)[:, 0]  # an image is of any part of the vehicle
+    along = np.abs(apart[..., 0] + centre) - 0.5 * bodies.obstacles.length[sources]
+    alike = (along < _PLACE) & (faster[..., 0] < _SPEED) & (faster[..., 1] < _ACROSS) & beyond
     alike &= np.abs(apart[..., 1]) > 2 * _DEPTH
     for i, j in np.argwhere(alike):
         middle = (shown[candidates[i], :2] + shown[sources[j], :2]) / 2

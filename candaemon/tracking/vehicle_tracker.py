@@ -48,7 +48,6 @@ _CROSSING = 0.7  # m/s across the axis: faster than a walk or a slide looks, it 
 _LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
 _LEAST_RATE = 1e-6  # 1/s
 _STANDS = 0.6  # m/s along the line of sight; across it, a slide looks like motion
-_IMAGE_LIFE = 2.0  # s, for which an obstacle may be held for an image
 _REMEMBERED = 8.0  # times as uncertain as one that is reported, an obstacle is forgotten
 _ALIKE = np.array([1.0, 1.0, 1.0, 1.0])  # m², (m/s)²: reflections of one body differ so
 _FARTHEST = 8.0  # m between where an obstacle should be and one that takes up its identity
@@ -532,7 +531,7 @@ class VehicleTracker:
     def _images(self, candidates: Indices, detections: Detections) -> Indices:
         """Return those of some young obstacles that are held for images of others, for a while: they may be real."""
         age = (self._state.time_ns - self._bodies.obstacles.first_ns[candidates]) * 1e-9
-        young = candidates[age < _IMAGE_LIFE]
+        young = candidates[age < self.settings.lifecycle.image]
         return young[images(self._bodies, young, detections)]
 
     def _ended_by_hits(self, pose: EgoPose) -> Booleans:
@@ -570,7 +569,9 @@ class VehicleTracker:
             return np.ones(len(self), dtype=np.bool_)
         in_view = self._in_view(pose)
         self._existence.leave(self._bodies, in_view)
+        tracked = obstacles.last_ns - obstacles.first_ns
         likely = (obstacles.existence > lifecycle.doubtful) & (obstacles.unseen <= lifecycle.coast)
+        likely &= coasted <= lifecycle.coast_share * tracked
         return ~coasting | (likely & in_view & (self._uncertain() < lifecycle.uncertainty))
 
     def _taken_up(self, young: Indices) -> Booleans:

@@ -97,6 +97,17 @@ def test_what_is_in_sight_and_not_detected_is_reported_for_the_coasting_time_onl
     assert existence < 0.999
 
 
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_what_was_seen_for_a_short_time_coasts_for_a_share_of_it(share: float) -> None:
+    tracker, last_reported = _tracker(coast_share=share), 0.0
+    for k in range(40):
+        time = k * CYCLE
+        seen = {4: (60.0, 5.0, 0.0)} if k <= 12 else {}
+        if len(tracker.step(_scan(time, seen), pose(time, east=SPEED * time, ve=SPEED))):
+            last_reported = time
+    assert last_reported - 12 * CYCLE == pytest.approx(share * 12 * CYCLE, abs=1.01 * CYCLE)
+
+
 @pytest.mark.parametrize(("by", "confirm"), [("existence", 3), ("existence", 6), ("hits", 3), ("hits", 6)])
 def test_as_many_detections_in_succession_confirm_as_the_settings_say(by: str, confirm: int) -> None:
     tracker, states = _tracker(by=by, confirm=confirm), []

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from candaemon.config.tracker import TrackerSettings
@@ -13,7 +16,12 @@ RAIL = 6.0  # m to the left
 
 
 def _states(
-    other: tuple[float, float, float], *, speed: float = 15.0, rail: bool = True, cycles: int = 30
+    other: tuple[float, float, float],
+    *,
+    speed: float = 15.0,
+    rail: bool = True,
+    cycles: int = 30,
+    length: float = 4.5,
 ) -> list[int]:
     """Return the state that another object had in each cycle beside a car 20 m ahead; we drive 20 m/s.
 
@@ -22,17 +30,20 @@ def _states(
         speed: of the car.
         rail: whether posts of a guard rail stand beside.
         cycles: how many.
+        length: of the car, m.
     """
     settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}, "lifecycle": {"confirm": 4}})
     tracker, states = VehicleTracker(settings, {}), []
     for k in range(cycles):
         time = k * CYCLE
         seen = [Seen(1, 30.0 + speed * time, 2.0, speed)]
-        seen += [Seen(10 + i, 20.0 + 4.0 * i, RAIL) for i in range(12 if rail else 0)]
+        seen += [Seen(10 + i, 20.0 + 4.0 * i, RAIL) for i in range(24 if rail else 0)]
         if k >= 8:
             seen.append(Seen(2, other[0] + other[2] * (time - 8 * CYCLE), other[1], other[2]))
         at = pose(time, east=20.0 * time, ve=20.0)
-        told = tracker.step(detections(at, seen, sensor=0, noise=(0.2, 0.2, 0.1)), at)
+        scan = detections(at, seen, sensor=0, noise=(0.2, 0.2, 0.1))
+        lengths = np.array([length if each.key == 1 else np.nan for each in seen])
+        told = tracker.step(replace(scan, length=lengths), at)
         row = told.used_row[told.used_object == 2]
         if len(row):
             states.append(int(told.state[row[0]]))
@@ -49,6 +60,13 @@ def test_an_image_is_not_confirmed(other: tuple[float, float, float]) -> None:
     assert set(_states(other)) == {TENTATIVE}
 
 
+def test_an_image_is_of_any_part_of_a_lorry() -> None:
+    """What is mirrored is its middle, eight metres ahead of its rear."""
+    middle = (MIRRORED[0] + 8.0, *MIRRORED[1:])
+    assert set(_states(middle, length=16.0)) == {TENTATIVE}
+    assert _states(middle, length=4.0)[-1] == CONFIRMED
+
+
 @pytest.mark.parametrize(
     ("other", "rail"),
     [(MIRRORED, False), ((ECHO[0], 4.0, 15.0), True), ((MIRRORED[0], MIRRORED[1], 19.0), True)],
@@ -59,8 +77,8 @@ def test_what_is_no_image_is_confirmed(other: tuple[float, float, float], rail: 
 
 
 def test_a_vehicle_that_stays_where_an_image_would_be_is_confirmed_at_last() -> None:
-    states = _states(MIRRORED, cycles=56)
-    assert CONFIRMED not in states[:35]
+    states = _states(MIRRORED, cycles=80)
+    assert CONFIRMED not in states[:55]
     assert states[-1] == CONFIRMED
 
 
