@@ -6,6 +6,9 @@ walk: over a second they spread several times as much. So two spreads of the sam
 large both parts are. With σ² the variance of the white part and q the walk, the displacement over a time τ has the
 variance 2 σ² + q τ.
 
+A radar that filters angles wanders across by so many degrees, one that filters places by so many metres. Which of both
+it is shows where the same walk is compared near and far: how it grows with the range is learnt too.
+
 Now and then a reflection slides metres over what it is a reflection of. The spreads are trimmed: the largest fifth of
 the displacements counts for nothing.
 """
@@ -14,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import nan, radians
+from math import nan, pi, radians
 from typing import Final
 
 import numpy as np
@@ -47,6 +50,12 @@ _RATIO_WHITE, _RATIO_WALK = 3.0, 6.0  # ratio of the variances up to which all i
 _RATIO_WALKS = (2.5, 5.0)  # of the same: from which on settling begins, and from which it is whole
 _UNKNOWN = 0.5  # how surely the reflections of a sensor that filters walk, as long as nothing is known
 _TYPICAL_RANGE = 40.0  # m, at which an angle's noise counts
+_USUAL_RANGE = 60.0  # m, at which the walk across is what is usual
+_GROWTHS = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # shares of a walk that grow with the square of the range
+_NO_GROWTH, _UNKNOWN_GROWTH = (0.0, _USUAL_RANGE), (0.5, _USUAL_RANGE)
+_LOG_VARIANCE = 0.5 * pi * pi  # of the logarithm of the square of what is normal
+_LEAST_RANGE, _LEAST_SCALE = 1.0, 0.01  # m; of a walk close by
+_TELLING = 0.25  # share of the displacements over a second that are independent: they overlap
 _REFRESH = 16  # displacements until the estimate is made again
 
 
@@ -90,6 +99,7 @@ class StandingDisplacements:
         displacements: over one scan and over about a second, along and across; a ring (m, 2, 2), m.
         spans: the times of both (m, 2), s.
         of: key of the reflection that each displacement is of (m,).
+        distance: of that from the sensor (m,), m.
         taken: displacements taken so far.
     """
 
@@ -98,6 +108,7 @@ class StandingDisplacements:
     displacements: Floats = field(default_factory=lambda: _no_places(2, 2))
     spans: Floats = field(default_factory=lambda: _no_places(2))
     of: Integers = field(default_factory=lambda: np.zeros(MOST_DISPLACEMENTS, dtype=np.int64))
+    distance: Floats = field(default_factory=_no_places)
     taken: int = 0
 
     def validate(self) -> None:
@@ -106,8 +117,8 @@ class StandingDisplacements:
         Raises:
             ValueError: an array has another shape, a count is negative, or the scans are too many or out of order.
         """
-        shapes = (self.displacements.shape, self.spans.shape, self.of.shape)
-        if shapes != ((MOST_DISPLACEMENTS, 2, 2), (MOST_DISPLACEMENTS, 2), (MOST_DISPLACEMENTS,)):
+        shapes = (self.displacements.shape, self.spans.shape, self.of.shape, self.distance.shape)
+        if shapes != tuple((MOST_DISPLACEMENTS, *each) for each in ((2, 2), (2,), (), ())):
             raise ValueError(f"displacements of the shapes {shapes}, expected {MOST_DISPLACEMENTS} of each")
         times = [scan.time_ns for scan in self.scans]
         if self.taken < 0 or len(times) > _MOST_KEPT or times != sorted(set(times)) or (self.is_due and not times):
@@ -129,12 +140,14 @@ class LearntNoise:
 
     Attributes:
         white: standard deviation of the white part, m.
-        walk: m²/s.
+        walk: m²/s; across, at the range that `growth` tells.
+        growth: which share of that grows with the square of the range; and that range, m.
         ratio: of the variance of a displacement over a second to that over a scan.
     """
 
     white: tuple[float, float]
     walk: tuple[float, float]
+    growth: tuple[float, float]
     ratio: tuple[float, float]
 
 
@@ -213,6 +226,7 @@ class ReflectionNoise:
         direction: Floats,
         standing: Booleans,
         own_speed: float,
+        distance: Floats,
     ) -> None:
         """Take the reflections of a scan.
 
@@ -225,6 +239,7 @@ class ReflectionNoise:
             direction: unit vectors that along and across refer to, local frame (m, 2).
             standing: which of them stand (m,).
             own_speed: of the vehicle, m/s.
+            distance: of the reflections from the sensor (m,), m.
         """
         if not self.expects(sensor, time_ns, own_speed):
             return
@@ -235,7 +250,7 @@ class ReflectionNoise:
         rows, key = rows[first[:MOST_FOLLOWED]], key[:MOST_FOLLOWED]
         scan = StandingScan(time_ns, key, position[rows])
         if returns.is_due:
-            _take(returns, scan, direction[rows])
+            _take(returns, scan, direction[rows], distance[rows])
         if is_spaced:
             kept = [each for each in returns.scans[1 - _MOST_KEPT :] if time_ns - each.time_ns <= _LONGEST_NS]
             returns.scans, returns.is_due = [*kept, scan], True
@@ -258,10 +273,20 @@ class ReflectionNoise:
         return self._stated[sensor] if learnt is None else learnt.white
 
     def walk(self, sensor: int) -> tuple[float, float]:
-        """Return the walk along and across, m²/s: that of the settings, else the learnt one, else what is usual."""
+        """Return the walk along and across, m²/s: that of the settings, else the learnt one, else what is usual.
+
+        Across it is that at the range which `growth` tells.
+        """
         given, learnt = self._given[sensor], self._estimate(sensor)
         usual = _WALK if self._filters[sensor] else _NO_WALK
         return given or (usual if learnt is None else learnt.walk)
+
+    def growth(self, sensor: int) -> tuple[float, float]:
+        """Return which share of the walk across grows with the square of the range, and the range it is told for, m."""
+        learnt = self._estimate(sensor)
+        if self._given[sensor] is not None:
+            return _NO_GROWTH
+        return _UNKNOWN_GROWTH if learnt is None else learnt.growth
 
     def ratio(self, sensor: int) -> tuple[float, float]:
         """Return the variance over a second by that over a scan, along and across: 1 of white noise; NaN if unknown."""
@@ -293,7 +318,19 @@ def stated_white(noise: ObjectNoise) -> tuple[float, float]:
     return noise.range or noise.x or _LEAST_WHITE, across or _LEAST_WHITE
 
 
-def _take(returns: StandingDisplacements, scan: StandingScan, direction: Floats) -> None:
+def growing(share: Floats | float, told: Floats | float, distance: Floats) -> Floats:
+    """Return what a walk across is at distances (n,), m, by what it is at others.
+
+    Args:
+        share: of it that grows with the square of the distance (n,).
+        told: those others (n,), m.
+        distance: m.
+    """
+    farther = distance / told
+    return np.asarray((1.0 - share) + share * (farther * farther))
+
+
+def _take(returns: StandingDisplacements, scan: StandingScan, direction: Floats, distance: Floats) -> None:
     """Take displacements to a scan: from the latest scan kept, and of the same reflections over about a second."""
     returns.is_due = False
     latest = returns.scans[-1]
@@ -314,6 +351,7 @@ def _take(returns: StandingDisplacements, scan: StandingScan, direction: Floats)
     returns.displacements[into, :, 1] = both[..., 1] * unit[..., 0] - both[..., 0] * unit[..., 1]
     returns.spans[into] = np.array([scan.time_ns - latest.time_ns, scan.time_ns - earlier.time_ns]) * 1e-9
     returns.of[into] = scan.key[rows]
+    returns.distance[into] = distance[rows]
     returns.taken += len(rows)
 
 
@@ -330,16 +368,42 @@ def _learnt_noise(returns: StandingDisplacements) -> LearntNoise | None:
     taken = min(returns.taken, MOST_DISPLACEMENTS)
     if taken < FEWEST_DISPLACEMENTS or len(np.unique(returns.of[:taken])) < FEWEST_REFLECTIONS:
         return None
-    count = int(_TRIMMED * taken)
-    squares = np.partition(np.square(returns.displacements[:taken]), count, axis=0)[:count]
-    short, long = squares.mean(axis=0) / _TRIMMED_VARIANCE
+    squares = np.square(returns.displacements[:taken])
+    short, long = _variances(squares)
     scan, second = np.median(returns.spans[:taken], axis=0)
     ratio = long / np.maximum(short, 1e-6)
     # Chance alone lets the ratio of white noise differ from 1: a small excess is no walk.
     share = np.clip((ratio - _RATIO_WHITE) / (_RATIO_WALK - _RATIO_WHITE), 0.0, 1.0)
     walk = share * np.maximum(long - short, 0.0) / max(second - scan, 1e-3)
     white = np.sqrt(np.maximum(short - walk * scan, 2.0 * _LEAST_WHITE**2) / 2.0)
-    return LearntNoise(_pair(white), _pair(walk), _pair(ratio))
+    distance = returns.distance[:taken]
+    told = max(float(np.sqrt(np.mean(distance * distance))), _LEAST_RANGE)
+    growth = _learnt_growth(squares[:, 1, 1], told, distance)
+    short, long = _variances(squares[:, :, 1] / growing(growth, told, distance)[:, None])
+    walk[1] = share[1] * max(float(long - short), 0.0) / max(second - scan, 1e-3)
+    return LearntNoise(_pair(white), _pair(walk), (growth, told), _pair(ratio))
+
+
+def _variances(squares: Floats) -> Floats:
+    """Return the variances (…) of what has these squares (n, …), its largest fifth left out."""
+    count = int(_TRIMMED * len(squares))
+    return np.asarray(np.partition(squares, count, axis=0)[:count].mean(axis=0) / _TRIMMED_VARIANCE)
+
+
+def _learnt_growth(squares: Floats, told: float, distance: Floats) -> float:
+    """Return the expected share of a walk that grows with the square of the range, all shares alike before.
+
+    Args:
+        squares: of displacements across (n,), m².
+        told: range that the share is told for, m.
+        distance: of what they are of (n,), m.
+    """
+    scale = np.maximum(growing(_GROWTHS[:, None], told, distance), _LEAST_SCALE)
+    # logarithms, in which a slide counts for little, and all displacements spread alike
+    logarithm = np.log(np.maximum(squares, _LEAST_WHITE**2)) - np.log(scale)
+    fit = -0.5 * _TELLING * len(squares) * logarithm.var(axis=1) / _LOG_VARIANCE
+    weight = np.exp(fit - fit.max())
+    return float(weight @ _GROWTHS / weight.sum())
 
 
 def _pair(values: Floats) -> tuple[float, float]:

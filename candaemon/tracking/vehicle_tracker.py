@@ -34,7 +34,7 @@ from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies, BodiesState
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import Obstacles
-from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoiseState, stated_white
+from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoiseState, growing, stated_white
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.sensor_visibility import VisibilityState
 from candaemon.tracking.smoother_history import SmootherHistory
@@ -190,7 +190,7 @@ class VehicleTracker:
             The obstacles, the tentative ones too.
         """
         self.update = None
-        self._predict(pose.time_ns)
+        self._predict(pose)
         link = self._smoother_link() if self._bodies.filter.linking else None
         if detections is not None:
             detections = replace(detections, measurement=self._as_noisy(detections.measurement))
@@ -273,14 +273,15 @@ class VehicleTracker:
         body = self._bodies.reflections.body[self.update.reflection]
         return Used(body, detections.sensor, detections.object_id[self.update.detection])
 
-    def _predict(self, time_ns: int) -> None:
+    def _predict(self, pose: EgoPose) -> None:
         """Predict all bodies, and let the places of their reflections become uncertain again."""
+        time_ns = pose.time_ns
         dt = (time_ns - self._state.time_ns) * 1e-9 if len(self) else 0.0
         self._dt = max(dt, 0.0)
         self._state.time_ns = time_ns
         bodies = self._bodies
         if dt > 0.0:
-            walk, bias_time = self._of_leaders(self._walk), self._of_leaders(self._bias_time)
+            walk, bias_time = self._walks(pose), self._of_leaders(self._bias_time)
             bodies.filter.predict(dt, bodies.obstacles.axis, walk, self._hidden(), bias_time)
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
@@ -321,6 +322,19 @@ class VehicleTracker:
         """Return how a sensor's reflections walk along and across, m²/s."""
         return self._noise.walk(sensor) if sensor in self._stated else (0.0, 0.0)
 
+    def _walks(self, pose: EgoPose) -> Floats:
+        """Return how the bodies' biases walk along and across (k, 2), m²/s."""
+        walk = self._of_leaders(self._walk)
+        if walk.any():
+            distance = pose.to_vehicle(self._bodies.moments().mean[:, POSITION])
+            share, told = self._of_leaders(self._growth).T
+            walk[:, 1] *= growing(share, told, np.hypot(distance[:, 0], distance[:, 1]))
+        return walk
+
+    def _growth(self, sensor: int) -> tuple[float, float]:
+        """Return which share of the walk of a sensor's reflections grows with the range, and the range of that, m."""
+        return self._noise.growth(sensor) if sensor in self._stated else (0.0, 1.0)
+
     def _walking(self, sensor: int) -> float:
         """Return how surely a sensor's reflections walk across, 0 to 1."""
         return self._noise.walking(sensor) if sensor in self._stated else 0.0
@@ -356,7 +370,8 @@ class VehicleTracker:
         body = bodies.reflections.body[rows]
         velocity = bodies.moments().mean[body, VELOCITY]
         sight = detections.measurement.position[self.update.detection] - detections.measurement.origin
-        sight = sight / np.maximum(np.hypot(sight[:, 0], sight[:, 1]), 1.0)[:, None]
+        distance = np.hypot(sight[:, 0], sight[:, 1])
+        sight = sight / np.maximum(distance, 1.0)[:, None]
         standing = (
             (np.abs((velocity * sight).sum(axis=1)) < _STANDS)
             & ((velocity * velocity).sum(axis=1) < (4.0 * _STANDS) ** 2)
@@ -371,6 +386,7 @@ class VehicleTracker:
             np.broadcast_to(ahead, (len(rows), 2)),
             standing,
             own_speed,
+            distance,
         )
 
     def _let_wander(self, dt: float) -> None:

@@ -25,6 +25,7 @@ from candaemon.tracking.reflection_noise import (
     ReflectionNoise,
     ReflectionNoiseState,
     StandingScan,
+    growing,
 )
 from tests.support.bound import binding
 from tests.support.paths import ROOT
@@ -44,6 +45,7 @@ def _observed(
     own_speed: float = 20.0,
     heading: float = 0.7,
     noise: ReflectionNoise | None = None,
+    grows: bool = False,
 ) -> ReflectionNoise:
     """Feed standing returns whose noise is known, along and across a direction; some of them slide now and then."""
     random = np.random.default_rng(11)
@@ -51,13 +53,15 @@ def _observed(
     turn = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
     drift: Floats = np.zeros((returns, 2))
     keys, standing = np.arange(returns), np.ones(returns, dtype=bool)
+    distance = np.linspace(20.0, 140.0, returns)
+    farther = np.stack([np.ones(returns), distance / 60.0 if grows else np.ones(returns)], axis=1)
     for k in range(round(seconds / 0.05)):
-        drift += random.normal(size=drift.shape) * np.sqrt(np.array(walk) * 0.05)
+        drift += random.normal(size=drift.shape) * farther * np.sqrt(np.array(walk) * 0.05)
         if k // 10 % 4 == 0:
             drift[:sliding, 1] += 5.0 * 0.05
         place = drift + random.normal(size=drift.shape) * white
         direction = np.tile(turn[0], (returns, 1))
-        noise.observe(0, k * CYCLE_NS, keys, place @ turn, direction, standing, own_speed)
+        noise.observe(0, k * CYCLE_NS, keys, place @ turn, direction, standing, own_speed, distance)
     return noise
 
 
@@ -90,6 +94,16 @@ def test_the_walk_of_a_radar_that_filters_is_found_whatever_slides(sliding: int)
     assert noise.walk(0) == pytest.approx((0.06, 0.3), rel=0.4)
     assert noise.white(0) == pytest.approx((0.05, 0.05), abs=0.04)
     assert min(noise.ratio(0)) > 5.0
+
+
+def test_whether_a_walk_grows_with_the_range_is_found() -> None:
+    steady = _observed(white=(0.05, 0.05), walk=(0.06, 0.3), seconds=40.0)
+    growing_one = _observed(white=(0.05, 0.05), walk=(0.06, 0.3), seconds=40.0, grows=True)
+    assert steady.growth(0)[0] < 0.3
+    share, told = growing_one.growth(0)
+    assert share > 0.7
+    found = growing_one.walk(0)[1] * growing(share, told, np.array([30.0, 60.0, 120.0]))
+    np.testing.assert_allclose(found, [0.3 / 4, 0.3, 0.3 * 4], rtol=0.5)
 
 
 def test_until_it_is_known_noise_is_as_stated() -> None:
@@ -135,8 +149,8 @@ def test_what_is_no_number_and_a_scan_out_of_order_teach_nothing() -> None:
     for k in range(400):
         place = np.zeros((6, 2))
         place[0] = np.nan
-        noise.observe(0, k * CYCLE_NS, keys, place, ahead, standing, 20.0)
-        noise.observe(0, (k - 3) * CYCLE_NS, keys, place + 2.0, ahead, standing, 20.0)
+        noise.observe(0, k * CYCLE_NS, keys, place, ahead, standing, 20.0, np.full(len(standing), 60.0))
+        noise.observe(0, (k - 3) * CYCLE_NS, keys, place + 2.0, ahead, standing, 20.0, np.full(len(standing), 60.0))
     assert noise.known(0)
     assert noise.walk(0) == (0.0, 0.0)
     assert 0 not in noise.state.sensors[0].of[: noise.state.sensors[0].taken]
@@ -148,7 +162,7 @@ def test_a_scan_is_expected_some_time_after_the_latest_and_right_after_it_while_
     expected = []
     for k in range(10):
         expected.append(noise.expects(0, k * CYCLE_NS, 20.0))
-        noise.observe(0, k * CYCLE_NS, keys, np.zeros((6, 2)), ahead, standing, 20.0)
+        noise.observe(0, k * CYCLE_NS, keys, np.zeros((6, 2)), ahead, standing, 20.0, np.full(len(standing), 60.0))
     assert expected == [True, True, False, False, False] * 2
     assert not noise.expects(0, 0, 20.0)
     assert not noise.expects(0, 20 * CYCLE_NS, 0.0)
@@ -160,7 +174,7 @@ def test_a_key_that_goes_to_something_else_teaches_nothing() -> None:
     ahead, standing = np.tile([1.0, 0.0], (8, 1)), np.ones(8, dtype=bool)
     for k in range(400):
         place = np.full((8, 2), 100.0 * (k % 2))
-        noise.observe(0, k * CYCLE_NS, np.arange(8), place, ahead, standing, 20.0)
+        noise.observe(0, k * CYCLE_NS, np.arange(8), place, ahead, standing, 20.0, np.full(len(standing), 60.0))
     assert noise.state.sensors[0].taken == 0
 
 
@@ -168,8 +182,9 @@ def test_memory_is_bounded() -> None:
     noise = ReflectionNoise({0: FRONT})
     crowd = MOST_FOLLOWED + 1
     ahead, standing = np.tile([1.0, 0.0], (crowd, 1)), np.ones(crowd, dtype=bool)
+    distance = np.full(crowd, 60.0)
     for k in range(100):
-        noise.observe(0, k * CYCLE_NS, np.arange(crowd), np.zeros((crowd, 2)), ahead, standing, 20.0)
+        noise.observe(0, k * CYCLE_NS, np.arange(crowd), np.zeros((crowd, 2)), ahead, standing, 20.0, distance)
     returns = noise.state.sensors[0]
     assert returns.taken > MOST_DISPLACEMENTS
     assert max(len(scan.key) for scan in returns.scans) == MOST_FOLLOWED
@@ -212,12 +227,14 @@ def learnt_from(bound: Binding, frames: Iterable[Frame], seconds: float) -> Refl
             break
         measurement = seen.measurement
         sight = measurement.position - measurement.origin
-        sight /= np.hypot(sight[:, 0], sight[:, 1])[:, None]
+        distance = np.hypot(sight[:, 0], sight[:, 1])
+        sight /= distance[:, None]
         assert measurement.range_rate is not None
         standing = np.abs(measurement.range_rate + sight @ measurement.velocity) < 0.4
         run = runs.update(0, seen.time_ns, seen.object_id, seen.new)
         heading = np.tile([np.cos(pose.heading), np.sin(pose.heading)], (len(run), 1))
-        noise.observe(0, seen.time_ns, run, measurement.position, heading, standing, float(np.hypot(pose.ve, pose.vn)))
+        speed = float(np.hypot(pose.ve, pose.vn))
+        noise.observe(0, seen.time_ns, run, measurement.position, heading, standing, speed, distance)
     return noise
 
 
