@@ -40,6 +40,7 @@ class EgoMoments:
         per_offset: derivative of the position with respect to an offset of the speed (n,).
         per_bias: derivative of the position with respect to the yaw rate's bias (n,).
         since: s since the window's first instant (n,): minus the derivative of the heading to the bias.
+        ahead: unit vector along the heading (n,).
     """
 
     position: ComplexPlane
@@ -52,6 +53,7 @@ class EgoMoments:
     per_offset: ComplexPlane
     per_bias: ComplexPlane
     since: Floats
+    ahead: ComplexPlane
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +88,10 @@ class EgoPath:
         speed, turn = _rate(driven), _rate(self.heading)
         acceleration, turn_change = _rate(speed), _rate(turn)
         t = times_ns * 1e-9
+        heading = np.interp(t, grid, self.heading) - bias * t
         return EgoMoments(
             scale * _between(t, grid, ahead),
-            np.interp(t, grid, self.heading) - bias * t,
+            heading,
             scale * np.interp(t, grid, speed),
             np.interp(t, grid, turn) - bias,
             scale * np.interp(t, grid, acceleration),
@@ -97,6 +100,7 @@ class EgoPath:
             _between(t, grid, offset),
             _between(t, grid, turned),
             t,
+            np.exp(1j * heading),
         )
 
 

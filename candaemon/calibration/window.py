@@ -198,14 +198,15 @@ class WindowReader:
             slow &= np.abs(residual) < _SLOWEST + _GATE * np.hypot(speeds.noise, _expected(rows, at))
         if np.count_nonzero(slow) < _FEWEST:
             return None
-        readings, each = readings.take(slow), _taken(each, np.flatnonzero(slow))
+        if not slow.all():
+            readings, each = readings.take(slow), _taken(each, np.flatnonzero(slow))
         return self._tracked(readings, each, at, walk)
 
     def _tracked(
         self, readings: Readings, moments: EgoMoments, at: Estimate, walk: tuple[float, float]
     ) -> tuple[StandingReturns, EgoMoments] | None:
         """Return the measurements by what they are of, without what drifts more than any estimate explains."""
-        place = moments.position + np.exp(1j * moments.heading) * self._seen(readings.place, at)
+        place = moments.position + moments.ahead * self._seen(readings.place, at)
         track = self._by_identity(readings, moments, place) if self._identified else _by_place(readings, place)
         order = np.lexsort((readings.scan, track))
         track = track[order]
@@ -222,6 +223,8 @@ class WindowReader:
         still = _stands(returns, at, walk)
         if not still.any():
             return None
+        if still.all():
+            return returns, moments
         rows = np.flatnonzero(np.repeat(still, returns.count))
         return self._returns(returns.readings.take(rows), _taken(moments, rows), returns.count[still], at)
 
@@ -229,9 +232,9 @@ class WindowReader:
         self, readings: Readings, moments: EgoMoments, counts: Integers, at: Estimate
     ) -> tuple[StandingReturns, EgoMoments]:
         """Return residuals and derivatives of the places, less their means over each return."""
-        ahead = np.exp(1j * moments.heading)
-        offset = ahead * self._seen(readings.place, at)
-        turned = 1j * ahead * (self._seen(readings.place, at) - self._mount)
+        ahead, seen = moments.ahead, self._seen(readings.place, at)
+        offset = ahead * seen
+        turned = 1j * ahead * (seen - self._mount)
         place = moments.position + offset
         rows = np.empty((len(place), ALL_COLUMNS), np.complex128)
         rows[:, LATENCY] = -(moments.speed * ahead + 1j * moments.turn * offset)
