@@ -20,7 +20,7 @@ class EgoStatus(IntEnum):
     INITIALISING = 3
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle, and never changed: freezing takes four times as long as filling
 class EgoPose:
     """Pose and motion of the vehicle axes in the local frame at one instant.
 
