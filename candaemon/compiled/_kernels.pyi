@@ -73,10 +73,39 @@ def vehicle_axes(
     s: float,
     least_square: float,
 ) -> tuple[Floats, Floats]: ...
+def expect_detections(history: Integers, scans: Integers, sensors: Integers, sensor: int, most: int) -> None: ...
+def record_detections(
+    tracks: Indices,
+    rows: Indices,
+    object_id: Integers,
+    known_id: Integers,
+    known_sensor: Integers,
+    obstacle: Integers,
+    reflection_ns: Integers,
+    obstacle_ns: Integers,
+    history: Integers,
+    sensors: Integers,
+    sensor: int,
+    time_ns: int,
+) -> int: ...
+def lives(
+    first_ns: Integers,
+    last_ns: Integers,
+    history: Integers,
+    scans: Integers,
+    confirmed: Booleans,
+    time_ns: int,
+    slack_ns: int,
+    length: int,
+) -> tuple[NDArray[np.int8], Floats, Floats]: ...
+def in_order(rows: Indices) -> bool: ...
 def turned_towards(
     direction: Floats, forward: Floats, velocity: Floats, min_speed: float, share: float
 ) -> tuple[Floats, Floats]: ...
 def power_series(coefficients: Floats, x: float) -> Floats: ...
+def decaying_elements(
+    coefficients: Floats, exponent: Indices, powers: Floats, x: float, intensity: float
+) -> Floats: ...
 def polar_points(
     distance: Floats, cosine: Floats, sine: Floats, range_variance: float, angle_variance: float
 ) -> tuple[Floats, Floats]: ...

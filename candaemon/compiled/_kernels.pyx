@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 13
+REVISION = 14
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1179,6 +1179,90 @@ def vehicle_axes(
     return told_array, turned_array
 
 
+def expect_detections(
+    long long[:] history, long long[:] scans, const long long[:] sensors, long long sensor, long long most
+):
+    """Count a scan of a sensor, a bit, for the obstacles (k,) that it has detected before, and make room in their histories.
+
+    The histories keep bits up to the most.
+    """
+    cdef Py_ssize_t k
+    with nogil:
+        for k in range(history.shape[0]):
+            if sensors[k] & sensor:
+                history[k] = history[k] << 1
+                scans[k] = scans[k] + 1
+            history[k] = history[k] & most
+
+
+def record_detections(
+    const Py_ssize_t[:] tracks,
+    const Py_ssize_t[:] rows,
+    const long long[:] object_id,
+    const long long[:] known_id,
+    const long long[:] known_sensor,
+    const long long[:] obstacle,
+    long long[:] reflection_ns,
+    long long[:] obstacle_ns,
+    long long[:] history,
+    long long[:] sensors,
+    long long sensor,
+    long long time_ns,
+):
+    """Record in reflections (n,) and their obstacles (k,) that rows of a scan detected tracks (m,).
+
+    Return how many were known by another id of the sensor, or by none.
+    """
+    cdef Py_ssize_t i, track, owner, renamed = 0
+    with nogil:
+        for i in range(tracks.shape[0]):
+            track = tracks[i]
+            owner = obstacle[track]
+            renamed += known_id[track] != object_id[rows[i]] or known_sensor[track] != sensor
+            reflection_ns[track] = obstacle_ns[owner] = time_ns
+            history[owner] = history[owner] | 1
+            sensors[owner] = sensors[owner] | <long long>1 << sensor
+    return renamed
+
+
+def lives(
+    const long long[:] first_ns,
+    const long long[:] last_ns,
+    const long long[:] history,
+    const long long[:] scans,
+    const unsigned char[:] confirmed,
+    long long time_ns,
+    long long slack_ns,
+    long long length,
+):
+    """Return of obstacles (k,): 0 tentative, 1 confirmed, 2 coasting; age, s; share of so many scans in which it was seen."""
+    cdef Py_ssize_t k = first_ns.shape[0], i
+    cdef unsigned long long bits
+    cdef int seen
+    state_array, age_array, share_array = np.empty(k, np.int8), np.empty(k), np.empty(k)
+    cdef signed char[::1] state = state_array
+    cdef double[::1] age = age_array, share = share_array
+    with nogil:
+        for i in range(k):
+            state[i] = (1 + (time_ns - last_ns[i] > slack_ns)) if confirmed[i] else 0
+            age[i] = <double>max(time_ns - first_ns[i], 0) * 1e-9
+            bits, seen = <unsigned long long>history[i], 0
+            while bits:
+                bits = bits & (bits - 1)
+                seen += 1
+            share[i] = <double>seen / <double>min(scans[i] + 1, length)
+    return state_array, age_array, share_array
+
+
+def in_order(const Py_ssize_t[:] rows):
+    """Return whether rows (m,) are 0, 1, 2 and so on."""
+    cdef Py_ssize_t i
+    for i in range(rows.shape[0]):
+        if rows[i] != i:
+            return False
+    return True
+
+
 def turned_towards(
     const double[:, :] direction, const double[:] forward, const double[:, :] velocity, double min_speed, double share
 ):
@@ -1213,6 +1297,32 @@ def power_series(const double[:, ::1] coefficients, double x):
             for i in range(k):
                 values[i] = values[i] * x + coefficients[n, i]
     return values_array
+
+
+def decaying_elements(
+    const double[:, ::1] coefficients,
+    const Py_ssize_t[::1] exponent,
+    const double[::1] powers,
+    double x,
+    double intensity,
+):
+    """Return four elements of F and six of Q (10,) of an axis whose acceleration decays, by their series in x.
+
+    The series are columns of coefficients (terms, 21), before which a power of time stands by its exponent (21,).
+    """
+    cdef Py_ssize_t terms = coefficients.shape[0], n, i, column
+    cdef Py_ssize_t[10] chosen = [1, 2, 5, 8, 9, 10, 11, 13, 14, 17]
+    cdef double value
+    elements_array = np.empty(10)
+    cdef double[::1] elements = elements_array
+    for i in range(10):
+        column = chosen[i]
+        value = coefficients[terms - 1, column]
+        for n in range(terms - 2, -1, -1):
+            value = value * x + coefficients[n, column]
+        value = powers[exponent[column]] * value
+        elements[i] = value if i < 4 else intensity * value
+    return elements_array
 
 
 def polar_points(

@@ -156,6 +156,21 @@ def decaying_axis(rate: float, dt: float, intensity: float, *, order: int) -> Ax
     return Axis(f, intensity * q, u)
 
 
+def decaying_elements(rate: float, dt: float, intensity: float) -> Floats:
+    """Return the elements of `decaying_axis` of order 2 that are neither one nor zero: four of F, six of Q, (10,).
+
+    They are [0, 1], [0, 2], [1, 2] and [2, 2] of F and the upper triangle of Q, row by row; arguments as there.
+    """
+    if compiled.in_use and rate * dt <= _LONG:
+        powers = _powers_of(dt, 2)
+        return compiled.kernels.decaying_elements(_COEFFICIENTS, _POWERS, powers, -rate * dt, intensity)
+    axis = decaying_axis(rate, dt, intensity, order=2)
+    return np.concatenate([axis.transition.take(_BEHIND), axis.noise.take(_UPPER)])
+
+
+_BEHIND, _UPPER = np.array((1, 2, 5, 8)), np.array((0, 1, 2, 4, 5, 8))
+
+
 def _summed(rate: float, dt: float) -> tuple[Floats, Floats, Floats]:
     """Return F, Q and U by their series."""
     values = _powers_of(dt, 2).take(_POWERS) * _power_series(-rate * dt)

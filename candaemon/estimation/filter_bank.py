@@ -13,7 +13,7 @@ from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.arrays.rows import checked_state
 from candaemon.estimation.estimator_state import EstimatorState, MomentBankState
 from candaemon.estimation.kalman import propagate
-from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.measurement import Measurement, in_order
 from candaemon.estimation.measurement_update import correct
 from candaemon.estimation.motion_models import (
     VELOCITY,
@@ -228,7 +228,7 @@ class FilterBank(ABC):
         The other rows keep their predicted state and their predicted weights.
         """
         measurement = self._adapted(rows, measurement)
-        every = len(rows) == len(self) and bool((rows == np.arange(len(rows))).all())
+        every = len(rows) == len(self) and in_order(rows)
         mean = self.mean if every else self.mean[rows]
         covariance = self.covariance if every else self.covariance[rows]
         # 3. update of each model

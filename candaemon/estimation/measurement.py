@@ -100,7 +100,7 @@ class Measurement:
 
     def take(self, rows: Indices) -> Measurement:
         """Return the detections of the given rows; those of all rows in order are the measurement itself."""
-        if len(rows) == len(self.position) and bool((rows == np.arange(len(rows))).all()):
+        if len(rows) == len(self.position) and in_order(rows):
             return self
         return Measurement(
             self.position.take(rows, axis=0),
@@ -126,6 +126,13 @@ class Measurement:
         projections = tuple(replace(each, variance=each.variance * factor) for each in self.projections)
         variance = None if rate is None else rate * factor
         return replace(self.scaled(factor), range_rate_variance=variance, projections=projections)
+
+
+def in_order(rows: Indices) -> bool:
+    """Return whether rows (m,) are 0, 1, 2 and so on."""
+    if compiled.in_use:
+        return compiled.kernels.in_order(rows)
+    return bool((rows == np.arange(len(rows))).all())
 
 
 def line_of_sight(mean: Floats, origin: Floats, velocity: Floats) -> tuple[Floats, Floats]:

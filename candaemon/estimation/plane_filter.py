@@ -7,18 +7,16 @@ tracks lie side by side in memory, and no covariance can lose its symmetry.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.axis_filter import axis_matrices
-from candaemon.estimation.discretisation import X, Y, isotropic
+from candaemon.estimation.discretisation import X, Y, decaying_elements, isotropic
 from candaemon.estimation.estimator_state import PlaneFilterState
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.kalman import LEAST_VARIANCE, LOST, bounded, triangular_root
-from candaemon.estimation.measurement import Measurement, Projection, line_of_sight
+from candaemon.estimation.measurement import Measurement, Projection, in_order, line_of_sight
 from candaemon.estimation.motion_models import ACCELERATION, VELOCITY, CurrentStatistical, Singer, driven_variance
 from candaemon.estimation.output_state import OutputState
 from candaemon.estimation.packed_symmetric import PackedSymmetric
@@ -37,9 +35,7 @@ _UPPER = np.array([np.flatnonzero(_BLOCKS.ravel() == entry)[0] for entry in rang
 _FIRST = np.concatenate([np.arange(_SIZE), _TRIANGLE.row])
 _SECOND = np.concatenate([np.full(_SIZE, _SIZE), _TRIANGLE.column])
 """Factors of what an update takes from mean and covariance, by their rows in [gain, minus the innovation]."""
-_BEHIND = (np.array([0, 0, 1, 2]), np.array([1, 2, 2, 2]))
-"""Elements of an axis's F that are neither one nor zero."""
-_AXIS_UPPER = np.triu_indices(3)
+_AXIS_PLACE = PackedSymmetric(3).place
 
 
 class PlaneFilter(FilterBank):
@@ -60,7 +56,7 @@ class PlaneFilter(FilterBank):
         self, model: Singer | CurrentStatistical, *, acceleration: float, noise: SensorNoise | None = None
     ) -> None:
         self._model = model
-        self._axis_dt, self._axis = 0.0, _PlaneAxis.over(model, 0.0)
+        self._axis_dt, self._axis = 0.0, _axis_elements(model, 0.0)
         super().__init__([model], acceleration=acceleration, turn_rate=0.0, jerk=0.0, noise=noise)
 
     @property
@@ -100,7 +96,7 @@ class PlaneFilter(FilterBank):
         state, model = self._state, self._model
         state.dt = dt
         if dt != self._axis_dt:
-            self._axis_dt, self._axis = dt, _PlaneAxis.over(model, dt)
+            self._axis_dt, self._axis = dt, _axis_elements(model, dt)
         before = OutputState(self.mean.copy(), self.covariance, self._turning) if self.linking else None
         adapts, limit, floor = False, 0.0, 0.0
         if isinstance(model, CurrentStatistical):
@@ -108,11 +104,12 @@ class PlaneFilter(FilterBank):
             if not adapts:
                 state.columns[_DRIVE] = self._adapted_variance(model)
         if compiled.in_use:
-            compiled.kernels.predict_plane(state.columns, self._axis.packed, adapts, limit, floor)
+            compiled.kernels.predict_plane(state.columns, self._axis, adapts, limit, floor)
         else:
             _predict(state.columns, self._axis)
         if before is not None:
-            self.link = self._link(before, [isotropic(self._axis.transition, _SIZE)[None]])
+            _, transition, _ = axis_matrices(model, dt)
+            self.link = self._link(before, [isotropic(transition, _SIZE)[None]])
 
     def update(self, rows: Indices, measurement: Measurement) -> Floats:
         """Update the given rows (m,) with a measurement each; return their NIS (m,)."""
@@ -163,43 +160,36 @@ def _apart(columns: Floats) -> Floats:
     return held
 
 
-@dataclass(frozen=True, slots=True)
-class _PlaneAxis:
-    """What a prediction of an axis over one time step takes.
+def _axis_elements(model: Singer | CurrentStatistical, dt: float) -> Floats:
+    """Return what tells a prediction of an axis over dt, s, (14,).
 
-    Attributes:
-        mean_transition: F of the mean (3, 3), upper triangular, the first two elements of its diagonal one; so is F.
-        transition: F (3, 3).
-        noise: Q at a variance of one (3, 3).
-        packed: the elements of these three that are told to the kernel (14,).
+    The elements that are neither one nor zero of F and of the mean's own F, [0, 1], [0, 2], [1, 2] and [2, 2] of each,
+    and the upper triangle of Q at a variance of one.
     """
-
-    mean_transition: Floats
-    transition: Floats
-    noise: Floats
-    packed: Floats
-
-    @classmethod
-    def over(cls, model: Singer | CurrentStatistical, dt: float) -> _PlaneAxis:
-        """Return that of a model over dt, s."""
-        mean_transition, transition, noise = axis_matrices(model, dt)
-        packed = np.concatenate([transition[_BEHIND], mean_transition[_BEHIND], noise[_AXIS_UPPER]])
-        return cls(mean_transition, transition, noise, packed)
+    if isinstance(model, Singer):
+        elements = decaying_elements(model.alpha, dt, 2 * model.alpha * model.deviation**2)
+        return np.concatenate([elements[:4], elements])
+    elements = decaying_elements(model.alpha, dt, 2 * model.alpha)
+    return np.concatenate([elements[:4], (dt, dt * dt / 2, dt, 1.0), elements[4:]])
 
 
-def _predict(columns: Floats, axis: _PlaneAxis) -> None:
+def _predict(columns: Floats, axis: Floats) -> None:
     """Predict columns [mean, triangle of P, variances that drive x and y] (29, n) in place.
 
     A component whose variance has fallen below zero counts as known.
+
+    Args:
+        columns: changed.
+        axis: by `_axis_elements`.
     """
     # Views are changed in place: `array[i] += …` would copy the result once more.
     covariance, every = columns[_COVARIANCE], columns[_DRIVE, None, None]
     blocks = covariance.take(_BLOCKS, axis=0)
-    for each, f in ((columns[_MEAN].reshape(3, 2, -1), axis.mean_transition), (blocks, axis.transition)):
-        _transform(each, f)
-    _transform(blocks.transpose(2, 0, 1, 3), axis.transition)
+    _transform(columns[_MEAN].reshape(3, 2, -1), axis[4:8])
+    _transform(blocks, axis[:4])
+    _transform(blocks.transpose(2, 0, 1, 3), axis[:4])
     own = blocks[:, ::2]
-    own += axis.noise[:, None, :, None] * every.transpose(1, 0, 2, 3)
+    own += axis[8:].take(_AXIS_PLACE)[:, None, :, None] * every.transpose(1, 0, 2, 3)
     blocks.reshape(_BLOCKS.size, -1).take(_UPPER, axis=0, out=covariance, mode="clip")  # without a copy between
     known = covariance.take(_TRIANGLE.diagonal, axis=0) < 0.0
     if np.count_nonzero(known):
@@ -207,11 +197,11 @@ def _predict(columns: Floats, axis: _PlaneAxis) -> None:
 
 
 def _transform(rows: Floats, f: Floats) -> None:
-    """Replace three rows (3, …, n) by F times these, F (3, 3) upper triangular, one on its diagonal but the last."""
+    """Replace three rows (3, …, n) by F times these; see `_axis_elements`."""
     first, upper, last = rows[0], rows[:2], rows[2]
-    first += f[0, 1] * rows[1]
-    upper += f[:2, 2].reshape(2, *(1,) * last.ndim) * last
-    last *= f[2, 2]
+    first += f[0] * rows[1]
+    upper += f[1:3].reshape(2, *(1,) * last.ndim) * last
+    last *= f[3]
 
 
 def _update_by_kernel(columns: Floats, rows: Indices, measurement: Measurement) -> Floats:
@@ -235,7 +225,7 @@ def _update_by_kernel(columns: Floats, rows: Indices, measurement: Measurement) 
 def _update(columns: Floats, rows: Indices, measurement: Measurement) -> Floats:
     """Update columns (29, n) in place with a measurement of each of some rows (m,); return the NIS (m,)."""
     # 64 tracks with range rate: 0.4 ms, the sequential updates of `kalman` 1.2 ms, `kalman.update` 2.4 ms.
-    every = len(rows) == columns.shape[1] and bool((rows == np.arange(len(rows))).all())
+    every = len(rows) == columns.shape[1] and in_order(rows)
     state = columns if every else columns.take(rows, axis=1)
     nis = _take_position(state, measurement.position, measurement.noise)
     if measurement.range_rate is not None and measurement.range_rate_variance is not None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from math import cos, sin
 
 import numpy as np
+from numpy.typing import NDArray
 
 from candaemon import compiled
 from candaemon.arrays import Floats
 from candaemon.ego.pose import EgoPose
+from candaemon.tracking.columns import ObstacleTable
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.reflections import RigidMotion
 from candaemon.tracking.track_store import TrackStore
@@ -37,8 +39,7 @@ def report(
     x, y, vx, vy, ax, ay, sx, sy, svx, svy, yaw_rate, course_x, course_y = told
     unknown = np.full(len(obstacles), np.nan)
     heading = np.arctan2(course_y, course_x, out=unknown.copy(), where=obstacles.forward != 0.0)
-    status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
-    status[~obstacles.confirmed] = TENTATIVE
+    status, age, existence = _lives(obstacles, pose.time_ns, slack_ns)
     used_sensor = np.empty(len(used.objects), np.int64)
     used_sensor.fill(used.sensor)
     return Obstacles(
@@ -59,8 +60,8 @@ def report(
         sy=sy,
         svx=svx,
         svy=svy,
-        age=np.maximum(pose.time_ns - obstacles.first_ns, 0) * 1e-9,
-        existence=np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _HISTORY_LENGTH),
+        age=age,
+        existence=existence,
         sensors=obstacles.sensors.copy(),
         heading=heading,
         yaw_rate=yaw_rate,
@@ -75,6 +76,25 @@ def report(
         used_sensor=used_sensor,
         used_object=used.objects,
     )
+
+
+def _lives(obstacles: ObstacleTable, time_ns: int, slack_ns: int) -> tuple[NDArray[np.int8], Floats, Floats]:
+    """Return the states of k obstacles, their ages, s, and the shares of recent scans in which they were seen, (k,)."""
+    if compiled.in_use:
+        return compiled.kernels.lives(
+            obstacles.first_ns,
+            obstacles.last_ns,
+            obstacles.history,
+            obstacles.scans,
+            obstacles.confirmed,
+            time_ns,
+            slack_ns,
+            _HISTORY_LENGTH,
+        )
+    status = np.add(time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
+    status[~obstacles.confirmed] = TENTATIVE
+    existence = np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _HISTORY_LENGTH)
+    return status, np.maximum(time_ns - obstacles.first_ns, 0) * 1e-9, existence
 
 
 def in_vehicle_axes(

@@ -11,6 +11,7 @@ from itertools import repeat
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.arrays.rows import checked_state
 from candaemon.config.tracker import MOST_TRACKS, TrackerSettings
@@ -22,6 +23,9 @@ from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 from candaemon.tracking.estimator_factory import make_estimator
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import RigidMotion, change_reference, decay_offsets, from_travel_axes, rigid_motion
+
+_LARGEST_ID = 4096
+"""Of a sensor whose ids are looked up in a table."""
 
 
 @dataclass(slots=True)
@@ -41,6 +45,24 @@ class TrackStoreState:
     obstacles: ObstacleTable
     estimator: EstimatorState
     row_of: dict[tuple[int, int], int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class RowsOfScan:
+    """What the ids of a sensor's scan stand for; the arrays are not to be written to.
+
+    Attributes:
+        ids: of the scan, as bytes.
+        track_of: rows of tracks (m,), −1 where an id stands for nothing.
+        distinct: whether no id comes twice.
+        tracks, detections: rows of tracks and of detections that belong together, without those that stand for nothing.
+    """
+
+    ids: bytes
+    track_of: Indices
+    distinct: bool
+    tracks: Indices
+    detections: Indices
 
 
 class TrackStore:
@@ -64,7 +86,8 @@ class TrackStore:
         self.estimator = make_estimator(settings.estimator)
         self._state = TrackStoreState(self.reflections, self.obstacles, self.estimator.state)
         # computed from the state when first asked for
-        self._rows_of_scan: dict[int, tuple[bytes, Indices, bool]] = {}
+        self._rows_of_scan: dict[int, RowsOfScan] = {}
+        self._rows_by_id: dict[int, Indices] = {}  # of a sensor: at 1 + id the row of its track, −1 at both ends
         self._moments: tuple[Floats, Floats] | None = None
 
     @property
@@ -83,7 +106,7 @@ class TrackStore:
         self.estimator.state = state.estimator
         _check_rows(state, len(self.estimator))
         self._state, self.reflections, self.obstacles = state, reflections, obstacles
-        self._rows_of_scan.clear()
+        self._forget_rows()
         self._moments = None
 
     @property
@@ -150,6 +173,23 @@ class TrackStore:
     def record(self, tracks: Indices, rows: Indices, detections: Detections) -> None:
         """Record which detections updated which reflections."""
         reflections, obstacles, sensor = self.reflections, self.obstacles, detections.sensor
+        if compiled.in_use:
+            renamings = compiled.kernels.record_detections(
+                tracks,
+                rows,
+                detections.object_id,
+                reflections.object_id,
+                reflections.sensor,
+                reflections.obstacle,
+                reflections.last_ns,
+                obstacles.last_ns,
+                obstacles.history,
+                obstacles.sensors,
+                sensor,
+                detections.time_ns,
+            )
+            if not (renamings and detections.identified):
+                return
         keys = detections.object_id[rows]
         renamed = (reflections.object_id[tracks] != keys) | (reflections.sensor[tracks] != sensor)
         if detections.identified and renamed.any():
@@ -161,22 +201,43 @@ class TrackStore:
         obstacles.history[owners] |= 1
         obstacles.sensors[owners] |= 1 << sensor
 
-    def rows_of(self, sensor: int, object_id: Integers) -> tuple[Indices, bool]:
-        """Return the rows that a sensor's ids stand for, −1 where one stands for nothing; and whether none comes twice.
+    def rows_of(self, sensor: int, object_id: Integers) -> RowsOfScan:
+        """Return the rows that a sensor's ids stand for.
 
-        A scan whose ids are those of the sensor's scan before costs a comparison. The rows are not to be written to.
+        A scan whose ids are those of the sensor's scan before costs a comparison.
         """
         ids, known = object_id.tobytes(), self._rows_of_scan.get(sensor)
-        if known is not None and known[0] == ids:
-            return known[1:]
+        if known is not None and known.ids == ids:
+            return known
+        rows = self._rows_of_ids(sensor, object_id)
+        distinct = bool((object_id[1:] > object_id[:-1]).all()) or len(set(object_id.tolist())) == len(object_id)
+        detections = (rows >= 0).nonzero()[0]
+        found = RowsOfScan(ids, rows, distinct, rows.take(detections), detections)
+        self._rows_of_scan[sensor] = found
+        return found
+
+    def _rows_of_ids(self, sensor: int, object_id: Integers) -> Indices:
+        """Return the rows that a sensor's ids stand for, −1 where one stands for nothing."""
+        table = self._rows_by_id.get(sensor)
+        if table is None:
+            rows = {key: row for (of, key), row in self._state.row_of.items() if of == sensor}
+            table = np.full(max(rows, default=0) + 3 if max(rows, default=0) < _LARGEST_ID else 0, -1)
+            if len(table):
+                table[np.fromiter(rows, np.intp, len(rows)) + 1] = np.fromiter(rows.values(), np.intp, len(rows))
+            self._rows_by_id[sensor] = table
+        if len(table):
+            return table.take(object_id + 1, mode="clip")
         keys = object_id.tolist()
-        rows = np.fromiter(map(self._state.row_of.get, zip(repeat(sensor), keys), repeat(-1)), np.intp, len(keys))
-        self._rows_of_scan[sensor] = ids, rows, len(set(keys)) == len(keys)
-        return self._rows_of_scan[sensor][1:]
+        return np.fromiter(map(self._state.row_of.get, zip(repeat(sensor), keys), repeat(-1)), np.intp, len(keys))
+
+    def _forget_rows(self) -> None:
+        """Forget what ids stand for, as far as it was computed from the state."""
+        self._rows_of_scan.clear()
+        self._rows_by_id.clear()
 
     def assign_id(self, track: int, sensor: int, key: int) -> None:
         """Assign a sensor's object id to a reflection; it no longer stands for another."""
-        self._rows_of_scan.clear()
+        self._forget_rows()
         reflections = self.reflections
         row_of = self._state.row_of
         former = row_of.get((sensor, key))
@@ -249,7 +310,7 @@ class TrackStore:
             sensors: number of a sensor from here on, by the number it had.
         """
         obstacles, reflections = self.obstacles, self.reflections
-        self._rows_of_scan.clear()
+        self._forget_rows()
         row_of = self._state.row_of
         self._state.row_of = {(sensors[of], key): row for (of, key), row in row_of.items() if of in sensors}
         before = reflections.sensor
@@ -313,7 +374,7 @@ class TrackStore:
         self.obstacles.keep(~ended)
         self.obstacles.leader = new_row[self.obstacles.leader]
         gone = lost.tolist()
-        self._rows_of_scan.clear()
+        self._forget_rows()
         row_of = self._state.row_of
         self._state.row_of = {key: int(new_row[row]) for key, row in row_of.items() if not gone[row]}
         self._moments = None

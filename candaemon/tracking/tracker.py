@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.tracker import TrackerSettings
 from candaemon.ego.pose import EgoPose
@@ -303,10 +304,12 @@ class Tracker:
         """
         if not detections.identified:
             return _NONE, _NONE
-        track_of, distinct = self._tracks.rows_of(detections.sensor, detections.object_id)
-        if np.count_nonzero(detections.new):
-            track_of = np.where(detections.new, -1, track_of)
-        if not distinct:
+        found = self._tracks.rows_of(detections.sensor, detections.object_id)
+        any_new = np.count_nonzero(detections.new)
+        if found.distinct and not any_new:
+            return found.tracks, found.detections
+        track_of = np.where(detections.new, -1, found.track_of) if any_new else found.track_of
+        if not found.distinct:
             track_of = track_of.copy()
             values, first, counts = np.unique(track_of, return_index=True, return_counts=True)
             unique = first[(counts == 1) & (values >= 0)]
@@ -318,12 +321,15 @@ class Tracker:
         """Update the tracks with their detections; return the normalised innovations squared."""
         self.counts.cycles += 1
         self.counts.detections += len(detections)
-        obstacles = self._tracks.obstacles
-        expected = obstacles.sensors & (1 << detections.sensor) != 0
-        if detections.look >= 0:
-            expected &= in_look(self._views, detections, pose.to_vehicle(self._tracks.reference_points()))
-        obstacles.history = obstacles.history << expected & _HISTORY
-        obstacles.scans += expected
+        obstacles, sensor = self._tracks.obstacles, 1 << detections.sensor
+        if compiled.in_use and detections.look < 0:
+            compiled.kernels.expect_detections(obstacles.history, obstacles.scans, obstacles.sensors, sensor, _HISTORY)
+        else:
+            expected = obstacles.sensors & sensor != 0
+            if detections.look >= 0:
+                expected &= in_look(self._views, detections, pose.to_vehicle(self._tracks.reference_points()))
+            obstacles.history = obstacles.history << expected & _HISTORY
+            obstacles.scans += expected
         measurement = detections.measurement
         nis = self._tracks.update(tracks, measurement.take(rows))
         self._tracks.record(tracks, rows, detections)
@@ -366,10 +372,12 @@ class Tracker:
     def _confirm_and_delete(self, pose: EgoPose) -> None:
         """Confirm obstacles detected M times in N scans; delete what is not detected, out of view or too uncertain."""
         obstacles, reflections, lifecycle = self._tracks.obstacles, self._tracks.reflections, self.settings.lifecycle
+        longest = (self._state.time_ns - int(obstacles.last_ns.min(initial=self._state.time_ns))) * 1e-9
+        settled = np.count_nonzero(obstacles.confirmed) == len(obstacles) == len(reflections)
+        if settled and longest <= self._tentative_coast:
+            return
         coasted = (self._state.time_ns - obstacles.last_ns) * 1e-9
         missed = coasted > self._tentative_coast
-        if len(reflections) == len(obstacles) and not (missed | ~obstacles.confirmed).any():
-            return
         hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
         promoted = (hits >= lifecycle.confirm) & ~obstacles.confirmed
         if promoted.any():

@@ -47,7 +47,7 @@ from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
 from candaemon.tracking.sensor_visibility import Visibility
 from candaemon.tracking.update import Used
-from tests.benchmarks.chains import full_binding, imm_binding, simulated_log
+from tests.benchmarks.chains import full_binding, imm_binding, reduced_binding, simulated_log
 
 pytestmark = pytest.mark.skipif(not compiled.in_use, reason="the kernels are not compiled: no compiler or no Cython")
 
@@ -504,7 +504,7 @@ def test_what_hides_what(azimuth: float, monkeypatch: pytest.MonkeyPatch) -> Non
     both(monkeypatch, computed)
 
 
-@pytest.mark.parametrize("bound", [full_binding, imm_binding], ids=["vehicle", "imm"])
+@pytest.mark.parametrize("bound", [full_binding, imm_binding, reduced_binding], ids=["vehicle", "imm", "cs"])
 def test_a_replay_and_the_saved_state_at_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bound: Callable[[], Binding]
 ) -> None:
