@@ -142,18 +142,20 @@ class BodyFilter:
     def __init__(self, modes: Sequence[BodyMode], dynamics: BodyDynamics) -> None:
         self._dynamics = dynamics
         self._moves = _column([mode.moves for mode in modes])
-        self._steers = _column([mode.moves and mode.acceleration > 0.0 for mode in modes])
+        steers = _column([mode.moves and mode.acceleration > 0.0 for mode in modes])
         self._acceleration = _column([mode.acceleration for mode in modes])
         self._lateral_acceleration = _column([mode.lateral_acceleration for mode in modes])
-        self._velocity_noise = _column([mode.velocity_noise for mode in modes])
-        self._walk = _column([mode.bias_walk for mode in modes])
+        white = _column([mode.velocity_noise for mode in modes])
+        walk = _column([mode.bias_walk for mode in modes])
         self._settles = _column([mode.settles for mode in modes])
         self._dwell = _column([mode.dwell for mode in modes])
         self._others = self._dwell.sum() - self._dwell
         self._turn_time = _column([mode.turn_time for mode in modes])
         self._memory = np.vstack([self._turn_time.T, np.full((1, len(modes)), dynamics.acceleration_time)])
         self._modes = np.hstack([self._moves, self._lateral_acceleration, self._settles]).T.copy()
-        self._standing, self._variance = (1.0 - self._moves) * dynamics.standing**2, self._acceleration**2
+        none, variance = np.zeros_like(white), self._acceleration**2
+        self._driven = np.stack([white, white, white, walk, none, variance, steers])
+        self._standing = (1.0 - self._moves) * dynamics.standing**2
         self._state = self._empty()
         self._buffer = np.empty(0)
         self._step_constants = _StepConstants(np.nan, *[np.empty(0)] * 3)
@@ -380,7 +382,7 @@ class BodyFilter:
         return np.asarray(np.exp(-np.square(speed / self._dynamics.settling_speed)))
 
     def _constants(self, dt: float) -> _StepConstants:
-        """Return what a step of dt, s, has the same for all bodies; scans mostly come at one rate."""
+        """Return what a step of dt, s, has the same for all bodies."""
         if dt != self._step_constants.dt:
             leave, decay = -np.expm1(-dt / self._dwell), np.exp(-dt / self._memory)
             self._step_constants = _StepConstants(dt, leave, decay, self._drive(dt))
@@ -392,16 +394,12 @@ class BodyFilter:
         Added to the variance of a place, to that of place with speed, of a speed and of the bias; the share of the
         variance of ω that is added; added to the variance of a; and dt, if it steers.
         """
-        dynamics, white = self._dynamics, self._velocity_noise
-        drive = np.empty((7, *white.shape))
-        drive[0] = white * (dt**3 / 3.0)
-        drive[1] = white * (dt**2 / 2.0)
-        drive[2] = white * dt + self._standing
-        drive[3] = self._walk * dt
+        gained = -expm1(-2.0 * dt / self._dynamics.acceleration_time)
+        times = np.array([dt**3 / 3.0, dt**2 / 2.0, dt, dt, 0.0, gained, dt])
+        drive = self._driven * times[:, None, None]
+        drive[2] += self._standing
         drive[4] = -np.expm1(-2.0 * dt / self._turn_time)
-        drive[5] = self._variance * -expm1(-2.0 * dt / dynamics.acceleration_time)
-        drive[6] = self._steers * dt
-        return drive
+        return np.asarray(drive)
 
     def _transition(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +58,7 @@ def associate(
     settings: AssociationSettings,
     extent: ReflectionSettings,
     vague: Booleans,
-    detecting: Detecting | None = None,
+    detecting: Callable[[], Detecting | None] | None = None,
 ) -> Association:
     """Return what the detections of a scan belong to.
 
@@ -71,7 +72,7 @@ def associate(
         settings: gates.
         extent: how near one body's reflections lie to each other, and how alike they move.
         vague: which bodies (k,) are too uncertain for a gate to tell what is theirs: nothing is.
-        detecting: how the sensor detects; None: nothing is in doubt.
+        detecting: tells how the sensor detects; None, also if told: nothing is in doubt.
     """
     n, measurement = len(detections), detections.measurement
     found = Association(np.full(n, -1, np.intp), np.full(n, -1, np.intp), np.full(n, np.nan))
@@ -174,18 +175,17 @@ def _by_place(
     free: Indices,
     measurement: Measurement,
     gate: float,
-    detecting: Detecting | None,
+    detecting: Callable[[], Detecting | None] | None,
 ) -> None:
     """Associate what is left by global nearest neighbour, in doubt where bodies compete for a detection."""
     left = np.flatnonzero(found.reflection < 0)
     row, detection, nis = gated_pairs(mean, covariance, free, measurement, left, gate)
     chosen = best_pairs(row, detection, nis)
     found.reflection[detection[chosen]], found.nis[detection[chosen]] = row[chosen], nis[chosen]
-    if detecting is None or len(chosen) == len(row):
+    told = None if detecting is None or len(chosen) == len(row) else detecting()
+    if told is None:
         return
-    ratio = likelihood_ratios(
-        mean[row], covariance[row], measurement.take(detection), detecting.probability, detecting.clutter
-    )
+    ratio = likelihood_ratios(mean[row], covariance[row], measurement.take(detection), told.probability, told.clutter)
     doubt = doubts(row, detection, bodies.reflections.body[row], ratio, chosen)
     if (doubt > 1.0).any():
         found.doubt = np.ones(len(found.body))

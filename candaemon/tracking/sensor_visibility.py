@@ -294,7 +294,7 @@ class _DetectionModel:
         """Return the detections of a scan that belong to nothing."""
         usual = self._clutter * self._area
         found = (learnt.false + usual * _PRIOR_WEIGHT) / (learnt.scans + _PRIOR_WEIGHT)
-        return float(np.clip(found, usual / _CLUTTER_SPREAD, usual * _CLUTTER_SPREAD))
+        return float(min(max(found, usual / _CLUTTER_SPREAD), usual * _CLUTTER_SPREAD))
 
     def clutter_density(self, learnt: LearntDetection) -> float:
         """Return the detections of a scan that belong to nothing, per m²."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import cos, exp, sin
 from typing import ClassVar
 
@@ -410,7 +411,7 @@ class VehicleTracker:
         else:
             vague = away & (self._uncertain() > lifecycle.uncertainty)
         association, extent = self.settings.association, self.settings.reflections
-        detecting = self._existence.detecting(detections.sensor) if association.joint else None
+        detecting = partial(self._existence.detecting, detections.sensor) if association.joint else None
         found = associate(bodies, detections, association, extent, vague, detecting)
         self.counts.slot_jumps += found.slot_jumps
         return found
