@@ -48,7 +48,7 @@ def joint_probabilities(ratio: Floats) -> Floats:
     """
     if min(ratio.shape) > EXACT:
         # each pair beside all that it excludes, as if nothing excluded those (Fitzgerald 1986)
-        return ratio / (1.0 + ratio.sum(axis=0) + ratio.sum(axis=1)[:, None] - ratio)
+        return np.asarray(ratio / (1.0 + ratio.sum(axis=0) + ratio.sum(axis=1)[:, None] - ratio))
     if ratio.shape[1] > ratio.shape[0]:
         return joint_probabilities(ratio.T).T
     n, m = ratio.shape
@@ -69,7 +69,7 @@ def joint_probabilities(ratio: Floats) -> Floats:
     for i in range(n):
         for d, free in enumerate(without):
             found[i, d] = ratio[i, d] * (before[i, free] @ after[i + 1, free | 1 << d])
-    return found / after[0, 0]
+    return np.asarray(found / after[0, 0])
 
 
 def doubts(track: Indices, detection: Indices, body: Indices, ratio: Floats, chosen: Indices) -> Floats:

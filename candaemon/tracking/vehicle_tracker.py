@@ -586,9 +586,9 @@ class VehicleTracker:
             return np.ones(len(self), dtype=np.bool_)
         in_view = self._in_view(pose)
         self._existence.leave(self._bodies, in_view)
-        tracked = obstacles.last_ns - obstacles.first_ns
+        away, tracked = self._state.time_ns - obstacles.last_ns, obstacles.last_ns - obstacles.first_ns
         likely = (obstacles.existence > lifecycle.doubtful) & (obstacles.unseen <= lifecycle.coast)
-        likely &= coasted <= lifecycle.coast_share * tracked
+        likely &= away <= lifecycle.coast_share * tracked
         return ~coasting | (likely & in_view & (self._uncertain() < lifecycle.uncertainty))
 
     def _taken_up(self, young: Indices) -> Booleans:
