@@ -130,8 +130,8 @@ def test_a_filter_over_many_cycles(
             measured = place[rows] + 0.3 * step + random.normal(scale=0.3, size=(len(rows), 2))
             along = Projection(np.tile([0.6, 0.8], (len(rows), 1)), rate[::-1], np.full(len(rows), 0.2))
             further = (along,) if step % 4 == 0 else ()
-            some = (rate, np.full(len(rows), 0.01)) if step % 5 else (None, None)
-            measurement = Measurement(measured, noise[rows], at_rest, at_rest + 0.1, *some, further)
+            rated, variance = (rate, np.full(len(rows), 0.01)) if step % 5 else (None, None)
+            measurement = Measurement(measured, noise[rows], at_rest, at_rest + 0.1, rated, variance, further)
             nis = estimator.update(rows, measurement)
             out += [*(each.copy() for each in estimator.combined()), nis, estimator.probability.copy()]
         return out

@@ -59,6 +59,7 @@ def cycle(kind: str, number: int, objects: int = 9) -> tuple[tuple[int, bytes], 
     slots = np.arange(objects if listed else bound.reader.slots)
     n = len(slots)
     values: dict[str, NDArray[np.float64]] = {name: np.full(n, 1.5) for name in writer.quantities}
+    values |= dict.fromkeys({"azimuth"} & set(values), np.full(n, 0.5))  # no signal tells 1.5 rad
     values |= dict.fromkeys({"x", "range"} & set(values), 20.0 + slots + np.float64(number))
     frames = writer.write(slots, values, slots < objects, counter=number, new=slots == number)
     if bound.header is not None:
