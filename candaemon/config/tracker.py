@@ -127,7 +127,7 @@ class LifecycleSettings(Settings):
         "moves like that, is not confirmed; by existence only",
     )
     coast_share: float = Field(
-        0.5, gt=0, le=1, description="of the time that it was seen, for which a vehicle is reported undetected at most"
+        0.6, gt=0, le=1, description="of the time that it was seen, for which a vehicle is reported undetected at most"
     )
     tentative_coast: float = Field(0.12, gt=0, le=5, description="s that a tentative one does")
     reflection_coast: float = Field(
