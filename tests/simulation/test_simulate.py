@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from candaemon.arrays import Booleans, Floats
 from candaemon.binding.bound import Binding
+from candaemon.dbc.bits import sendable_values
 from candaemon.ego.factory import make_ego
 from candaemon.ego.motion import EgoMotion
 from candaemon.errors import ConfigError
@@ -17,6 +19,8 @@ from candaemon.evaluation.tables import TRUTH_COLUMNS, TrackWriter, read_truth
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.bodies import CLASSES
 from candaemon.frames.frame import Frame
+from candaemon.objects.reader import BOUNDED, POSITION
+from candaemon.objects.signals import SignalBinding
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.scan import Scan
 from candaemon.simulation.scenario import Scenario, load_scenario
@@ -81,14 +85,27 @@ def test_what_a_sensor_reports_is_what_its_frames_say(name: str) -> None:
     for scan, (time_ns, report) in zip(read, reports, strict=True):
         assert scan.complete
         assert scan.time_ns == pytest.approx(time_ns, abs=1000)
-        held = report.slot + numbered
-        assert scan.object_id.tolist() == held.tolist()
-        assert scan.slot.tolist() == (list(range(len(held))) if packed else report.slot.tolist())
-        if form.new:
-            assert scan.new.tolist() == report.new.tolist()
         limits = np.array([[_limits(b.quantity, b.signal, b.gain, b.bias)] for b in reader.bindings])[:, 0]
         exact = np.clip(report.values[rows], limits[:, :1], limits[:, 1:])
+        ends = np.stack([_at_an_end(b, each) for b, each in zip(reader.bindings, exact, strict=True)])
+        kept = ~ends[[b.quantity in POSITION for b in reader.bindings]].any(axis=0)  # the others may lie beyond
+        held = report.slot[kept] + numbered
+        assert scan.object_id.tolist() == held.tolist()
+        assert scan.slot.tolist() == (np.flatnonzero(kept) if packed else report.slot[kept]).tolist()
+        if form.new:
+            assert scan.new.tolist() == report.new[kept].tolist()
+        assert np.isnan(scan.values[ends[:, kept]]).all()
+        exact = np.where(ends, 0.0, exact)[:, kept]
         assert np.all(np.abs(np.nan_to_num(scan.values) - exact) <= 0.5001 * step + 1e-9)  # a size of 0 is none
+
+
+def _at_an_end(signal: SignalBinding, exact: Floats) -> Booleans:
+    """Return which values (n,) a signal of a place or speed tells as one of its ends: they may be beyond it."""
+    if signal.quantity not in BOUNDED:
+        return np.zeros(len(exact), dtype=np.bool_)
+    step = abs(signal.gain * signal.signal.scale)
+    ends = [signal.gain * each + signal.bias for each in sendable_values(signal.signal)]
+    return np.asarray(np.any([np.abs(exact - end) <= 0.5 * step for end in ends if end != 0.0], axis=0))
 
 
 def _limits(quantity: str, signal: Any, gain: float, bias: float) -> tuple[float, float]:
