@@ -12,6 +12,7 @@ from candaemon.binding.bind_sensor import bind_sensor_writer
 from candaemon.binding.bound import BoundSensor
 from candaemon.dbc.bits import sendable_values
 from candaemon.objects.object_batch import ObjectBatch
+from candaemon.objects.reader import BOUNDED
 from candaemon.objects.writer import ObjectWriter
 from tests.support.bound import binding
 from tests.support.effort import examples
@@ -31,6 +32,9 @@ def written(
     values = {}
     for bound in reader.bindings:
         ends = sorted(bound.gain * end + bound.bias for end in sendable_values(bound.signal))
+        if bound.quantity in BOUNDED:  # what is told as an end may lie beyond it
+            step = abs(bound.gain * bound.signal.scale)
+            ends = [ends[0] + step, ends[1] - step]
         low, high = (0.5, min(ends[1], 200.0)) if bound.quantity in {"x", "range"} else ends
         values[bound.quantity] = rng.uniform(low, high, len(slot))
     frames = writer.write(slot, values, occupied, counter=int(rng.integers(1000)), new=new)
@@ -114,7 +118,8 @@ def test_values_out_of_range_saturate_and_count() -> None:
     frames = writer.write(np.arange(2), values, np.ones(2, np.bool_), counter=0)
     assert writer.saturated == 2
     batch = sensor.reader.read([[data for _, data in frames[:2]], [data for _, data in frames[2:]]])
-    assert batch.valid.all(), "an object out of range is brought to where it still reads valid"
+    assert (batch.valid | batch.not_finite).all(), "an object out of range is brought to where it still reads valid"
+    assert batch.not_finite.tolist() == [False, True], "what is at the end of y may lie anywhere beyond it"
     assert batch.values[0].tolist() == pytest.approx([254.99, 10.0])
 
 
