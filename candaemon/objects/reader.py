@@ -25,8 +25,8 @@ Row: TypeAlias = tuple[int, int]
 ReadCondition: TypeAlias = CompiledCondition | TabulatedCondition | KnownCondition
 POSITION: Final = ("x", "y", "range", "azimuth")
 """Quantities without which an object is nowhere."""
-BOUNDED: Final = (*POSITION, "range_rate", "vx", "vy")
-"""Quantities of which the ends of their signals are bounds: what is farther or faster is told as them."""
+BOUNDED: Final = ("range_rate", "vx", "vy")
+"""Quantities of which the ends of their signals are bounds: what is faster is told as them."""
 
 
 class Claim(NamedTuple):
@@ -65,8 +65,7 @@ class LayoutReader:
         bias: (quantities, 1) in SI, None where all are 0.
         uncertain: whether a quantity may be NaN, as floats and multiplexed signals can.
         unknown: row of each signal and value of it that says nothing, and how near to that is as good.
-        ends: row of each signal of a place or speed, a value of it that is a bound (its least or greatest, not 0), and
-            whether it is of a place.
+        ends: row of each signal of a speed, and a value of it that is a bound: its least or greatest, not 0.
         codes: row of each signal with values for classes, and those values (1, classes).
         angles: row of each signal that gives the sine or the slope of an angle, and which of them.
 
@@ -94,7 +93,7 @@ class LayoutReader:
             (row, value, abs(each.signal.scale) / 2) for row, each in enumerate(bindings) for value in each.unknown
         )
         self.ends = tuple(
-            (row, end, each.quantity in POSITION)
+            (row, end)
             for row, each in enumerate(bindings)
             if each.quantity in BOUNDED and not each.signal.is_float
             for end in sendable_values(each.signal)
@@ -226,12 +225,8 @@ class ObjectReader:
                     rows[row] = angle_of(rows[row], form)
                 for row, unknown, near in reader.unknown:
                     rows[row, np.abs(raw[row] - unknown) < near] = np.nan
-                for row, end, is_place in reader.ends:
-                    bound = raw[row] == end
-                    if np.count_nonzero(bound):
-                        rows[row, bound] = np.nan
-                        if is_place:
-                            finite.append(~bound)
+                for row, end in reader.ends:
+                    rows[row, raw[row] == end] = np.nan
                 for row, codes in reader.codes:  # a value that stands for no class is the first: unknown
                     rows[row] = (raw[row][:, None] == codes).argmax(axis=1)
                 if missing is not None:

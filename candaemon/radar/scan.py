@@ -57,7 +57,7 @@ class ScanCounts(FrameFaults):
         missing: frames that should have come and did not.
         unpaired: valid objects left out because their messages are of different cycles.
         rejected: objects left out because a required message or the position did not come.
-        not_finite: valid objects left out because a value is no number, or a place beyond what its signal can tell.
+        not_finite: valid objects left out because a value is no number.
         out_of_range: objects left out because a value is outside the DBC's range.
         impossible: objects left out because they moved as nothing can.
         odd_sizes: lengths and widths not used because no body has them.

@@ -368,18 +368,6 @@ def test_a_speed_at_the_end_of_its_signal_is_a_bound_and_none(tmp_path: Path, ra
     assert counts.rejected == 0
 
 
-@pytest.mark.parametrize(
-    ("distance", "angle", "known"),
-    [(4095, 0, False), (4094, 0, True), (0, 0, True), (800, -2048, False), (800, 2047, False), (800, 2046, True)],
-)
-def test_a_place_at_the_end_of_its_signal_is_none(tmp_path: Path, distance: int, angle: int, known: bool) -> None:
-    binding = bound(tmp_path, *PLAIN)
-    payload = (1 | distance << 2 | (angle & 0xFFF) << 14).to_bytes(8, "little")
-    (scan,), counts = read(binding, [Frame(0, 0, 200, payload)])
-    assert len(scan.slot) == known
-    assert counts.not_finite == (not known)
-
-
 def test_units_are_of_signals_that_have_none(tmp_path: Path) -> None:
     binding = bound(
         tmp_path,

@@ -19,7 +19,7 @@ from candaemon.evaluation.tables import TRUTH_COLUMNS, TrackWriter, read_truth
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.bodies import CLASSES
 from candaemon.frames.frame import Frame
-from candaemon.objects.reader import BOUNDED, POSITION
+from candaemon.objects.reader import BOUNDED
 from candaemon.objects.signals import SignalBinding
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.scan import Scan
@@ -88,19 +88,18 @@ def test_what_a_sensor_reports_is_what_its_frames_say(name: str) -> None:
         limits = np.array([[_limits(b.quantity, b.signal, b.gain, b.bias)] for b in reader.bindings])[:, 0]
         exact = np.clip(report.values[rows], limits[:, :1], limits[:, 1:])
         ends = np.stack([_at_an_end(b, each) for b, each in zip(reader.bindings, exact, strict=True)])
-        kept = ~ends[[b.quantity in POSITION for b in reader.bindings]].any(axis=0)  # the others may lie beyond
-        held = report.slot[kept] + numbered
+        held = report.slot + numbered
         assert scan.object_id.tolist() == held.tolist()
-        assert scan.slot.tolist() == (np.flatnonzero(kept) if packed else report.slot[kept]).tolist()
+        assert scan.slot.tolist() == (list(range(len(held))) if packed else report.slot.tolist())
         if form.new:
-            assert scan.new.tolist() == report.new[kept].tolist()
-        assert np.isnan(scan.values[ends[:, kept]]).all()
-        exact = np.where(ends, 0.0, exact)[:, kept]
+            assert scan.new.tolist() == report.new.tolist()
+        assert np.isnan(scan.values[ends]).all()
+        exact = np.where(ends, 0.0, exact)
         assert np.all(np.abs(np.nan_to_num(scan.values) - exact) <= 0.5001 * step + 1e-9)  # a size of 0 is none
 
 
 def _at_an_end(signal: SignalBinding, exact: Floats) -> Booleans:
-    """Return which values (n,) a signal of a place or speed tells as one of its ends: they may be beyond it."""
+    """Return which values (n,) a signal of a speed tells as one of its ends: they may be beyond it."""
     if signal.quantity not in BOUNDED:
         return np.zeros(len(exact), dtype=np.bool_)
     step = abs(signal.gain * signal.signal.scale)
