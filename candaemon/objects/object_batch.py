@@ -18,6 +18,7 @@ class ObjectBatch:
         paired: whether the pair signals are equal.
         values: (quantities, n), SI, sensor axes, rows as `ObjectReader.quantities`; NaN where a message did not come.
         not_finite: whether it would be valid, but that a value is no number; None where each one is a number.
+        at_end: whether its place is at an end of its signal, or anywhere beyond; None where none is.
 
     """
 
@@ -27,10 +28,18 @@ class ObjectBatch:
     paired: Booleans
     values: Floats
     not_finite: Booleans | None = None
+    at_end: Booleans | None = None
 
     def part(self, rows: slice) -> ObjectBatch:
         """Return some of the objects."""
         not_finite = None if self.not_finite is None else self.not_finite[rows]
+        at_end = None if self.at_end is None else self.at_end[rows]
         return ObjectBatch(
-            self.identity[rows], self.valid[rows], self.new[rows], self.paired[rows], self.values[:, rows], not_finite
+            self.identity[rows],
+            self.valid[rows],
+            self.new[rows],
+            self.paired[rows],
+            self.values[:, rows],
+            not_finite,
+            at_end,
         )

@@ -25,8 +25,8 @@ Row: TypeAlias = tuple[int, int]
 ReadCondition: TypeAlias = CompiledCondition | TabulatedCondition | KnownCondition
 POSITION: Final = ("x", "y", "range", "azimuth")
 """Quantities without which an object is nowhere."""
-BOUNDED: Final = ("range_rate", "vx", "vy")
-"""Quantities of which the ends of their signals are bounds: what is faster is told as them."""
+BOUNDED: Final = (*POSITION, "range_rate", "vx", "vy")
+"""Quantities of which the ends of their signals are bounds: what is farther or faster is told as them."""
 
 
 class Claim(NamedTuple):
@@ -65,7 +65,8 @@ class LayoutReader:
         bias: (quantities, 1) in SI, None where all are 0.
         uncertain: whether a quantity may be NaN, as floats and multiplexed signals can.
         unknown: row of each signal and value of it that says nothing, and how near to that is as good.
-        ends: row of each signal of a speed, and a value of it that is a bound: its least or greatest, not 0.
+        ends: row of each signal of a place or speed, a value of it that is a bound (its least or greatest, not 0), and
+            whether it is of a place.
         codes: row of each signal with values for classes, and those values (1, classes).
         angles: row of each signal that gives the sine or the slope of an angle, and which of them.
 
@@ -93,7 +94,7 @@ class LayoutReader:
             (row, value, abs(each.signal.scale) / 2) for row, each in enumerate(bindings) for value in each.unknown
         )
         self.ends = tuple(
-            (row, end)
+            (row, end, each.quantity in POSITION)
             for row, each in enumerate(bindings)
             if each.quantity in BOUNDED and not each.signal.is_float
             for end in sendable_values(each.signal)
@@ -200,6 +201,7 @@ class ObjectReader:
         finite: list[Booleans] = []
         new: list[Booleans] = []
         raws: list[Floats] = []
+        at_end: Booleans | None = None
         first = 0
         for reader, column in zip(self._readers, columns, strict=True):
             payload, missing = _joined(column, reader.length)
@@ -225,8 +227,14 @@ class ObjectReader:
                     rows[row] = angle_of(rows[row], form)
                 for row, unknown, near in reader.unknown:
                     rows[row, np.abs(raw[row] - unknown) < near] = np.nan
-                for row, end in reader.ends:
-                    rows[row, raw[row] == end] = np.nan
+                for row, end, is_place in reader.ends:
+                    bound = raw[row] == end
+                    if not np.count_nonzero(bound):
+                        continue
+                    if is_place:
+                        at_end = bound if at_end is None else at_end | bound
+                    else:
+                        rows[row, bound] = np.nan
                 for row, codes in reader.codes:  # a value that stands for no class is the first: unknown
                     rows[row] = (raw[row][:, None] == codes).argmax(axis=1)
                 if missing is not None:
@@ -244,7 +252,7 @@ class ObjectReader:
             reported, is_valid = is_valid, is_valid & _all_of(finite, n)
             not_finite = reported & ~is_valid
         paired = self._paired(raws, columns, n)
-        return ObjectBatch(self._identities(raws, n), is_valid, is_new, paired, values, not_finite)
+        return ObjectBatch(self._identities(raws, n), is_valid, is_new, paired, values, not_finite, at_end)
 
     def _identities(self, raws: Sequence[Floats], n: int) -> Integers:
         if self._identity is None:

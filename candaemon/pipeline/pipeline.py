@@ -11,6 +11,8 @@ from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from candaemon.binding.bound import Binding, BoundSensor
 from candaemon.calibration.calibrator import Calibrator
 from candaemon.ego.factory import make_ego, make_georeferencer
@@ -42,6 +44,7 @@ from candaemon.tracking.obstacles import Obstacles, concatenated, no_obstacles
 from candaemon.tracking.sensor_trust import SensorTrust
 from candaemon.tracking.stationary import StationaryWatch
 from candaemon.tracking.tracker import Tracker
+from candaemon.tracking.vehicle_tracker import VehicleTracker
 
 
 class Pipeline:
@@ -323,6 +326,8 @@ class Pipeline:
             self._counts.without_ego += 1
             yield self._report(no_obstacles(scan.time_ns), _unknown_pose(scan.time_ns), now_ns, None, None)
             return False
+        if scan.at_end is not None and isinstance(self._tracker_of[scan.sensor], VehicleTracker):
+            scan = self._placed(scan)
         # sensor axes → local frame
         yaw = calibrator.yaw(scan.sensor) if calibrator is not None else 0.0
         detections = self.mountings[scan.sensor].detections(scan, pose, yaw)
@@ -345,6 +350,12 @@ class Pipeline:
                 misled = calibrator is not None and calibrator.is_turned(scan.sensor)
                 self.ego.learn(replace(returns, drifts=()) if misled else returns)
         return True
+
+    def _placed(self, scan: Scan) -> Scan:
+        """Return a scan without the objects whose place is a bound: such an obstacle would drive along that edge."""
+        assert scan.at_end is not None, "some object is at an end"  # noqa: S101  # the caller asked
+        self.assemblers[scan.sensor].counts.at_end += int(np.count_nonzero(scan.at_end))
+        return scan.take(np.flatnonzero(~scan.at_end))
 
     def _coast(self, now_ns: int) -> Cycle:
         """Report where the obstacles should be, every sensor being silent."""

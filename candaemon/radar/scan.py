@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.protection.monitor import FrameFaults
 
 
@@ -22,6 +22,7 @@ class Scan:
             message did not come, or said that it is not known, and where a size cannot be.
         missing: frames that should have been in it and were not.
         look: which of the sensor's looks it is; −1 where it has none, or does not say.
+        at_end: (n,) whether its place is at an end of its signal: it may lie anywhere beyond; None where none is.
 
     """
 
@@ -33,6 +34,21 @@ class Scan:
     values: Floats
     missing: int = 0
     look: int = -1
+    at_end: Booleans | None = None
+
+    def take(self, rows: Indices) -> Scan:
+        """Return it with some of its objects."""
+        return Scan(
+            self.time_ns,
+            self.sensor,
+            self.object_id.take(rows),
+            self.slot.take(rows),
+            self.new.take(rows),
+            self.values.take(rows, axis=1),
+            self.missing,
+            self.look,
+            None if self.at_end is None else self.at_end.take(rows),
+        )
 
     @property
     def complete(self) -> bool:
@@ -60,6 +76,7 @@ class ScanCounts(FrameFaults):
         not_finite: valid objects left out because a value is no number.
         out_of_range: objects left out because a value is outside the DBC's range.
         impossible: objects left out because they moved as nothing can.
+        at_end: objects left out because their place is at an end of its signal, where obstacles are vehicles.
         odd_sizes: lengths and widths not used because no body has them.
         scans: scans made.
         distrusted: scans discarded whole because too many of their frames failed.
@@ -84,6 +101,7 @@ class ScanCounts(FrameFaults):
     not_finite: int = 0
     out_of_range: int = 0
     impossible: int = 0
+    at_end: int = 0
     odd_sizes: int = 0
     scans: int = 0
     distrusted: int = 0

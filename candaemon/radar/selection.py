@@ -64,19 +64,21 @@ class Selection:
             counts.rejected += int(np.count_nonzero(use & ~placed))
             use = use & placed
         object_id = batch.identity if self._has_identity else slot
-        new, values = batch.new, batch.values
+        new, values, at_end = batch.new, batch.values, batch.at_end
         if np.count_nonzero(use) < len(use):
             rows = use.nonzero()[0]
             slot, object_id, new = slot.take(rows), object_id.take(rows), new.take(rows)
             values = values.take(rows, axis=1)
+            at_end = None if at_end is None else at_end.take(rows)
         if self.plausibility.watches:
             kept = self.plausibility.keep(time_ns, slot, object_id, new, values)
             if kept is not None:
                 slot, object_id, new = slot.take(kept), object_id.take(kept), new.take(kept)
                 values = values.take(kept, axis=1)
+                at_end = None if at_end is None else at_end.take(kept)
         for row, most in self._sizes:
             values = self._with_sizes(values, row, most)
-        return Scan(time_ns, self._sensor, object_id, slot, new, values, missing)
+        return Scan(time_ns, self._sensor, object_id, slot, new, values, missing, at_end=at_end)
 
     def _with_sizes(self, values: Floats, row: int, most: float) -> Floats:
         """Return the quantities with NaN for what is no size; count it unless nothing was said."""

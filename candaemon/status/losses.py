@@ -27,7 +27,7 @@ UNUSABLE_CAUSES = (
 """Causes of a sensor's frames not being used."""
 EGO_UNUSABLE_CAUSES = ("checksum", "repeated", "jumped", "too_fast", "not_finite", "out_of_range", "impossible")
 """Causes of ego-motion frames not being used, those too short aside."""
-OBJECT_CAUSES = ("unpaired", "rejected", "not_finite", "out_of_range", "impossible")
+OBJECT_CAUSES = ("unpaired", "rejected", "not_finite", "out_of_range", "impossible", "at_end")
 """Causes of a sensor's objects being left out."""
 
 
@@ -64,6 +64,7 @@ class Losses:
         objects_not_finite: objects left out because a value is no number.
         objects_out_of_range: objects left out because a value is outside the DBC's range.
         objects_impossible: objects left out because they moved as nothing can.
+        objects_at_end: objects left out because their place is at an end of its signal: they may lie anywhere beyond.
         detections_crowded: detections dropped because `max_tracks` was reached.
         recording_items: frames and ticks that were to be recorded and were not.
         recording_events: events that were to be kept and were not.
@@ -96,6 +97,7 @@ class Losses:
     objects_not_finite: int = 0
     objects_out_of_range: int = 0
     objects_impossible: int = 0
+    objects_at_end: int = 0
     detections_crowded: int = 0
     recording_items: int = 0
     recording_events: int = 0

@@ -12,6 +12,7 @@ import cantools
 import numpy as np
 import pytest
 
+from candaemon.config.tracker import TrackerSettings
 from candaemon.ego.pose import EgoStatus
 from candaemon.frames.frame import EXTENDED, Frame, Tick
 from candaemon.pipeline.cycle import Cycle
@@ -107,6 +108,22 @@ def test_the_same_frames_give_the_same_again() -> None:
     first = essence(Pipeline(binding("toyota_rav4")).run(frames))
     assert first == essence(Pipeline(binding("toyota_rav4")).run(iter(frames)))
     assert len(first) > 100
+
+
+def test_what_lies_at_the_end_of_its_signal_is_no_vehicle_and_is_counted() -> None:
+    """A lateral place that ends at 32 m told each post farther aside as an obstacle that drives along that edge."""
+    beside = {"name": "beside", "start": {"x": 105, "y": 36, "speed": 20}}
+    scenario = {"duration": 2, "ego": {"start": {"speed": 20}}, "actors": [beside], "measurement": {}}
+    vehicles = binding("acura_ilx")
+    imm = TrackerSettings.model_validate({"estimator": {"kind": "imm"}})
+    config = vehicles.settings.model_copy(update={"tracker": imm})
+    points = replace(vehicles, loaded=replace(vehicles.loaded, config=config))
+    frames = list(simulate(Scenario.model_validate(scenario), vehicles).frames())
+    tracked, as_points = Pipeline(vehicles), Pipeline(points)
+    assert not any((np.abs(cycle.obstacles.y - 32) < 0.5).any() for cycle in tracked.run(frames))
+    assert tracked.assemblers[0].counts.at_end >= 36
+    assert all((np.abs(cycle.obstacles.y - 32) < 0.5).any() for cycle in list(as_points.run(frames))[10:])
+    assert as_points.assemblers[0].counts.at_end == 0
 
 
 @pytest.mark.parametrize("config", ["toyota_rav4", "demo", "ars408", "tesla_continental"])

@@ -368,6 +368,20 @@ def test_a_speed_at_the_end_of_its_signal_is_a_bound_and_none(tmp_path: Path, ra
     assert counts.rejected == 0
 
 
+@pytest.mark.parametrize(
+    ("distance", "angle", "at_end"),
+    [(4095, 0, True), (4094, 0, False), (0, 0, False), (800, -2048, True), (800, 2047, True), (800, 2046, False)],
+)
+def test_a_place_at_the_end_of_its_signal_is_a_bound(tmp_path: Path, distance: int, angle: int, at_end: bool) -> None:
+    """It is read as told, and marked: what is farther is told so too."""
+    binding = bound(tmp_path, *PLAIN)
+    payload = (1 | distance << 2 | (angle & 0xFFF) << 14).to_bytes(8, "little")
+    (scan,), counts = read(binding, [Frame(0, 0, 200, payload)])
+    assert len(scan.slot) == 1
+    assert (scan.at_end is not None) == at_end
+    assert counts.not_finite == 0
+
+
 def test_units_are_of_signals_that_have_none(tmp_path: Path) -> None:
     binding = bound(
         tmp_path,
