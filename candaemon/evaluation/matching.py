@@ -101,8 +101,10 @@ class MatchedCycle:
         time_ns: the time.
         tracks: rows of confirmed and coasting tracks in the tracks' table, shape (n,).
         actors: rows of actors, hidden ones too, in the truth's table, shape (m,).
-        distance: m between actor and track in the plane, shape (m, n).
-        outside: m from the actor's box to the track, 0 within; `distance` where the truth has no box, shape (m, n).
+        distance: m between actor and track in the plane, infinite where their velocities are those of two bodies,
+            shape (m, n).
+        outside: m from the actor's box to the track, 0 within; from its reference point where the truth has no box,
+            shape (m, n).
         visible: which actors some sensor can see, shape (m,).
         still_distance: m from each track to the nearest stationary object, infinite where there is none, shape (n,).
     """
@@ -116,8 +118,17 @@ class MatchedCycle:
     still_distance: Floats
 
 
-def cycles(tracks: TrackTable, truth: TrackTable, times_ns: Integers) -> Iterator[MatchedCycle]:
-    """Yield confirmed tracks and truth of each time; both tables are ordered by time, truth is at these times."""
+def cycles(
+    tracks: TrackTable, truth: TrackTable, times_ns: Integers, velocity_gate: float = math.inf
+) -> Iterator[MatchedCycle]:
+    """Yield confirmed tracks and truth of each time; both tables are ordered by time, truth is at these times.
+
+    Args:
+        tracks: with the tentative ones.
+        truth: actors and stationary objects.
+        times_ns: to yield.
+        velocity_gate: m/s; tracks and actors that differ by more are infinitely far from one another.
+    """
     edges = (np.searchsorted(of, times_ns, side=side) for of in (tracks.time_ns, truth.time_ns) for side in _SIDES)
     for time_ns, a, b, c, d in zip(times_ns.tolist(), *edges, strict=True):
         mine = a + np.flatnonzero(tracks.state[a:b] != TENTATIVE)
@@ -128,11 +139,15 @@ def cycles(tracks: TrackTable, truth: TrackTable, times_ns: Integers) -> Iterato
         )
         still = truth.state[there] == STATIONARY
         actors = there[~still]
+        against = np.hypot(
+            truth.vx[actors, None] - tracks.vx[mine],
+            truth.vy[actors, None] - tracks.vy[mine],
+        )
         yield MatchedCycle(
             time_ns,
             mine,
             actors,
-            distance[~still],
+            np.where(against > velocity_gate, np.inf, distance[~still]),
             _outside(tracks, truth, mine, actors),
             truth.state[actors] == ACTOR,
             distance[still].min(axis=0, initial=np.inf),

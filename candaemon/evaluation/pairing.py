@@ -2,7 +2,8 @@
 
 Everything is compared in vehicle axes, at the times of the tracks; a time of truth that is farther than three quarters
 of a step from all of them counts as a cycle without tracks. Only confirmed and coasting tracks count. Tracks
-and actors are paired by `candaemon.evaluation.matching.assign`, at most `gate` apart.
+and actors are paired by `candaemon.evaluation.matching.assign`, at most `gate` apart in place and `velocity_gate` in
+velocity.
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ def pair(tracks: TrackTable, truth: TrackTable, options: Options) -> Pairing:
         np.zeros((len(times_ns), 3)),
     )
     previous: dict[int, int] = {}
-    for k, cycle in enumerate(cycles(tracks, at_tracks, times_ns)):
+    for k, cycle in enumerate(cycles(tracks, at_tracks, times_ns, options.velocity_gate)):
         previous = _pair_cycle(pairing, cycle, previous)
         score = _gospa(cycle, options)
         pairing.gospa[k] = score.localisation, score.missed, score.false

@@ -17,6 +17,7 @@ class Options:
 
     Attributes:
         gate: m; greatest distance of a pair; a track farther than this from every true object is false.
+        velocity_gate: m/s; greatest difference in velocity of a pair: what drives through an actor is not its track.
         settle: s after a track's confirmation that errors and NEES exclude.
         max_gap: s; longest step of truth that is bridged by interpolation.
         gospa_cutoff: c of GOSPA, m.
@@ -25,6 +26,7 @@ class Options:
     """
 
     gate: float = 4.0
+    velocity_gate: float = 15.0
     settle: float = 1.0
     max_gap: float = 0.2
     gospa_cutoff: float = 4.0

@@ -28,7 +28,10 @@ OPTIONS: Final = Options(settle=0.0, gospa_cutoff=10.0, gospa_order=2.0)
 LEGEND: Final = (
     ("position, velocity", "2-D RMSE of confirmed obstacles paired with an actor that some sensor can see, m and m/s"),
     ("along, across", "of the target's course over ground (of its heading while it stands)"),
-    ("paired", f"at most {OPTIONS.gate:g} m apart, one to one, the pairs of the cycle before first;"),
+    (
+        "paired",
+        f"at most {OPTIONS.gate:g} m and {OPTIONS.velocity_gate:g} m/s apart, one to one, last cycle's pairs first;",
+    ),
     ("", "no pair begins with a track that is nearer to a stationary object"),
     ("GOSPA", f"c = {OPTIONS.gospa_cutoff:g} m, p = {OPTIONS.gospa_order:g}, α = 2, mean over the cycles, m"),
     ("switches", "changes of the id that an actor's obstacle has, a minute"),

@@ -125,6 +125,18 @@ def test_an_actor_that_passes_a_post_is_not_paired_with_the_posts_track() -> Non
     assert (both.errors.samples, both.id_switches, both.errors.vx) == (20, 0, 0.0)
 
 
+def test_what_drives_through_an_actor_is_not_its_track() -> None:
+    oncoming = rows(range(20), 1, "actor", still(10.0, 0.0, vx=-20.0))
+    against = straight(rows(range(20), 7, "confirmed", still(10.5, 0.0, vx=-4.9)), oncoming)
+    assert against.errors.samples == 0
+    assert against.gospa.missed > 0
+    assert straight(rows(range(20), 7, "confirmed", still(10.5, 0.0, vx=-5.1)), oncoming).errors.samples == 20
+    # its own track stays its own, though a mirror image that drives the other way is nearer
+    own = rows(range(20), 8, "confirmed", still(12.0, 0.0, vx=-20.0))
+    both = straight([*own, *rows(range(20), 7, "confirmed", still(10.0, 0.0, vx=19.0))], oncoming)
+    assert (both.errors.samples, both.errors.vx, both.surplus.samples) == (20, 0.0, 20)
+
+
 def test_false_tracks_are_far_from_everything_true() -> None:
     truth = (
         rows(range(10), 1, "actor", still(10.0, 0.0))
