@@ -68,6 +68,15 @@ class Pairing:
         power = self.gospa[:, 0] + penalty * (self.gospa[:, 1] + self.gospa[:, 2])
         return np.asarray(power ** (1.0 / options.gospa_order))
 
+    @property
+    def awaited(self) -> Booleans:
+        """Which rows of truth are an actor that has been visible for `Options.patience` without a break, shape (m,)."""
+        rows = np.lexsort((self.truth.time_ns, self.truth.id))
+        visible, awaited = self.visible[rows], np.zeros(len(rows), dtype=bool)
+        since_ns = _visible_for(self.truth.time_ns[rows], self.truth.id[rows], visible)
+        awaited[rows] = visible & (since_ns >= round(self.options.patience * 1e9))
+        return awaited
+
     def since_confirmed(self, rows: Integers) -> Floats:
         """Return the time since the confirmation of the tracks of some rows, s."""
         reported = np.flatnonzero(self.tracks.state != TENTATIVE)
@@ -222,7 +231,7 @@ def histories(pairing: Pairing) -> ActorHistory:
     regained &= known > known[begin]
     confirmed = np.full(len(identity), -1, dtype=np.int64)
     confirmed[ever] = truth.time_ns[rows[visible][seen][first[ever]]]
-    awaited = visible & (_visible_for(truth.time_ns[rows], actor, visible) >= round(pairing.options.patience * 1e9))
+    awaited = pairing.awaited[rows]
     history = ActorHistory(
         identity,
         count(visible, actor),

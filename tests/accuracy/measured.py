@@ -33,9 +33,9 @@ def run(job: Job) -> dict[str, Score]:
     """Return the scores of one run: the project's, and those of the references."""
     simulation, pipeline = simulated(job)
     cycles = list(cycles_of(simulation.frames(), pipeline))
-    truth = truth_rows(simulation)
-    scores = {DEFAULT: scored(track_rows([cycle.obstacles for cycle in cycles]), truth)}
-    told = informed(pipeline.binding, cycles, sources(simulation))
+    truth, detected = truth_rows(simulation), sources(simulation)
+    scores = {DEFAULT: scored(track_rows([cycle.obstacles for cycle in cycles]), truth, detected)}
+    told = informed(pipeline.binding, cycles, detected)
     if told is not None:
         scores[ORACLE] = scored(track_rows(told), truth)
     naive = _filtered(simulation, pipeline, cycles)

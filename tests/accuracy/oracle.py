@@ -11,8 +11,9 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
-from candaemon.arrays import Indices, Integers
+from candaemon.arrays import Floats, Indices, Integers
 from candaemon.binding.bound import Binding
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.pipeline.cycle import Cycle
@@ -87,10 +88,14 @@ class OracleTracker(VehicleTracker):
         return super().step(detections, pose)
 
     def _associate(self, detections: Detections) -> Association:
-        """Return the body that each detection is of, and the reflection that its slot last showed."""
+        """Return the body that each detection is of, and the reflection that its slot last showed, or the nearest."""
         body = np.array([self._body_of(source) for source in self._source.tolist()], dtype=np.intp)
         reflection = np.full(len(detections), -1, dtype=np.intp)
-        if len(self):
+        if len(self) and not detections.identified:
+            for one in np.unique(body[body >= 0]).tolist():
+                mine = np.flatnonzero(body == one)
+                reflection[mine] = self._nearest_of(one, detections.measurement.position[mine])
+        elif len(self):
             row, _ = self._bodies.rows_of(detections.sensor, detections.object_id)
             known = np.flatnonzero(row >= 0)
             mine = self._bodies.reflections.body[row[known]] == body[known]
@@ -100,6 +105,15 @@ class OracleTracker(VehicleTracker):
             only[first] = True
             reflection[known[mine & only]] = row[known[mine & only]]
         return Association(body, reflection, np.where(reflection >= 0, 0.0, np.nan))  # each is surely of it
+
+    def _nearest_of(self, body: int, places: Floats) -> Indices:
+        """Return which reflections of a body places (m, 2) are of, −1 where too few are known."""
+        known = np.flatnonzero(self._bodies.reflections.body == body)
+        expected = self._bodies.moments().mean[body, :2] + self._bodies.offsets(known)
+        chosen, nearest = linear_sum_assignment(np.hypot(*np.moveaxis(places[:, None] - expected, -1, 0)))
+        of = np.full(len(places), -1, dtype=np.intp)
+        of[chosen] = known[nearest]
+        return of
 
     def _initiate(self, association: Association, detections: Detections, pose: EgoPose) -> None:
         """Initiate reflections and bodies one after another: none of them looks for its like."""

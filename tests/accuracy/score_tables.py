@@ -69,6 +69,7 @@ COLUMNS: Final = (
     Column("dupl", "duplicates", _percent, most=0.03),
     Column("false", "false", _two, most=1.0),
     Column("missed", "missed", _percent, most=0.005),
+    Column("undet", "undetected", _percent),
     Column("head", "heading", _two, most=4.0),
     Column("length", "length", _percent, most=0.25),
     Column("width", "width", _percent, most=0.25),

@@ -21,8 +21,11 @@ from candaemon.evaluation.pair_errors import (
 from candaemon.evaluation.pairing import Pairing, histories, pair
 from candaemon.evaluation.results import Options
 from candaemon.evaluation.tables import TrackTable
+from tests.accuracy.oracle import Sources
 from tests.accuracy.simulated_runs import TrackRows
 
+MEMORY: Final = 3.0
+"""s without a detection after which no tracker could tell where an actor is."""
 OPTIONS: Final = Options(settle=0.0, gospa_cutoff=10.0, gospa_order=2.0)
 
 LEGEND: Final = (
@@ -38,6 +41,11 @@ LEGEND: Final = (
     ("duplicates", "confirmed samples within the gate of an actor that another obstacle is paired with, share of all"),
     ("false", f"confirmed obstacles that come to lie more than {OPTIONS.gate:g} m from every true object, a minute"),
     ("missed", f"cycles without an obstacle of an actor visible for {OPTIONS.patience:g} s without a break, share"),
+    (
+        "undetected",
+        f"those cycles of them in which no sensor had detected the actor in the last {MEMORY:g} s: what a tracker",
+    ),
+    ("", "misses that reports each actor from its first detection on, and knows where it is without one for so long"),
     ("moving", f"a target faster than {MOVING:g} m/s over ground"),
     ("heading", "RMS over moving vehicles, deg; known: share of their samples with a heading"),
     (
@@ -78,6 +86,7 @@ class Score:
         false: ids that were false.
         awaited, missed: cycles of visible actors, those without an obstacle.
         broken: samples whose place or velocity is no number.
+        undetected: awaited cycles of actors that no sensor has detected in the last `MEMORY` s.
     """
 
     sums: MeasureSums
@@ -93,6 +102,7 @@ class Score:
     awaited: int
     missed: int
     broken: int = 0
+    undetected: int = 0
 
     def __add__(self, other: Score) -> Score:
         return Score(*(getattr(self, name) + getattr(other, name) for name in Score.__slots__))
@@ -111,6 +121,7 @@ class Score:
             "duplicates": self.surplus / self.confirmed if self.confirmed else 0.0,
             "false": self.false / minutes,
             "missed": self.missed / self.awaited if self.awaited else math.nan,
+            "undetected": self.undetected / self.awaited if self.awaited else math.nan,
             "broken": float(self.broken),
         }
 
@@ -123,9 +134,27 @@ PAIR_FIGURES: Final = (
 """Measures told of all pairs and of each group."""
 
 
-def scored(rows: TrackRows, truth: TrackTable) -> Score:
-    """Return the score of one run's tracks."""
-    return replace(score_of(pair(rows.table, truth, OPTIONS), rows.covariance), broken=rows.broken)
+def scored(rows: TrackRows, truth: TrackTable, detected: Sources | None = None) -> Score:
+    """Return the score of one run's tracks; with `undetected` where it is told what the detections are of."""
+    pairing = pair(rows.table, truth, OPTIONS)
+    undetected = 0 if detected is None else _undetected(pairing, detected)
+    return replace(score_of(pairing, rows.covariance), broken=rows.broken, undetected=undetected)
+
+
+def _undetected(pairing: Pairing, detected: Sources) -> int:
+    """Return in how many cycles an awaited actor had not been detected by any sensor for `MEMORY` s."""
+    truth, awaited = pairing.truth, np.flatnonzero(pairing.awaited)
+    count = 0
+    for actor in np.unique(truth.id[awaited]).tolist():
+        times = np.array(
+            sorted(time_ns for (_, time_ns), of in detected.items() if actor in of.values()), dtype=np.int64
+        )
+        asked = truth.time_ns[awaited[truth.id[awaited] == actor]]
+        latest = np.searchsorted(times, asked, side="right") - 1
+        known = latest >= 0
+        known[known] = asked[known] - times[latest[known]] <= MEMORY * 1e9
+        count += int(np.count_nonzero(~known))
+    return count
 
 
 def score_of(pairing: Pairing, covariance: Floats | None) -> Score:

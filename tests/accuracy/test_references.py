@@ -117,19 +117,35 @@ def test_the_command_tells_figures_and_writes_them(
     assert ours["missed"] == 0.0
 
 
-def test_o_keeps_one_obstacle_of_each_object_and_none_of_what_is_false(scenario: Path) -> None:
+@pytest.mark.parametrize("config", ["esr_ins", "ford_mrr", "near_far_radar"])
+def test_o_keeps_one_obstacle_of_each_object_and_none_of_what_is_false(config: str, scenario: Path) -> None:
+    """Of radars without identities too."""
     noisy = scenario.read_text().replace("clutter: 0", "clutter: 3").replace("reflections: 1", "reflections: 3")
     scenario.write_text(noisy)
-    job = Job(ROOT / "config" / "esr_ins.yaml", scenario, 1, (("default", None), ("estimator.kind", "vehicle")))
+    tracker = (("default", None), ("estimator.kind", "vehicle"))
+    job = Job(ROOT / "config" / f"{config}.yaml", scenario, 1, tracker)
     simulation, pipeline = simulated(job)
     cycles = list(cycles_of(simulation.frames(), pipeline))
     told = informed(pipeline.binding, cycles, sources(simulation))
     assert told is not None
     assert set(np.concatenate([each.id for each in told]).tolist()) == {1, 2}
-    assert sum(len(each.used_row) for each in told) > 4 * len(told)
+    assert sum(len(each.used_row) for each in told) > 3 * len(told)
     score = scored(track_rows(told), truth_rows(simulation))
     assert (score.switches, score.surplus, score.false, score.missed) == (0, 0, 0, 0)
     assert score.value("position") < 1.0
+
+
+def test_an_actor_without_a_detection_for_three_seconds_is_undetected(scenario: Path) -> None:
+    simulation, pipeline = simulated(Job(ROOT / "config" / "esr_ins.yaml", scenario, 1))
+    told = [cycle.obstacles for cycle in cycles_of(simulation.frames(), pipeline)]
+    truth, detected = truth_rows(simulation), sources(simulation)
+    assert scored(track_rows(told), truth, detected).undetected == 0
+    begin_ns = min(time_ns for _, time_ns in detected)
+    early = {key: of for key, of in detected.items() if key[1] <= begin_ns + 500_000_000}
+    late = scored(track_rows(told), truth, early)
+    # two actors from 3.5 s on, when they have long been visible, until 4 s
+    assert late.undetected == pytest.approx(2 * 10, abs=3)
+    assert scored(track_rows(told), truth, {}).undetected == late.awaited
 
 
 def test_what_is_no_number_is_counted_and_not_paired(scenario: Path) -> None:
