@@ -37,22 +37,23 @@ class Traffic:
     fd: bool = False
 
 
-def frame_time(traffic: Traffic, bitrate: int, data_bitrate: int) -> float:
-    """Seconds that one frame takes, with typical stuffing and the intermission after it.
+def frame_time(traffic: Traffic, bitrate: int, data_bitrate: int, stuffing: float = STUFFING) -> float:
+    """Seconds that one frame takes, with the intermission after it.
 
     Args:
         traffic: the kind of frame.
         bitrate: nominal bit rate, bit/s.
         data_bitrate: CAN FD data phase bit rate, bit/s.
+        stuffing: stuff bits per bit that may be followed by one; 0 for the least time.
 
     """
     data = 8 * traffic.length
     if not traffic.fd:
-        bits = NOMINAL_BITS[traffic.extended] + data + STUFFING * (STUFFABLE_BITS[traffic.extended] + data)
+        bits = NOMINAL_BITS[traffic.extended] + data + stuffing * (STUFFABLE_BITS[traffic.extended] + data)
         return bits / bitrate
-    slow = FD_SLOW_BITS[traffic.extended] + STUFFING * FD_SLOW_STUFFABLE[traffic.extended]
+    slow = FD_SLOW_BITS[traffic.extended] + stuffing * FD_SLOW_STUFFABLE[traffic.extended]
     stuffable = 5 + data
-    fast = stuffable * (1 + STUFFING) + FD_CHECK_BITS[traffic.length > 16]
+    fast = stuffable * (1 + stuffing) + FD_CHECK_BITS[traffic.length > 16]
     return slow / bitrate + fast / data_bitrate
 
 

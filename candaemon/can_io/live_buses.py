@@ -55,6 +55,7 @@ class LiveBuses:
         self._selector = DefaultSelector()
         self._held: list[Frame] = []
         self._ahead: set[int] = set()
+        self._read_s = -inf
         self._buses = tuple(self._bus(request) for request in _requests(buses, ids or {}, rates or {}))
 
     def __getitem__(self, index: int) -> LiveBus:
@@ -84,19 +85,31 @@ class LiveBuses:
                     raise
                 logger.warning("%s. It is tried again until it opens", error)
 
-    def read(self, timeout_s: float) -> list[Frame]:
+    def read(self, timeout_s: float, coalescing_s: float = 0.0) -> list[Frame]:
         """Wait up to `timeout_s` s for frames; return those that have come, ordered by time.
 
         All else that is due is done meanwhile: what waits is sent, what is gone is opened again.
+
+        Args:
+            timeout_s: how long to wait.
+            coalescing_s: s from when frames were read last for which what comes waits, to be read together: to wake up
+                costs more than to read some frames.
         """
         now_s = time.monotonic()
         end_s = now_s + timeout_s
+        coalesced_s = min(self._read_s + coalescing_s, end_s)
         while True:
             due_s = self._tend(now_s)
             until_s = now_s if self._held else min(end_s, due_s)
+            if now_s < coalesced_s and not self._held:
+                time.sleep(max(min(coalesced_s, until_s) - now_s, 0.0))
+                now_s = time.monotonic()
+                continue
             ready = self._selector.select(max(until_s - now_s, 0.0))
             now_s = time.monotonic()
             frames = self._receive(ready, now_s) if ready or self._held else []
+            if frames:
+                self._read_s = now_s
             if frames or now_s >= end_s:
                 return frames
 

@@ -32,7 +32,10 @@ class BusSettings(Settings):
     )
     fd: bool = Field(False, description="open for CAN FD")
     bitrate: int = Field(
-        500_000, ge=1, le=20_000_000, description="nominal bit rate in bit/s; sets the load that `check` prints"
+        500_000,
+        ge=1,
+        le=20_000_000,
+        description="nominal bit rate in bit/s; sets the load that `check` prints, and how soon a scan can be complete",
     )
     data_bitrate: int = Field(2_000_000, ge=1, le=20_000_000, description="CAN FD data phase bit rate in bit/s")
     options: dict[Name, Option] = Field(

@@ -17,6 +17,13 @@ class ServiceSettings(Settings):
     tick: float = Field(
         0.01, ge=0.001, le=1, description="s of silence on all buses after which the pipeline gets a tick with the time"
     )
+    coalescing: float = Field(
+        0.002,
+        ge=0,
+        le=0.01,
+        description="s at most for which frames wait to be read together, while they cannot complete a scan at the "
+        "bitrate of their bus; 0: each frame wakes the service",
+    )
     clock_step: float = Field(
         1.0, ge=0.2, le=3600, description="s, a jump ahead of more than this is the clock being set: it is rebased"
     )

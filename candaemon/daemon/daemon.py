@@ -115,20 +115,25 @@ class Daemon:
 
     def run_once(self) -> None:
         """Run one iteration of the core loop: a step, a mark or a reload requested meanwhile, the observers."""
-        self.step(self.binding.settings.service.tick)
+        service = self.binding.settings.service
+        self.step(service.tick, service.coalescing)
         self._mark()
         self._reload()
         for observer in self._observers:
             observer.on_iteration(self)
 
-    def step(self, timeout_s: float) -> None:
+    def step(self, timeout_s: float, coalescing_s: float = 0.0) -> None:
         """Process the frames that have arrived, or a tick if none has.
 
         Args:
             timeout_s: how long to wait for a frame.
+            coalescing_s: for how long at most frames wait to be read together, where no cycle comes later for it.
         """
         now_ns = self._clock()  # before the buses are read, so that no tick overtakes a frame
-        frames = self.buses.read(timeout_s)
+        if coalescing_s:
+            stamped_ns = now_ns + self.sequence.offset_ns
+            coalescing_s = min(coalescing_s, (self.pipeline.quiet_until_ns(stamped_ns) - stamped_ns) * 1e-9)
+        frames = self.buses.read(timeout_s, coalescing_s)
         self._distinguish_pause_from_clock_step(frames)
         self.received += len(frames)
         push = self.sequence.push

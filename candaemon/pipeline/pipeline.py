@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from candaemon.binding.bound import Binding, BoundSensor
+from candaemon.binding.bus_load import Traffic, frame_time
 from candaemon.calibration.calibrator import Calibrator
 from candaemon.ego.factory import make_ego, make_georeferencer
 from candaemon.ego.georeference import Georeferencer
 from candaemon.ego.motion import EgoMotion
 from candaemon.ego.pose import EgoPose, EgoStatus
-from candaemon.frames.frame import Frame, Tick
+from candaemon.frames.frame import EXTENDED, Frame, Tick
 from candaemon.frames.frame_batch import FrameBatch
 from candaemon.frames.frame_block import FrameBlock
 from candaemon.frames.times import NEVER_NS
@@ -98,6 +99,7 @@ class Pipeline:
         self._startup_ns = round(supervision.grace * 1e9)
         self._latency_ns = min(round(sensor.settings.latency * 1e9) for sensor in binding.sensors)
         self._routes = self._make_routes()
+        self._frame_ns = [_least_frame_ns(binding, sensor) for sensor in binding.sensors]
 
     def run(self, items: Iterable[Frame | Tick]) -> Iterator[Cycle]:
         """Yield a cycle for each scan that the frames complete, and for each that should have come.
@@ -186,6 +188,17 @@ class Pipeline:
             else:
                 break
         self._set_deadline(time_ns)
+
+    def quiet_until_ns(self, now_ns: int) -> int:
+        """Return a time before which no cycle comes, whatever frames do, as long as none of a scan is lost.
+
+        Args:
+            now_ns: a time by which all frames that had come were run.
+        """
+        quiet_ns = self.schedule.deadline_ns
+        for assembler, frame_ns in zip(self.assemblers, self._frame_ns, strict=True):
+            quiet_ns = min(quiet_ns, assembler.closes_after_ns(now_ns, frame_ns))
+        return quiet_ns
 
     def finish(self) -> Iterator[Cycle]:
         """Close what is open, at the end of a log."""
@@ -472,6 +485,14 @@ class Pipeline:
             spare, _, _ = routes[index][can_id]
             routes[index][can_id] = (ClaimedFrames(all_claims, spare).receive, 0, 0)
         return routes
+
+
+def _least_frame_ns(binding: Binding, sensor: BoundSensor) -> int:
+    """Return the ns that the shortest frame of a sensor's objects takes on its bus at least."""
+    settings = binding.buses[sensor.bus].settings
+    shortest = (layout.shortest for layout in sensor.reader.layouts)
+    traffic = (Traffic(0.0, each.length, bool(each.can_id & EXTENDED), each.is_fd) for each in shortest)
+    return int(1e9 * min(frame_time(each, settings.bitrate, settings.data_bitrate, stuffing=0.0) for each in traffic))
 
 
 def _unknown_pose(time_ns: int) -> EgoPose:

@@ -211,6 +211,20 @@ class ScanAssembler(ABC):
         """When the open scan is closed as it is, `NEVER_NS` where none is open."""
         return self._state.deadline_ns
 
+    def closes_after_ns(self, now_ns: int, frame_ns: int) -> int:
+        """Return a time before which no frame closes the open scan, or the next where none is open.
+
+        A scan that lacks n frames lacks them for the time that n − 1 take on the bus: one may be all but there. No scan
+        follows another within half a cycle. Where frames were lost the next scan's may come sooner, and close it.
+
+        Args:
+            now_ns: a time by which all frames that had come were received.
+            frame_ns: what a frame takes on the bus at least.
+        """
+        state = self._state
+        awaited = state.awaited if state.is_open else self._awaits()
+        return max(now_ns + (awaited - 1) * frame_ns, state.closed_ns + self._half_cycle_ns)
+
     @property
     def valid_share(self) -> float:
         """Share of the sensor's frames that could be used of late, from 0 to 1."""

@@ -9,10 +9,13 @@ from typing import Any
 
 import yaml
 
+from candaemon.can_io.receive_buffer import FRAME_BITS
+
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 ESR_DBC, INS_DBC = ROOT / "dbc/esr.dbc", ROOT / "dbc/oxts.dbc"
 GROUPS = ("239.74.163.2", "239.74.163.3", "239.74.163.4")
+BITRATES = (500_000, 1_000_000, 10_000_000)
 SLOTS = 64
 FRAMES_A_CYCLE = 80
 """The radar's targets, and four times the four messages of the INS."""
@@ -56,8 +59,9 @@ def cycle_time(rate: float) -> float:
 def on_wire(config: Path, wire: Wire, rate: float, folder: Path) -> Path:
     """Write a configuration of this project with its buses on the wire, its radar as quick as the rate asks."""
     settings: dict[str, Any] = yaml.safe_load(config.read_text(encoding="utf-8"))
+    bitrate = next(each for each in BITRATES if rate * FRAME_BITS <= each)
     for bus, (group, port) in zip(settings["buses"].values(), wire.addresses(), strict=True):
-        bus |= {"interface": "udp_multicast", "channel": group, "options": {"port": port}}
+        bus |= {"interface": "udp_multicast", "channel": group, "options": {"port": port}, "bitrate": bitrate}
     settings["sensors"]["front"]["cycle_time"] = cycle_time(rate)
     for part in (settings["ego"], settings["sensors"]["front"], settings["output"]):
         part["dbc"] = str((config.parent / part["dbc"]).resolve())

@@ -232,6 +232,7 @@ def test_load_of_a_bus() -> None:
     assert 1 / frame_time(Traffic(1, 8), 500_000, 1) == pytest.approx(4250, rel=0.002)
     assert 1 / frame_time(Traffic(1, 8), 1_000_000, 1) == pytest.approx(8500, rel=0.002)
     assert 1 / frame_time(Traffic(1, 64, fd=True), 500_000, 5_000_000) == pytest.approx(5800, rel=0.05)
+    assert frame_time(Traffic(1, 8), 1_000_000, 1, stuffing=0) == pytest.approx(111e-6)
     assert frame_time(Traffic(1, 8, extended=True), 500_000, 1) > frame_time(Traffic(1, 8), 500_000, 1)
     assert bus_load([Traffic(64 * 20, 8), Traffic(64 * 20, 8)], 500_000) == pytest.approx(0.6, abs=0.005)
     assert bus_load([Traffic(1, 8, bool(0x18FF0000 & EXTENDED))], 500_000) > 0

@@ -241,6 +241,42 @@ def test_reading_waits_no_longer_than_asked_and_idles() -> None:
         assert time.thread_time() - worked < 0.02
 
 
+def test_what_comes_soon_after_a_reading_is_read_together() -> None:
+    settings = virtual()
+    with live(settings) as buses, peer(settings) as other:
+        buses.open()
+        other.send(message(1, 1.0))
+        assert len(read_all(buses, 1)) == 1
+
+        def send() -> None:
+            for k in range(3):
+                time.sleep(0.02)
+                other.send(message(2 + k, 2.0 + k))
+
+        sender, start = Thread(target=send), time.monotonic()
+        sender.start()
+        frames = buses.read(1.0, coalescing_s=0.2)
+        assert 0.1 < time.monotonic() - start < 0.9
+        sender.join()
+        assert [frame.can_id for frame in frames] == [2, 3, 4]
+
+
+def test_what_comes_long_after_a_reading_or_too_late_is_not_waited_for() -> None:
+    settings = virtual()
+    with live(settings) as buses, peer(settings) as other:
+        buses.open()
+        other.send(message(1, 1.0))
+        start = time.monotonic()
+        assert len(buses.read(1.0, coalescing_s=0.5)) == 1  # nothing was read before
+        time.sleep(0.1)
+        other.send(message(2, 2.0))
+        assert len(buses.read(1.0, coalescing_s=0.1)) == 1
+        other.send(message(3, 3.0))
+        time.sleep(0.05)  # its thread takes it
+        assert len(buses.read(0.0, coalescing_s=0.5)) == 1
+        assert time.monotonic() - start < 0.4
+
+
 @pytest.fixture
 def multicast() -> BusSettings:
     pytest.importorskip("msgpack", reason="udp_multicast needs msgpack")

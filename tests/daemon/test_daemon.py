@@ -157,6 +157,38 @@ def test_the_last_frame_of_a_scan_brings_the_obstacles_at_once(binding: Binding,
     assert fed.daemon.pipeline.drops == 0
 
 
+def test_frames_that_cannot_complete_a_scan_are_read_together(
+    binding: Binding, sides: list[can.BusABC], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A scan of the demo's has 64 frames: of its first 60 none wakes the daemon, and its last one does at once."""
+    fed = Fed(binding, sides)
+    simulated_frames = list(drive(binding, 0.5).frames())
+    last = max(k for k, frame in enumerate(simulated_frames) if frame.bus == 0)
+    with fed.daemon:
+        fed.feed(simulated_frames[: last - 63])
+        counted, read = [0], fed.daemon.buses.read
+
+        def reading(timeout_s: float, coalescing_s: float = 0.0) -> list[Frame]:
+            counted[0] += 1
+            return read(timeout_s, coalescing_s)
+
+        monkeypatch.setattr(fed.daemon.buses, "read", reading)
+
+        def send() -> None:
+            for frame in simulated_frames[last - 63 : last + 1]:
+                sides[frame.bus].send(to_message(frame))
+                time.sleep(222e-6)
+
+        sender = Thread(target=send)
+        cycles = len(fed.cycles)
+        sender.start()
+        while len(fed.cycles) == cycles:
+            fed.daemon.step(1.0, 0.01)
+        sender.join()
+    assert counted[0] < 20
+    assert fed.daemon.received == last + 1
+
+
 def test_silence_lets_obstacles_coast_and_then_go(binding: Binding, sides: list[can.BusABC]) -> None:
     fed = Fed(binding, sides)
     with fed.daemon:

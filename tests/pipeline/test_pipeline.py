@@ -137,6 +137,42 @@ def test_ticks_between_frames_change_nothing(config: str) -> None:
     assert essence(Pipeline(binding(config)).run(dense)) == plain
 
 
+def on_wire(frames: Iterable[Frame], gap_ns: int) -> Iterator[Frame]:
+    """Yield frames no closer on a bus than it can carry them."""
+    free_ns: dict[int, int] = {}
+    for frame in frames:
+        time_ns = max(frame.time_ns, free_ns.get(frame.bus, 0))
+        free_ns[frame.bus] = time_ns + gap_ns
+        yield frame._replace(time_ns=time_ns)
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+def test_no_cycle_comes_while_frames_may_wait_and_most_of_the_time_they_may(config: str) -> None:
+    """The shortest frame of all these radars has 8 bytes: 111 bits without stuff bits, at 500 kbit/s."""
+    pipeline, quiet_ns, cycles, waits = without_output(config), 0, 0, []
+    for frame in sorted(on_wire(drive(config), 222_000), key=itemgetter(0)):
+        come = len(list(pipeline.run([frame])))
+        assert not come or frame.time_ns >= quiet_ns
+        cycles += come
+        quiet_ns = pipeline.quiet_until_ns(frame.time_ns)
+        waits.append(quiet_ns - frame.time_ns)
+    assert cycles > 50
+    assert max(waits) > 1_000_000
+
+
+def test_a_scan_that_lacks_frames_is_awaited_for_as_long_as_all_but_one_take() -> None:
+    pipeline = without_output("esr_ins")
+    radar = [frame for frame in drive("esr_ins") if frame.bus == 0]
+    list(pipeline.run(radar[:64]))
+    for lacking in (60, 2, 1):
+        list(pipeline.run(radar[64 : 128 - lacking]))
+        now_ns = radar[127 - lacking].time_ns
+        expected = max(now_ns + (lacking - 1) * 222_000, radar[0].time_ns + CYCLE_NS // 2)
+        assert pipeline.quiet_until_ns(now_ns) == expected
+        pipeline = without_output("esr_ins")
+        list(pipeline.run(radar[:64]))
+
+
 def test_finishing_closes_the_open_scan() -> None:
     frames = [frame for frame in drive("toyota_rav4") if frame.time_ns]
     radar = binding("toyota_rav4").sensors[0].bus
