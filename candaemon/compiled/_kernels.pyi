@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from typing import Final
 
@@ -115,9 +116,16 @@ def frame_lines(stamp: bytes, payloads: list[tuple[int, bytes]], fd_ids: Abstrac
 def table_lines(stamp: bytes, can_id: Integers, payload: Bytes, extended: int) -> bytes: ...
 def near_pairs(x: Floats, y: Floats, reach: float) -> tuple[Indices, Indices]: ...
 def mix_bodies(
-    mean: Floats, covariance: Floats, probability: Floats, leave: Floats, dwell: Floats, others: Floats
+    mean: Floats,
+    covariance: Floats,
+    probability: Floats,
+    leave: Floats,
+    dwell: Floats,
+    others: Floats,
+    moves: Floats,
+    stoppable: float,
+    least: float,
 ) -> Floats: ...
-def keep_moving_bodies(mean: Floats, probability: Floats, moves: Floats, stoppable: float, least: float) -> None: ...
 def step_bodies(
     mean: Floats,
     covariance: Floats,
@@ -136,22 +144,22 @@ def step_bodies(
     turn_rate: float,
     least_turning: float,
 ) -> None: ...
-def combine_bodies(probability: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]: ...
-def shown_bodies(mean: Floats, covariance: Floats) -> tuple[Floats, Floats]: ...
+def combine_bodies(probability: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats, Floats]: ...
 def body_acceleration(mean: Floats, slow: float) -> Floats: ...
-def take_places_of_bodies(
-    mean: Floats, covariance: Floats, rows: Indices, position: Floats, noise: Floats
-) -> tuple[Floats, Floats]: ...
-def take_speeds_of_bodies(
+def update_bodies(
     mean: Floats,
     covariance: Floats,
+    probability: Floats,
     rows: Indices,
-    slope: Floats,
-    direction: Floats,
-    value: Floats,
-    variance: Floats,
+    position: Floats,
+    noise: Floats,
+    rates: object,
+    projections: Sequence[object],
+    least_information: float,
+    evidence: float,
     unmeasured: float,
-) -> tuple[Floats, Floats]: ...
+    least_probability: float,
+) -> Floats: ...
 def to_travel_axes(vectors: Floats, direction: Floats) -> Floats: ...
 def from_travel_axes(components: Floats, direction: Floats) -> Floats: ...
 def facing_points(observer: Floats, half_length: Floats, half_width: Floats, rounds: int, least: float) -> Floats: ...
@@ -206,27 +214,6 @@ def reference_targets(
 def measure_bodies(
     body: Indices, position: Floats, noise: Floats, offset: Floats, spread: Floats, least: float
 ) -> tuple[Indices, Indices, Indices, Floats, Floats]: ...
-def range_rate_terms(
-    state: Floats,
-    body: Indices,
-    offset: Floats,
-    value: Floats,
-    variance: Floats,
-    x0: float,
-    y0: float,
-    vx0: float,
-    vy0: float,
-) -> tuple[Floats, Floats]: ...
-def speed_components(
-    terms: Floats,
-    body: Indices,
-    state: Floats,
-    information: Floats,
-    cx: Floats,
-    cy: Floats,
-    share: float,
-    least: float,
-) -> tuple[Floats, Floats, Floats, Floats]: ...
 def note_rates(
     noted: Floats,
     row: Indices,
@@ -322,15 +309,36 @@ def shares_in_sight(
     range_margin: float,
     half_turn: float,
 ) -> Floats: ...
-def clutter_areas(
+def boxes_in_vehicle_axes(
+    mean: Floats,
+    facing: Floats,
+    axis: Floats,
+    length: Floats,
+    width: Floats,
+    length_variance: Floats,
+    fastest: Floats,
+    confirmed: Booleans,
+    standing: Floats,
+    east: float,
+    north: float,
+    c: float,
+    s: float,
+    surely: float,
+    moved: float,
+    post: float,
+) -> tuple[Floats, Floats]: ...
+def detection_probabilities(
+    share: Floats, distance: Floats, missed: Booleans, rates: Floats, part: float, least: float, most: float
+) -> Floats: ...
+def likelihood_ratios(
     spread: Floats,
     variance: Floats,
     noise: Floats,
     body: Indices,
     reflection: Indices,
-    rows: Indices,
+    fit: Floats,
     scale: float,
-) -> Floats: ...
+) -> tuple[Booleans, Floats]: ...
 def add_places(
     covariance: Floats,
     told: Floats,
@@ -373,10 +381,6 @@ def opportunities(
     clear: float,
     part: float,
     parts: int,
-) -> Floats: ...
-def seen_bodies(mean: Floats, rows: Indices, probability: Floats) -> Floats: ...
-def weigh_modes(
-    probability: Floats, rows: Indices, prior: Floats, likelihood: Floats, nis: Floats, least: float
 ) -> Floats: ...
 def tell_bodies(
     told: Floats,
@@ -427,4 +431,3 @@ def fit_reflections(
     confirmed_gate: float,
     gate: float,
 ) -> tuple[Indices, Floats, int]: ...
-def mode_exponents(nis: Floats, log_spread: Floats, evidence: float) -> Floats: ...

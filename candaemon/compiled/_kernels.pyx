@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 15
+REVISION = 16
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1520,13 +1520,17 @@ def mix_bodies(
     const double[:, :] leave,
     const double[:, :] dwell,
     const double[:, :] others,
+    const double[:, :] moves,
+    double stoppable,
+    double least,
 ):
     """Mix the modes of bodies (8, M, n) and (8, 8, M, n) in place; return the predicted probabilities (M, n).
 
-    A mode is left with a probability (M, 1), for the others by their dwell (M, 1), whose sum is given, too (M, 1).
+    A mode is left with a probability (M, 1), for the others by their dwell (M, 1), whose sum is given, too (M, 1). The
+    modes that stand have the least probability where all that move (M, 1) are faster than stoppable.
     """
     cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, i, a, b, l
-    cdef double share, kept, pull
+    cdef double share, kept, pull, slowest, speed, total
     cdef double filled[16][LANES]
     cdef double own[16][LANES]
     cdef double pooled[16][LANES]
@@ -1593,23 +1597,6 @@ def mix_bodies(
                             value[i][l] = value[i][l] - mixed[a][i][l] * mixed[b][i][l]
                         put(&covariance[a, b, i, t], value[i], lanes)
                         put(&covariance[b, a, i, t], value[i], lanes)
-    return predicted_array
-
-
-def keep_moving_bodies(
-    const double[:, :, ::1] mean,
-    double[:, ::1] probability,
-    const double[:, :] moves,
-    double stoppable,
-    double least,
-):
-    """Give the modes that stand the least probability, in place (M, n), where all that move (M, 1) are faster than that.
-
-    Means are (8, M, n).
-    """
-    cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], t, i
-    cdef double slowest, speed, total
-    with nogil:
         for t in range(n):
             slowest = INFINITY
             for i in range(m):
@@ -1619,12 +1606,13 @@ def keep_moving_bodies(
                         slowest = speed
             for i in range(m):
                 if moves[i, 0] == 0.0 and slowest > stoppable:
-                    probability[i, t] = least
-            total = probability[0, t]
+                    predicted[i, t] = least
+            total = predicted[0, t]
             for i in range(1, m):
-                total = total + probability[i, t]
+                total = total + predicted[i, t]
             for i in range(m):
-                probability[i, t] = probability[i, t] / total
+                predicted[i, t] = predicted[i, t] / total
+    return predicted_array
 
 
 cdef inline double smaller(double a, double b) noexcept nogil:
@@ -1839,7 +1827,8 @@ def step_bodies(
 def combine_bodies(
     const double[:, ::1] probability, const double[:, :, ::1] mean, const double[:, :, :, ::1] covariance
 ):
-    """Return means (n, 8) and covariances (n, 8, 8) over the modes of bodies (M, n), (8, M, n) and (8, 8, M, n)."""
+    """Return means (n, 8) and covariances (n, 8, 8) over the modes of bodies (M, n), (8, M, n) and (8, 8, M, n); and what
+    sensors see of them: place with bias, and velocity, (n, 4) and (n, 4, 4)."""
     cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, i, a, b, l
     cdef double weight[16][LANES]
     cdef double off[8][16][LANES]
@@ -1849,6 +1838,10 @@ def combine_bodies(
     mean_array, covariance_array = np.empty((n, 8)), np.empty((n, 8, 8))
     cdef double[:, ::1] overall = mean_array
     cdef double[:, :, ::1] mixed = covariance_array
+    cdef double half[4][8]
+    shown_array, spread_array = np.empty((n, 4)), np.empty((n, 4, 4))
+    cdef double[:, ::1] shown = shown_array
+    cdef double[:, :, ::1] shown_spread = spread_array
     with nogil:
         for group in range((n + LANES - 1) // LANES):
             t = group * LANES
@@ -1883,7 +1876,18 @@ def combine_bodies(
                     overall[t + l, a] = total[a][l]
                     for b in range(8):
                         mixed[t + l, a, b] = spread[a][b][l] if a <= b else spread[b][a][l]
-    return mean_array, covariance_array
+        for t in range(n):
+            for a in range(2):
+                shown[t, a] = overall[t, a] + overall[t, 6 + a]
+                shown[t, 2 + a] = overall[t, 2 + a]
+                for b in range(8):
+                    half[a][b] = mixed[t, a, b] + mixed[t, 6 + a, b]
+                    half[2 + a][b] = mixed[t, 2 + a, b]
+            for a in range(4):
+                for b in range(2):
+                    shown_spread[t, a, b] = half[a][b] + half[a][6 + b]
+                    shown_spread[t, a, 2 + b] = half[a][2 + b]
+    return mean_array, covariance_array, shown_array, spread_array
 
 
 cdef inline void narrow(
@@ -1931,17 +1935,16 @@ cdef inline void scatter_upper(
                 scatter(&covariance[b, a, i, 0], p[a][b], rows, lanes)
 
 
-def take_places_of_bodies(
+cdef void take_places(
     double[:, :, ::1] mean,
     double[:, :, :, ::1] covariance,
     const Py_ssize_t[::1] rows,
-    const double[:, ::1] position,
-    const double[:, :, ::1] noise,
-):
-    """Update rows (m,) of bodies (8, M, n) and (8, 8, M, n) in place with places (m, 2) and their noise (m, 2, 2).
-
-    Return NIS and determinant of S (M, m).
-    """
+    const double[:, :] position,
+    const double[:, :, :] noise,
+    double[:, ::1] nis,
+    double[:, ::1] area,
+) noexcept nogil:
+    """Update bodies with places (m, 2) and their noise (m, 2, 2); note NIS and determinant of S (M, m)."""
     cdef Py_ssize_t m = mean.shape[1], n = rows.shape[0], group, t, lanes, i, a, l, at
     cdef const Py_ssize_t* row
     cdef double p[8][8][LANES]
@@ -1957,69 +1960,68 @@ def take_places_of_bodies(
     cdef double xy[LANES]
     cdef double yy[LANES]
     cdef double s, rest
-    nis_array, area_array = np.empty((m, n)), np.empty((m, n))
-    cdef double[:, ::1] nis = nis_array, area = area_array
-    with nogil:
-        for group in range((n + LANES - 1) // LANES):
-            t = group * LANES
-            lanes = min(LANES, n - t)
-            row = &rows[t]
+    for group in range((n + LANES - 1) // LANES):
+        t = group * LANES
+        lanes = min(LANES, n - t)
+        row = &rows[t]
+        for l in range(LANES):
+            at = t + (l if l < lanes else lanes - 1)
+            xx[l], xy[l], yy[l] = noise[at, 0, 0], noise[at, 0, 1], noise[at, 1, 1]
+        for i in range(m):
+            gather_upper(covariance, i, row, lanes, p)
+            for a in range(8):
+                for l in range(LANES):
+                    cross_x[a][l] = p[0][a][l] + p[min(a, 6)][max(a, 6)][l]
+                    cross_y[a][l] = p[min(a, 1)][max(a, 1)][l] + p[min(a, 7)][max(a, 7)][l]
+            gather(x, &mean[0, i, 0], row, lanes)
+            gather(bias, &mean[6, i, 0], row, lanes)
             for l in range(LANES):
                 at = t + (l if l < lanes else lanes - 1)
-                xx[l], xy[l], yy[l] = noise[at, 0, 0], noise[at, 0, 1], noise[at, 1, 1]
-            for i in range(m):
-                gather_upper(covariance, i, row, lanes, p)
-                for a in range(8):
-                    for l in range(LANES):
-                        cross_x[a][l] = p[0][a][l] + p[min(a, 6)][max(a, 6)][l]
-                        cross_y[a][l] = p[min(a, 1)][max(a, 1)][l] + p[min(a, 7)][max(a, 7)][l]
-                gather(x, &mean[0, i, 0], row, lanes)
-                gather(bias, &mean[6, i, 0], row, lanes)
+                x[l] = position[at, 0] - x[l] - bias[l]
+            gather(y, &mean[1, i, 0], row, lanes)
+            gather(bias, &mean[7, i, 0], row, lanes)
+            for l in range(LANES):
+                at = t + (l if l < lanes else lanes - 1)
+                y[l] = position[at, 1] - y[l] - bias[l]
+            for l in range(LANES):
+                s = larger(cross_x[0][l] + cross_x[6][l] + xx[l], xx[l])
+                first[l] = 1.0 / sqrt(s)
+                slope[l] = (cross_y[0][l] + cross_y[6][l] + xy[l]) * first[l]
+                rest = cross_y[1][l] + cross_y[7][l] + yy[l] - slope[l] * slope[l]
+                rest = larger(rest, (xx[l] * yy[l] - xy[l] * xy[l]) / s)
+                second[l] = 1.0 / sqrt(rest)
+                x[l] = x[l] * first[l]
+                y[l] = (y[l] - slope[l] * x[l]) * second[l]
+                bias[l] = s * rest
+            put(&area[i, t], bias, lanes)
+            for l in range(LANES):
+                bias[l] = x[l] * x[l] + y[l] * y[l]
+            put(&nis[i, t], bias, lanes)
+            for a in range(8):
                 for l in range(LANES):
-                    at = t + (l if l < lanes else lanes - 1)
-                    x[l] = position[at, 0] - x[l] - bias[l]
-                gather(y, &mean[1, i, 0], row, lanes)
-                gather(bias, &mean[7, i, 0], row, lanes)
-                for l in range(LANES):
-                    at = t + (l if l < lanes else lanes - 1)
-                    y[l] = position[at, 1] - y[l] - bias[l]
-                for l in range(LANES):
-                    s = larger(cross_x[0][l] + cross_x[6][l] + xx[l], xx[l])
-                    first[l] = 1.0 / sqrt(s)
-                    slope[l] = (cross_y[0][l] + cross_y[6][l] + xy[l]) * first[l]
-                    rest = cross_y[1][l] + cross_y[7][l] + yy[l] - slope[l] * slope[l]
-                    rest = larger(rest, (xx[l] * yy[l] - xy[l] * xy[l]) / s)
-                    second[l] = 1.0 / sqrt(rest)
-                    x[l] = x[l] * first[l]
-                    y[l] = (y[l] - slope[l] * x[l]) * second[l]
-                    bias[l] = s * rest
-                put(&area[i, t], bias, lanes)
-                for l in range(LANES):
-                    bias[l] = x[l] * x[l] + y[l] * y[l]
-                put(&nis[i, t], bias, lanes)
-                for a in range(8):
-                    for l in range(LANES):
-                        cross_x[a][l] = cross_x[a][l] * first[l]
-                        cross_y[a][l] = (cross_y[a][l] - slope[l] * cross_x[a][l]) * second[l]
-                narrow(mean, covariance, i, row, lanes, p, cross_x, x)
-                narrow(mean, covariance, i, row, lanes, p, cross_y, y)
-                scatter_upper(covariance, i, row, lanes, p)
-    return nis_array, area_array
+                    cross_x[a][l] = cross_x[a][l] * first[l]
+                    cross_y[a][l] = (cross_y[a][l] - slope[l] * cross_x[a][l]) * second[l]
+            narrow(mean, covariance, i, row, lanes, p, cross_x, x)
+            narrow(mean, covariance, i, row, lanes, p, cross_y, y)
+            scatter_upper(covariance, i, row, lanes, p)
 
 
-def take_speeds_of_bodies(
+cdef void take_speeds(
     double[:, :, ::1] mean,
     double[:, :, :, ::1] covariance,
     const Py_ssize_t[::1] rows,
-    const double[:, ::1] slope,
-    const double[:, ::1] direction,
-    const double[::1] value,
-    const double[::1] variance,
+    const double[:, :] slope,
+    const double[:, :] direction,
+    const double[:] value,
+    const double[:] variance,
     double unmeasured,
-):
-    """Update rows (m,) of bodies in place with a number each: slopes (m, 2) over places, directions over velocities.
+    double[:, ::1] nis,
+    double[:, ::1] area,
+) noexcept nogil:
+    """Update bodies with a number each: slopes (m, 2) over places, directions over velocities.
 
-    Return the NIS and S (M, m), which is as given where the number was not measured.
+    Add to the NIS (M, m), and multiply the determinants by S, by what changes nothing where it was not measured. Without
+    slopes the number is of the velocity alone.
     """
     cdef Py_ssize_t m = mean.shape[1], n = rows.shape[0], group, t, lanes, i, a, l, at, k, c
     cdef const Py_ssize_t* row
@@ -2034,82 +2036,258 @@ def take_speeds_of_bodies(
     cdef bint known[LANES]
     cdef Py_ssize_t[6] component
     component[0], component[1], component[2], component[3], component[4], component[5] = 0, 1, 2, 3, 6, 7
-    nis_array, s_array = np.empty((m, n)), np.empty((m, n))
-    cdef double[:, ::1] nis = nis_array, s_of = s_array
-    with nogil:
-        for group in range((n + LANES - 1) // LANES):
-            t = group * LANES
-            lanes = min(LANES, n - t)
-            row = &rows[t]
+    for group in range((n + LANES - 1) // LANES):
+        t = group * LANES
+        lanes = min(LANES, n - t)
+        row = &rows[t]
+        for l in range(LANES):
+            at = t + (l if l < lanes else lanes - 1)
+            h[0][l] = h[4][l] = 0.0 if slope is None else slope[at, 0]
+            h[1][l] = h[5][l] = 0.0 if slope is None else slope[at, 1]
+            h[2][l], h[3][l] = direction[at, 0], direction[at, 1]
+        for i in range(m):
+            for a in range(8):
+                gather(x[a], &mean[a, i, 0], row, lanes)
             for l in range(LANES):
                 at = t + (l if l < lanes else lanes - 1)
-                h[0][l] = h[4][l] = slope[at, 0]
-                h[1][l] = h[5][l] = slope[at, 1]
-                h[2][l], h[3][l] = direction[at, 0], direction[at, 1]
-            for i in range(m):
-                for a in range(8):
-                    gather(x[a], &mean[a, i, 0], row, lanes)
-                for l in range(LANES):
-                    at = t + (l if l < lanes else lanes - 1)
-                    innovation[l] = value[at] - (
-                        h[0][l] * (x[0][l] + x[6][l]) + h[1][l] * (x[1][l] + x[7][l]) + h[2][l] * x[2][l] + h[3][l] * x[3][l]
-                    )
-                    known[l] = isfinite(innovation[l])
-                    s[l] = variance[at]
-                    if not known[l]:
-                        innovation[l] = 0.0
-                    for k in range(6):
-                        own[k][l] = h[k][l] if known[l] else 0.0
-                gather_upper(covariance, i, row, lanes, p)
-                for a in range(8):
-                    for l in range(LANES):
-                        cross[a][l] = p[0][a][l] * own[0][l]
-                    for k in range(1, 6):
-                        c = component[k]
-                        for l in range(LANES):
-                            cross[a][l] = cross[a][l] + p[min(a, c)][max(a, c)][l] * own[k][l]
+                innovation[l] = value[at] - (
+                    h[0][l] * (x[0][l] + x[6][l]) + h[1][l] * (x[1][l] + x[7][l]) + h[2][l] * x[2][l] + h[3][l] * x[3][l]
+                )
+                known[l] = isfinite(innovation[l])
+                s[l] = variance[at]
+                if not known[l]:
+                    innovation[l] = 0.0
                 for k in range(6):
-                    for l in range(LANES):
-                        s[l] = s[l] + cross[component[k]][l] * own[k][l]
+                    own[k][l] = h[k][l] if known[l] else 0.0
+            gather_upper(covariance, i, row, lanes, p)
+            for a in range(8):
                 for l in range(LANES):
-                    at = t + (l if l < lanes else lanes - 1)
-                    s[l] = larger(s[l], variance[at])
-                    root[l] = 1.0 / sqrt(s[l])
-                    innovation[l] = innovation[l] * root[l]
-                    if not known[l]:
-                        s[l] = unmeasured
-                for a in range(8):
+                    cross[a][l] = p[0][a][l] * own[0][l]
+                for k in range(1, 6):
+                    c = component[k]
                     for l in range(LANES):
-                        cross[a][l] = cross[a][l] * root[l]
-                narrow(mean, covariance, i, row, lanes, p, cross, innovation)
-                scatter_upper(covariance, i, row, lanes, p)
+                        cross[a][l] = cross[a][l] + p[min(a, c)][max(a, c)][l] * own[k][l]
+            for k in range(6):
                 for l in range(LANES):
-                    root[l] = innovation[l] * innovation[l]
-                put(&nis[i, t], root, lanes)
-                put(&s_of[i, t], s, lanes)
-    return nis_array, s_array
+                    s[l] = s[l] + cross[component[k]][l] * own[k][l]
+            for l in range(LANES):
+                at = t + (l if l < lanes else lanes - 1)
+                s[l] = larger(s[l], variance[at])
+                root[l] = 1.0 / sqrt(s[l])
+                innovation[l] = innovation[l] * root[l]
+                if not known[l]:
+                    s[l] = unmeasured
+            for a in range(8):
+                for l in range(LANES):
+                    cross[a][l] = cross[a][l] * root[l]
+            narrow(mean, covariance, i, row, lanes, p, cross, innovation)
+            scatter_upper(covariance, i, row, lanes, p)
+            for l in range(LANES):
+                root[l] = innovation[l] * innovation[l]
+            for l in range(lanes):
+                nis[i, t + l] = nis[i, t + l] + root[l]
+                area[i, t + l] = area[i, t + l] * s[l]
 
 
-def shown_bodies(const double[:, ::1] mean, const double[:, :, ::1] covariance):
-    """Return what sensors see of bodies (n, 8) and (n, 8, 8): place with bias, and velocity, (n, 4) and (n, 4, 4)."""
-    cdef Py_ssize_t n = mean.shape[0], t, a, b
-    cdef double half[4][8]
-    mean_array, covariance_array = np.empty((n, 4)), np.empty((n, 4, 4))
-    cdef double[:, ::1] shown = mean_array
-    cdef double[:, :, ::1] spread = covariance_array
-    with nogil:
-        for t in range(n):
-            for a in range(2):
-                shown[t, a] = mean[t, a] + mean[t, 6 + a]
-                shown[t, 2 + a] = mean[t, 2 + a]
-                for b in range(8):
-                    half[a][b] = covariance[t, a, b] + covariance[t, 6 + a, b]
-                    half[2 + a][b] = covariance[t, 2 + a, b]
-            for a in range(4):
-                for b in range(2):
-                    spread[t, a, b] = half[a][b] + half[a][6 + b]
-                    spread[t, a, 2 + b] = half[a][2 + b]
-    return mean_array, covariance_array
+cdef void see_bodies(
+    const double[:, :, ::1] mean, const double[:, ::1] probability, const Py_ssize_t[::1] rows, double[:, ::1] seen
+) noexcept nogil:
+    """Note where bodies are seen, place and bias, and how they move, over all modes (m, 4)."""
+    cdef Py_ssize_t n = rows.shape[0], modes = mean.shape[1], i, t, a, row
+    cdef double place, velocity
+    for t in range(n):
+        row = rows[t]
+        for a in range(2):
+            place = probability[0, row] * (mean[a, 0, row] + mean[6 + a, 0, row])
+            velocity = probability[0, row] * mean[2 + a, 0, row]
+            for i in range(1, modes):
+                place = place + probability[i, row] * (mean[a, i, row] + mean[6 + a, i, row])
+                velocity = velocity + probability[i, row] * mean[2 + a, i, row]
+            seen[t, a], seen[t, 2 + a] = place, velocity
+
+
+cdef void range_rate_terms(
+    const double[:, ::1] state,
+    const Py_ssize_t[:] body,
+    const double[:, :] offset,
+    const double[:] value,
+    const double[:] variance,
+    const double[:] origin,
+    const double[:] moves,
+    double[:, ::1] terms,
+    double[:, ::1] principal,
+) noexcept nogil:
+    """Note of range rates (6, n) slope and line of sight, weight and innovation; and of the bodies they are of (4, m) how
+    much they tell along the direction of which they tell most, and across it, and that direction."""
+    cdef Py_ssize_t n = body.shape[0], m = state.shape[0], i, t
+    cdef double x, y, vx, vy, distance, nearest, far, rate, weight, middle, half, root, most, least
+    for t in range(m):
+        principal[0, t] = principal[1, t] = principal[2, t] = 0.0
+    for i in range(n):
+        t = body[i]
+        x, y = state[t, 0] + offset[i, 0] - origin[0], state[t, 1] + offset[i, 1] - origin[1]
+        vx, vy = state[t, 2] - moves[0], state[t, 3] - moves[1]
+        distance = sqrt(x * x + y * y)
+        nearest, far = larger(distance, 1e-3), larger(distance, 1.0)
+        x, y = x / nearest, y / nearest
+        rate = x * vx + y * vy
+        terms[0, i] = (vx - rate * x) / far
+        terms[1, i] = (vy - rate * y) / far
+        terms[2, i], terms[3, i] = x, y
+        weight = 1.0 / variance[i] if isfinite(value[i]) else 0.0
+        terms[4, i] = weight
+        terms[5, i] = value[i] - rate if isfinite(value[i]) else 0.0
+        principal[0, t] = principal[0, t] + weight * x * x
+        principal[1, t] = principal[1, t] + weight * x * y
+        principal[2, t] = principal[2, t] + weight * y * y
+    for t in range(m):
+        middle, half = 0.5 * (principal[0, t] + principal[2, t]), 0.5 * (principal[0, t] - principal[2, t])
+        x = principal[1, t]
+        root = sqrt(half * half + x * x)
+        most = sqrt(0.5 + 0.5 * (fabs(half) / root if root > 0.0 else 1.0))
+        least = 0.5 * fabs(x) / ((root if root > 0.0 else 1.0) * most)
+        principal[0, t], principal[1, t] = middle + root, middle - root
+        principal[2, t] = most if half >= 0.0 else least
+        principal[3, t] = copysign(least if half >= 0.0 else most, x)
+
+
+cdef void speed_component(
+    const double[:, ::1] terms,
+    const Py_ssize_t[:] body,
+    const double[:, ::1] state,
+    const double[:, ::1] principal,
+    int which,
+    double share,
+    double least,
+    double[:, ::1] slope,
+    double[:, ::1] direction,
+    double[::1] value,
+    double[::1] variance,
+) noexcept nogil:
+    """Note what range rates tell along the directions of which they tell most (0), or across them (1)."""
+    cdef Py_ssize_t n = body.shape[0], m = state.shape[0], i, t
+    cdef double part, divisor
+    for t in range(m):
+        direction[t, 0] = -principal[3, t] if which else principal[2, t]
+        direction[t, 1] = principal[2, t] if which else principal[3, t]
+        slope[t, 0] = slope[t, 1] = value[t] = 0.0
+    for i in range(n):
+        t = body[i]
+        part = terms[4, i] * (terms[2, i] * direction[t, 0] + terms[3, i] * direction[t, 1])
+        slope[t, 0] = slope[t, 0] + part * terms[0, i]
+        slope[t, 1] = slope[t, 1] + part * terms[1, i]
+        value[t] = value[t] + part * terms[5, i]
+    for t in range(m):
+        divisor = principal[which, t] if principal[which, t] > least else 1.0
+        slope[t, 0] = slope[t, 0] / divisor
+        slope[t, 1] = slope[t, 1] / divisor
+        part = slope[t, 0] * state[t, 0] + slope[t, 1] * state[t, 1]
+        part = part + (direction[t, 0] * state[t, 2] + direction[t, 1] * state[t, 3])
+        value[t] = value[t] / divisor + part if principal[which, t] > least else NAN
+        variance[t] = share / divisor
+
+
+cdef bint any_above(const double[:] values, double least) noexcept nogil:
+    """Return whether any is greater than that."""
+    cdef Py_ssize_t i
+    for i in range(values.shape[0]):
+        if values[i] > least:
+            return True
+    return False
+
+
+cdef void mode_exponents(double[:, ::1] nis, double[:, ::1] log_area, double evidence) noexcept nogil:
+    """Make the logarithms of determinants (M, m) those of the modes' likelihoods below the greatest, as far as they
+    count."""
+    cdef Py_ssize_t modes = nis.shape[0], m = nis.shape[1], i, t
+    cdef double most
+    for t in range(m):
+        most = -0.5 * (nis[0, t] + log_area[0, t])
+        for i in range(modes):
+            log_area[i, t] = -0.5 * (nis[i, t] + log_area[i, t])
+            most = larger(most, log_area[i, t])
+        for i in range(modes):
+            log_area[i, t] = evidence * (log_area[i, t] - most)
+
+
+cdef void weigh_modes(
+    double[:, ::1] probability,
+    const Py_ssize_t[::1] rows,
+    const double[:, ::1] likelihood,
+    const double[:, ::1] nis,
+    double least,
+    double[::1] told,
+) noexcept nogil:
+    """Weigh the modes (M, n) of rows by their likelihoods (M, m); note the NIS over the modes before (m,)."""
+    cdef Py_ssize_t n = rows.shape[0], modes = probability.shape[0], i, t, row
+    cdef double total
+    cdef double weight[16]
+    for t in range(n):
+        row = rows[t]
+        total = told[t] = 0.0
+        for i in range(modes):
+            weight[i] = probability[i, row] * likelihood[i, t]
+            total = total + weight[i] if i else weight[0]
+            told[t] = told[t] + probability[i, row] * nis[i, t] if i else probability[0, row] * nis[0, t]
+        for i in range(modes):
+            weight[i] = larger(weight[i] / total, least)
+        total = weight[0]
+        for i in range(1, modes):
+            total = total + weight[i]
+        for i in range(modes):
+            probability[i, row] = weight[i] / total
+
+
+def update_bodies(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    double[:, ::1] probability,
+    const Py_ssize_t[::1] rows,
+    const double[:, :] position,
+    const double[:, :, :] noise,
+    rates,
+    projections,
+    double least_information,
+    double evidence,
+    double unmeasured,
+    double least_probability,
+):
+    """Update rows (m,) of bodies (8, M, n), (8, 8, M, n) and (M, n) in place, with places (m, 2), their noise (m, 2, 2),
+    range rates and components of the velocity; return the NIS (m,), weighted as the modes were."""
+    cdef Py_ssize_t modes = mean.shape[1], m = rows.shape[0]
+    cdef const double[:, :] along
+    cdef const double[:] number, spread
+    cdef const Py_ssize_t[:] body
+    cdef double[:, ::1] state, terms, principal, slope, direction
+    cdef double[::1] value, variance
+    cdef double share
+    cdef int which
+    area_array, told_array = np.empty((modes, m)), np.empty(m)
+    cdef double[:, ::1] nis = np.empty((modes, m)), area = area_array
+    cdef double[::1] told = told_array
+    take_places(mean, covariance, rows, position, noise, nis, area)
+    if rates is not None:
+        body, along, number, spread, share = rates.body, rates.offset, rates.value, rates.variance, rates.share
+        state, terms, principal = np.empty((m, 4)), np.empty((6, body.shape[0])), np.empty((4, m))
+        slope, direction, value, variance = np.empty((m, 2)), np.empty((m, 2)), np.empty(m), np.empty(m)
+        see_bodies(mean, probability, rows, state)
+        range_rate_terms(state, body, along, number, spread, rates.origin, rates.velocity, terms, principal)
+        for which in range(2):
+            if any_above(principal[which], least_information):
+                speed_component(
+                    terms, body, state, principal, which, share, least_information, slope, direction, value, variance
+                )
+                take_speeds(
+                    mean, covariance, rows, slope, direction, value, variance, unmeasured, nis, area
+                )
+    for part in projections:
+        along, number, spread = part.direction, part.value, part.variance
+        take_speeds(mean, covariance, rows, None, along, number, spread, unmeasured, nis, area)
+    np.log(area_array, out=area_array)
+    mode_exponents(nis, area, evidence)
+    np.exp(area_array, out=area_array)
+    weigh_modes(probability, rows, area, nis, least_probability, told)
+    return told_array
 
 
 def body_acceleration(const double[:, :] mean, double slow):
@@ -2430,78 +2608,6 @@ def measure_bodies(
     return rows_array, first_array, group_array, place_array, covariance_array
 
 
-def range_rate_terms(
-    const double[:, :] state,
-    const Py_ssize_t[:] body,
-    const double[:, :] offset,
-    const double[:] value,
-    const double[:] variance,
-    double x0,
-    double y0,
-    double vx0,
-    double vy0,
-):
-    """Return of range rates (6, n) slope and line of sight, weight and innovation, and their information (3, m)."""
-    cdef Py_ssize_t n = body.shape[0], m = state.shape[0], i, t
-    cdef double x, y, vx, vy, distance, nearest, far, rate, weight
-    terms_array, sums_array = np.empty((6, n)), np.zeros((3, m))
-    cdef double[:, ::1] terms = terms_array, sums = sums_array
-    with nogil:
-        for i in range(n):
-            t = body[i]
-            x, y = state[t, 0] + offset[i, 0] - x0, state[t, 1] + offset[i, 1] - y0
-            vx, vy = state[t, 2] - vx0, state[t, 3] - vy0
-            distance = sqrt(x * x + y * y)
-            nearest, far = larger(distance, 1e-3), larger(distance, 1.0)
-            x, y = x / nearest, y / nearest
-            rate = x * vx + y * vy
-            terms[0, i] = (vx - rate * x) / far
-            terms[1, i] = (vy - rate * y) / far
-            terms[2, i], terms[3, i] = x, y
-            weight = 1.0 / variance[i] if isfinite(value[i]) else 0.0
-            terms[4, i] = weight
-            terms[5, i] = value[i] - rate if isfinite(value[i]) else 0.0
-            sums[0, t] = sums[0, t] + weight * x * x
-            sums[1, t] = sums[1, t] + weight * x * y
-            sums[2, t] = sums[2, t] + weight * y * y
-    return terms_array, sums_array
-
-
-def speed_components(
-    const double[:, ::1] terms,
-    const Py_ssize_t[:] body,
-    const double[:, :] state,
-    const double[:] information,
-    const double[:] cx,
-    const double[:] cy,
-    double share,
-    double least,
-):
-    """Return what range rates say of bodies in directions (cx, cy): slope and direction (m, 2), value and variance."""
-    cdef Py_ssize_t n = body.shape[0], m = state.shape[0], i, t
-    cdef double part, divisor
-    slope_array, direction_array, value_array, variance_array = np.zeros((m, 2)), np.empty((m, 2)), np.zeros(m), np.empty(m)
-    cdef double[:, ::1] slope = slope_array, direction = direction_array
-    cdef double[::1] value = value_array, variance = variance_array
-    with nogil:
-        for i in range(n):
-            t = body[i]
-            part = terms[4, i] * (terms[2, i] * cx[t] + terms[3, i] * cy[t])
-            slope[t, 0] = slope[t, 0] + part * terms[0, i]
-            slope[t, 1] = slope[t, 1] + part * terms[1, i]
-            value[t] = value[t] + part * terms[5, i]
-        for t in range(m):
-            divisor = information[t] if information[t] > least else 1.0
-            slope[t, 0] = slope[t, 0] / divisor
-            slope[t, 1] = slope[t, 1] / divisor
-            direction[t, 0], direction[t, 1] = cx[t], cy[t]
-            part = slope[t, 0] * state[t, 0] + slope[t, 1] * state[t, 1]
-            part = part + (cx[t] * state[t, 2] + cy[t] * state[t, 3])
-            value[t] = value[t] / divisor + part if information[t] > least else NAN
-            variance[t] = share / divisor
-    return slope_array, direction_array, value_array, variance_array
-
-
 def note_rates(
     double[:] noted,
     const Py_ssize_t[:] row,
@@ -2737,28 +2843,99 @@ def shares_in_sight(
     return out_array
 
 
-def clutter_areas(
+def boxes_in_vehicle_axes(
+    const double[:, :] mean,
+    const double[:, :] facing,
+    const double[:, :] axis,
+    const double[:] length,
+    const double[:] width,
+    const double[:] length_variance,
+    const double[:] fastest,
+    const unsigned char[:] confirmed,
+    const double[:] standing,
+    double east,
+    double north,
+    double c,
+    double s,
+    double surely,
+    double moved,
+    double post,
+):
+    """Return of bodies in vehicle axes reference points, centres and axes (3, k, 2), and lengths and widths as far as they
+    hide others (2, k)."""
+    cdef Py_ssize_t k = length.shape[0], t
+    cdef double x, y
+    points_array, size_array = np.empty((3, k, 2)), np.empty((2, k))
+    cdef double[:, :, ::1] points = points_array
+    cdef double[:, ::1] size = size_array
+    with nogil:
+        for t in range(k):
+            x, y = mean[t, 0] - east, mean[t, 1] - north
+            points[0, t, 0], points[0, t, 1] = x * c + y * s, y * c - x * s
+            x, y = facing[t, 0], facing[t, 1]
+            points[1, t, 0], points[1, t, 1] = points[0, t, 0] - (x * c + y * s), points[0, t, 1] - (y * c - x * s)
+            x, y = axis[t, 0], axis[t, 1]
+            points[2, t, 0], points[2, t, 1] = x * c + y * s, y * c - x * s
+            if not confirmed[t] or (standing[t] > surely and length_variance[t] > 1.0 and fastest[t] < moved):
+                size[0, t], size[1, t] = post, post
+            else:
+                size[0, t], size[1, t] = length[t], width[t]
+    return points_array, size_array
+
+
+def detection_probabilities(
+    const double[:] share,
+    const double[:] distance,
+    const unsigned char[:] missed,
+    const double[:, ::1] rates,
+    double part,
+    double least,
+    double most,
+):
+    """Return with which probability bodies are detected (k,): linear between the middles of the parts of the range, whose
+    rates (2, R) are those of what was detected and missed before."""
+    cdef Py_ssize_t k = share.shape[0], last = rates.shape[1] - 1, t, lower
+    cdef int row
+    cdef double at
+    out_array = np.empty(k)
+    cdef double[::1] out = out_array
+    with nogil:
+        for t in range(k):
+            at = within(distance[t] / part - 0.5, 0.0, <double>last)
+            lower = min(<Py_ssize_t>at, last - 1)
+            row = 1 if missed[t] else 0
+            at = rates[row, lower] + (at - lower) * (rates[row, lower + 1] - rates[row, lower])
+            out[t] = smaller(larger(share[t] * at, least), most)
+    return out_array
+
+
+def likelihood_ratios(
     const double[:, :, :] spread,
     const double[:] variance,
     const double[:, :, :] noise,
     const Py_ssize_t[:] body,
     const Py_ssize_t[:] reflection,
-    const Py_ssize_t[:] rows,
+    const double[:] fit,
     double scale,
 ):
-    """Return the square roots of the determinants of innovations' covariances (m,), times a scale."""
-    cdef Py_ssize_t m = rows.shape[0], i, t
+    """Return which bodies are detected (k,), and the likelihoods of their detections over the density of clutter, 0
+    without one; of several detections the last one's."""
+    cdef Py_ssize_t m = reflection.shape[0], k = spread.shape[0], i, t
     cdef double a, b, d, more
-    out_array = np.empty(m)
+    seen_array, out_array = np.zeros(k, np.bool_), np.zeros(k)
+    cdef unsigned char[::1] seen = seen_array
     cdef double[::1] out = out_array
     with nogil:
         for i in range(m):
-            t, more = body[rows[i]], variance[reflection[rows[i]]]
-            a = spread[t, 0, 0] + more + noise[rows[i], 0, 0]
-            b = spread[t, 0, 1] + noise[rows[i], 0, 1]
-            d = spread[t, 1, 1] + more + noise[rows[i], 1, 1]
-            out[i] = scale * sqrt(larger(a * d - b * b, 1e-12))
-    return out_array
+            if reflection[i] < 0:
+                continue
+            t, more = body[i], variance[reflection[i]]
+            a = spread[t, 0, 0] + more + noise[i, 0, 0]
+            b = spread[t, 0, 1] + noise[i, 0, 1]
+            d = spread[t, 1, 1] + more + noise[i, 1, 1]
+            seen[t] = True
+            out[t] = fit[i] / (scale * sqrt(larger(a * d - b * b, 1e-12)))
+    return seen_array, out_array
 
 
 def add_places(
@@ -2908,57 +3085,6 @@ def opportunities(
     return out_array
 
 
-def seen_bodies(const double[:, :, ::1] mean, const Py_ssize_t[::1] rows, const double[:, :] probability):
-    """Return where bodies are seen, place and bias, and how they move, over all modes (m, 4)."""
-    cdef Py_ssize_t n = rows.shape[0], modes = mean.shape[1], i, t, a
-    cdef double place, velocity
-    out_array = np.empty((n, 4))
-    cdef double[:, ::1] out = out_array
-    with nogil:
-        for t in range(n):
-            for a in range(2):
-                place = probability[0, t] * (mean[a, 0, rows[t]] + mean[6 + a, 0, rows[t]])
-                velocity = probability[0, t] * mean[2 + a, 0, rows[t]]
-                for i in range(1, modes):
-                    place = place + probability[i, t] * (mean[a, i, rows[t]] + mean[6 + a, i, rows[t]])
-                    velocity = velocity + probability[i, t] * mean[2 + a, i, rows[t]]
-                out[t, a], out[t, 2 + a] = place, velocity
-    return out_array
-
-
-def weigh_modes(
-    double[:, ::1] probability,
-    const Py_ssize_t[::1] rows,
-    const double[:, :] prior,
-    const double[:, :] likelihood,
-    const double[:, :] nis,
-    double least,
-):
-    """Weigh in place the modes (M, n) of rows by their likelihoods (M, m); return the NIS over the modes before (m,)."""
-    cdef Py_ssize_t n = rows.shape[0], modes = probability.shape[0], i, t
-    cdef double total, told
-    cdef double weight[16]
-    out_array = np.empty(n)
-    cdef double[::1] out = out_array
-    with nogil:
-        for t in range(n):
-            weight[0] = prior[0, t] * likelihood[0, t]
-            total, told = weight[0], prior[0, t] * nis[0, t]
-            for i in range(1, modes):
-                weight[i] = prior[i, t] * likelihood[i, t]
-                total = total + weight[i]
-                told = told + prior[i, t] * nis[i, t]
-            out[t] = told
-            for i in range(modes):
-                weight[i] = larger(weight[i] / total, least)
-            total = weight[0]
-            for i in range(1, modes):
-                total = total + weight[i]
-            for i in range(modes):
-                probability[i, rows[t]] = weight[i] / total
-    return out_array
-
-
 def tell_bodies(
     const double[:, :] told,
     const double[:, :] mean,
@@ -3082,20 +3208,3 @@ def fit_reflections(
             else:
                 jumps += 1
     return found_array, nis_array, jumps
-
-
-def mode_exponents(const double[:, :] nis, const double[:, :] log_spread, double evidence):
-    """Return the logarithms of the modes' likelihoods (M, m) below the greatest, times how much they count."""
-    cdef Py_ssize_t modes = nis.shape[0], m = nis.shape[1], i, t
-    cdef double most
-    out_array = np.empty((modes, m))
-    cdef double[:, ::1] out = out_array
-    with nogil:
-        for t in range(m):
-            most = -0.5 * (nis[0, t] + log_spread[0, t])
-            for i in range(modes):
-                out[i, t] = -0.5 * (nis[i, t] + log_spread[i, t])
-                most = larger(most, out[i, t])
-            for i in range(modes):
-                out[i, t] = evidence * (out[i, t] - most)
-    return out_array

@@ -26,7 +26,7 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.arrays.rows import checked_state
-from candaemon.estimation.body_rates import BodyRates, SpeedComponent
+from candaemon.estimation.body_rates import LEAST_INFORMATION, BodyRates, SpeedComponent
 from candaemon.estimation.body_transition import BodyTransition, symmetrise_upper
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.estimation.smoothing import Link, smoothing_gain
@@ -271,7 +271,6 @@ class BodyFilter:
         if not len(self):
             return
         self._interact(dt)
-        self._keep_moving()
         before = self.combined() if self.linking else None
         transition = self._step(dt, axis, walk, hidden, np.exp(-dt / bias_time))
         if before is not None and transition is not None:
@@ -297,8 +296,10 @@ class BodyFilter:
         leave = self._constants(dt).leave
         prior, mean, covariance = self.probability.T, self._state.mean.T, self._state.covariance.T
         if self._compiled:
-            predicted = compiled.kernels.mix_bodies(mean, covariance, prior, leave, dwell, others)
-            self._state.probability = predicted.T
+            limits = self._moves, _STOPPABLE, _LEAST_PROBABILITY
+            self._state.probability = compiled.kernels.mix_bodies(
+                mean, covariance, prior, leave, dwell, others, *limits
+            ).T
             return
         # what leaves a mode goes to the others by their dwell: the part of a pool that all modes fill, but for its own
         share = leave / others
@@ -316,14 +317,16 @@ class BodyFilter:
         covariance += np.multiply(pooled, pool[:, :, None], out=self._room(covariance.shape))
         covariance -= self._outer(mean, mean)
         mean += origin
+        self._keep_moving(mean, predicted)
         self._state.probability = predicted.T
 
-    def _keep_moving(self) -> None:
-        """Let what moves fast not stand at the next moment: unseen, it would seem to slow down without a reason."""
-        mean, probability = self._state.mean.T, self.probability.T
-        if self._compiled:
-            compiled.kernels.keep_moving_bodies(mean, probability, self._moves, _STOPPABLE, _LEAST_PROBABILITY)
-            return
+    def _keep_moving(self, mean: Floats, probability: Floats) -> None:
+        """Let what moves fast not stand at the next moment: unseen, it would seem to slow down without a reason.
+
+        Args:
+            mean: (8, M, n).
+            probability: of the modes (M, n), changed.
+        """
         speed = _speed(mean).min(axis=0, where=self._moves > 0.0, initial=np.inf)
         stands = (self._moves == 0.0) & (speed > _STOPPABLE)
         probability[...] = np.where(stands, _LEAST_PROBABILITY, probability)
@@ -491,47 +494,49 @@ class BodyFilter:
             The NIS of each (m,), weighted as the modes are.
         """
         state, rows = self._state, np.ascontiguousarray(rows, dtype=np.intp)
-        mean, covariance, prior = state.mean.T, state.covariance.T, state.probability.T.take(rows, axis=-1)
-        if not self._compiled:
-            mean, covariance = mean.take(rows, axis=-1), covariance.take(rows, axis=-1)
-        nis, spread = self._take_places(mean, covariance, rows, measurement)
-        speeds = () if rates is None else rates.components(self._seen(mean, rows, prior))
-        for speed in (*speeds, *map(_component, measurement.projections)):
-            self._take_speed(mean, covariance, rows, speed, nis, spread)
+        mean, covariance, probability = state.mean.T, state.covariance.T, state.probability.T
         evidence = 1.0 + alike * (self._dynamics.evidence - 1.0)
-        log_spread = np.log(spread, out=spread)
         if self._compiled:
-            likelihood = np.exp(compiled.kernels.mode_exponents(nis, log_spread, evidence))
-            return compiled.kernels.weigh_modes(state.probability.T, rows, prior, likelihood, nis, _LEAST_PROBABILITY)
-        log_likelihood = -0.5 * (nis + log_spread)  # less what is the same in all modes
+            return compiled.kernels.update_bodies(
+                mean,
+                covariance,
+                probability,
+                rows,
+                measurement.position,
+                measurement.noise,
+                rates,
+                measurement.projections,
+                LEAST_INFORMATION,
+                evidence,
+                _UNMEASURED,
+                _LEAST_PROBABILITY,
+            )
+        mean, covariance, prior = (array.take(rows, axis=-1) for array in (mean, covariance, probability))
+        nis, spread = self._take_places(mean, covariance, measurement)
+        speeds = () if rates is None else rates.components(self._seen(mean, prior))
+        for speed in (*speeds, *map(_component, measurement.projections)):
+            self._take_speed(mean, covariance, speed, nis, spread)
+        log_likelihood = -0.5 * (nis + np.log(spread))  # less what is the same in all modes
         weight = prior * np.exp(evidence * (log_likelihood - log_likelihood.max(axis=0)))
         weight = np.maximum(weight / _total(weight), _LEAST_PROBABILITY)
-        state.probability.T[:, rows] = weight / _total(weight)
+        probability[:, rows] = weight / _total(weight)
         state.mean.T[..., rows], state.covariance.T[..., rows] = mean, covariance
         return _total(prior * nis)
 
-    def _seen(self, mean: Floats, rows: Indices, probability: Floats) -> Floats:
+    def _seen(self, mean: Floats, probability: Floats) -> Floats:
         """Return the places where the sensors see bodies, and their velocities, over all modes (m, 4)."""
-        if self._compiled:
-            return compiled.kernels.seen_bodies(mean, rows, probability)
         place = _weighted(probability, mean[POSITION] + mean[BIAS])
         return np.concatenate([place, _weighted(probability, mean[VELOCITY])]).T
 
-    def _take_places(
-        self, mean: Floats, covariance: Floats, rows: Indices, measurement: Measurement
-    ) -> tuple[Floats, Floats]:
+    def _take_places(self, mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
         """Update with the positions, x + b; return NIS and determinants of the innovations' covariances, (M, m) each.
 
         Args:
-            mean: of all bodies (8, M, n) for the kernel, else of the rows (8, M, m); changed in place.
-            covariance: likewise, (8, 8, M, …).
-            rows: of the bodies (m,).
+            mean: of the bodies measured (8, M, m); changed in place.
+            covariance: likewise, (8, 8, M, m).
             measurement: one each.
         """
         noise = measurement.noise
-        if self._compiled:
-            place, spread = np.ascontiguousarray(measurement.position), np.ascontiguousarray(noise)
-            return compiled.kernels.take_places_of_bodies(mean, covariance, rows, place, spread)
         x, y = measurement.position.T
         x, y = x - mean[0] - mean[6], y - mean[1] - mean[7]
         cross_x, cross_y = covariance[0] + covariance[6], covariance[1] + covariance[7]  # H P, (8, M, m) each
@@ -553,50 +558,40 @@ class BodyFilter:
         covariance -= self._outer(cross_y, cross_y)
         return x * x + y * y, a * rest
 
-    def _take_speed(
-        self,
-        mean: Floats,
-        covariance: Floats,
-        rows: Indices,
-        speed: SpeedComponent,
-        nis: Floats,
-        spread: Floats,
-    ) -> None:
+    def _take_speed(self, mean: Floats, covariance: Floats, speed: SpeedComponent, nis: Floats, spread: Floats) -> None:
         """Update with one number each; add to NIS and determinants. One that was not measured changes no weight.
 
         Args:
             mean: as in `_take_places`.
             covariance: likewise.
-            rows: of the bodies (m,).
             speed: of each.
             nis: (M, m), added to.
             spread: determinants of the innovations' covariances (M, m), multiplied by its variance.
         """
-        if self._compiled:
-            part, s = compiled.kernels.take_speeds_of_bodies(
-                mean, covariance, rows, speed.slope, speed.direction, speed.value, speed.variance, _UNMEASURED
-            )
-        else:
-            (slope_x, slope_y), (x, y) = speed.slope.T, speed.direction.T
-            place_x, place_y = mean[0] + mean[6], mean[1] + mean[7]
-            innovation = speed.value - (slope_x * place_x + slope_y * place_y + x * mean[2] + y * mean[3])
-            known = np.isfinite(innovation)
-            innovation = np.where(known, innovation, 0.0)
-            row = {0: slope_x, 1: slope_y, 2: x, 3: y, 6: slope_x, 7: slope_y}
-            row = {component: np.where(known, value, 0.0) for component, value in row.items()}
-            cross = sum((covariance[component] * value for component, value in row.items()), start=np.zeros(()))
-            s = sum((cross[component] * value for component, value in row.items()), start=speed.variance)
-            s = np.maximum(s, speed.variance)
-            root = 1.0 / np.sqrt(s)
-            cross, innovation = cross * root, innovation * root
-            mean += cross * innovation
-            covariance -= self._outer(cross, cross)
-            part, s = innovation * innovation, np.where(known, s, _UNMEASURED)
-        nis += part
-        spread *= s
+        (slope_x, slope_y), (x, y) = speed.slope.T, speed.direction.T
+        place_x, place_y = mean[0] + mean[6], mean[1] + mean[7]
+        innovation = speed.value - (slope_x * place_x + slope_y * place_y + x * mean[2] + y * mean[3])
+        known = np.isfinite(innovation)
+        innovation = np.where(known, innovation, 0.0)
+        row = {0: slope_x, 1: slope_y, 2: x, 3: y, 6: slope_x, 7: slope_y}
+        row = {component: np.where(known, value, 0.0) for component, value in row.items()}
+        cross = sum((covariance[component] * value for component, value in row.items()), start=np.zeros(()))
+        s = sum((cross[component] * value for component, value in row.items()), start=speed.variance)
+        s = np.maximum(s, speed.variance)
+        root = 1.0 / np.sqrt(s)
+        cross, innovation = cross * root, innovation * root
+        mean += cross * innovation
+        covariance -= self._outer(cross, cross)
+        nis += innovation * innovation
+        spread *= np.where(known, s, _UNMEASURED)
 
     def combined(self) -> tuple[Floats, Floats]:
         """Return means (n, 8) and covariances (n, 8, 8) over all modes."""
+        mean, covariance, _, _ = self.moments()
+        return mean, covariance
+
+    def moments(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return means (n, 8) and covariances (n, 8, 8) over all modes, and what sensors see of them, as `shown`."""
         probability, mean = self.probability.T, self._state.mean.T
         if self._compiled:
             return compiled.kernels.combine_bodies(probability, mean, self._state.covariance.T)
@@ -604,8 +599,8 @@ class BodyFilter:
         deviation = mean - overall[:, None]
         second = self._outer(deviation, deviation)
         second += self._state.covariance.T
-        covariance = _weighted(probability, second)
-        return np.ascontiguousarray(overall.T), np.ascontiguousarray(covariance.T)
+        overall, covariance = np.ascontiguousarray(overall.T), np.ascontiguousarray(_weighted(probability, second).T)
+        return overall, covariance, *shown(overall, covariance)
 
     def _empty(self) -> BodyFilterState:
         m = len(self._dwell)
@@ -664,8 +659,6 @@ def shown(mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         mean: states (n, 8).
         covariance: (n, 8, 8).
     """
-    if compiled.in_use and mean.flags.c_contiguous and covariance.flags.c_contiguous:
-        return compiled.kernels.shown_bodies(mean, covariance)
     seen = np.concatenate([mean[:, POSITION] + mean[:, BIAS], mean[:, VELOCITY]], axis=1)
     rows = covariance[:, :4].copy()
     rows[:, POSITION] += covariance[:, BIAS]

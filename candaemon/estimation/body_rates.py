@@ -9,14 +9,15 @@ velocity, by the principal axes of their information, which say all that the sin
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
-from candaemon import compiled
 from candaemon.arrays import Floats, Indices
 from candaemon.estimation.measurement import line_of_sight
 
-_LEAST_INFORMATION = 0.05  # (s/m)², below which a component is not worth an update
+LEAST_INFORMATION: Final = 0.05
+"""(s/m)², below which a component is not worth an update."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,19 +68,19 @@ class BodyRates:
         terms, (xx, xy, yy) = self._terms(state)
         middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
         root = np.sqrt(half * half + xy * xy)
-        angle = 0.5 * np.arctan2(xy, half)
-        c, s = np.cos(angle), np.sin(angle)
+        divisor = np.where(root > 0.0, root, 1.0)
+        most = np.sqrt(0.5 + 0.5 * np.where(root > 0.0, np.abs(half) / divisor, 1.0))
+        least = 0.5 * np.abs(xy) / (divisor * most)
+        c = np.where(half >= 0.0, most, least)
+        s = np.copysign(np.where(half >= 0.0, least, most), xy)
         found = []
         for information, cx, cy in ((middle + root, c, s), (middle - root, -s, c)):
-            if information.max(initial=0.0) > _LEAST_INFORMATION:
+            if (information > LEAST_INFORMATION).any():
                 found.append(self._component(terms, state, information, cx, cy))
         return tuple(found)
 
     def _terms(self, state: Floats) -> tuple[Floats, Floats]:
         """Return slope and line of sight, weight and innovation of each range rate (6, n); their information (3, m)."""
-        if compiled.in_use:
-            numbers = *self.origin.tolist(), *self.velocity.tolist()
-            return compiled.kernels.range_rate_terms(state, self.body, self.offset, self.value, self.variance, *numbers)
         each = state.take(self.body, axis=0)
         each[:, :2] += self.offset
         rate, row = line_of_sight(each, self.origin, self.velocity)
@@ -91,13 +92,8 @@ class BodyRates:
 
     def _component(self, terms: Floats, state: Floats, information: Floats, cx: Floats, cy: Floats) -> SpeedComponent:
         """Return what the range rates tell along the directions (cx, cy) of so much information (m,)."""
-        if compiled.in_use:
-            numbers = (self.share, _LEAST_INFORMATION)
-            return SpeedComponent(
-                *compiled.kernels.speed_components(terms, self.body, state, information, cx, cy, *numbers)
-            )
         m, (slope_x, slope_y, x, y, weight, innovation) = len(state), terms
-        tells = information > _LEAST_INFORMATION
+        tells = information > LEAST_INFORMATION
         divisor = np.where(tells, information, 1.0)
         part = weight * (x * cx[self.body] + y * cy[self.body])
         slope = np.stack([self._total(part * slope_x, m) / divisor, self._total(part * slope_y, m) / divisor], axis=1)

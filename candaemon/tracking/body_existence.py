@@ -7,12 +7,12 @@ changes the odds by a limited factor, that with which as many detections in succ
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import log, sqrt
+from math import cos, log, sin, sqrt
 
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.tracker import LifecycleSettings
 from candaemon.ego.pose import EgoPose
@@ -23,6 +23,7 @@ from candaemon.tracking import existence
 from candaemon.tracking.body_association import Association, Detecting
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies, BodyTable
+from candaemon.tracking.reflections import to_travel_axes
 from candaemon.tracking.sensor_visibility import Visibility, VisibilityState
 
 _UNKNOWN_PROBABILITY = 0.9  # of detection, by a sensor whose settings are not known
@@ -90,25 +91,22 @@ class BodyExistence:
         if not len(bodies):
             return
         obstacles, sensor = bodies.obstacles, detections.sensor
-        rows = np.flatnonzero(association.reflection >= 0)
-        seen = np.zeros(len(obstacles), dtype=np.bool_)
-        seen[association.body[rows]] = True
-        place = pose.to_vehicle(bodies.moments().mean[:, POSITION])
+        (place, centre, axis), size = _boxes(bodies, pose)
+        is_known = sensor in self._visibility.state.sensors
+        density = self._visibility.clutter_density(sensor) if is_known else 0.0
+        seen, ratio = _likelihood_ratios(bodies, association, detections, density)
         familiar = obstacles.sensors & (1 << sensor) != 0  # another sensor may not see things of this kind
-        if sensor in self._visibility.state.sensors:
-            share, distance, probability = self._expected(bodies, place, detections, pose)
-            density = self._visibility.clutter_density(sensor)
-            surely = obstacles.confirmed & (obstacles.existence > _SURE) & familiar
-            self._visibility.learn(sensor, share, seen, distance, obstacles.history & 1 == 0, surely)
+        if is_known:
+            missed, surely = obstacles.history & 1 == 0, obstacles.confirmed & (obstacles.existence > _SURE) & familiar
+            share, distance = self._visibility.in_sight(centre, place, axis, size[0], size[1], sensor, detections.look)
+            probability = self._visibility.detection_probability(sensor, share, distance, missed)
+            self._visibility.learn(sensor, share, seen, distance, missed, surely)
         else:
             share = self._looked_at(detections, place).astype(np.float64)
-            probability, density = _UNKNOWN_PROBABILITY * share, 0.0
+            probability = _UNKNOWN_PROBABILITY * share
         expected, unseen = np.zeros(len(obstacles), dtype=np.bool_), np.flatnonzero(familiar & ~seen)
         if len(unseen):
             expected[unseen] = self._looked_at(detections, place[unseen])
-        ratio = np.zeros(len(obstacles))
-        if len(rows):
-            ratio[association.body[rows]] = self._ratios(bodies, association, detections, rows, density)
         self._weigh(obstacles, seen, expected, share, probability, ratio, sensor)
 
     def _weigh(
@@ -198,46 +196,60 @@ class BodyExistence:
             return np.ones(len(place), dtype=np.bool_)
         return seen_by_any(views, place)
 
-    def _expected(
-        self, bodies: Bodies, place: Floats, detections: Detections, pose: EgoPose
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return share in sight, distance and probability of detection of each body (k,)."""
-        obstacles = bodies.obstacles
-        centre = place - obstacles.facing @ pose.rotation
-        axis = obstacles.axis @ pose.rotation
-        standing = bodies.filter.probability[:, STANDING] > _SURE
-        thin = ~obstacles.confirmed | (standing & (obstacles.length_variance > 1.0) & (obstacles.fastest < _MOVED))
-        sensor, missed_before = detections.sensor, obstacles.history & 1 == 0
-        share, distance = self._visibility.in_sight(
-            centre,
-            place,
-            axis,
-            np.where(thin, _POST, obstacles.length),
-            np.where(thin, _POST, obstacles.width),
-            sensor,
-            detections.look,
-        )
-        return share, distance, self._visibility.detection_probability(sensor, share, distance, missed_before)
 
-    @staticmethod
-    def _ratios(
-        bodies: Bodies, association: Association, detections: Detections, rows: Indices, density: float
-    ) -> Floats:
-        """Return the likelihoods of detections over the density of clutter (m,)."""
-        spread, variance, noise = (
-            bodies.moments().shown_covariance,
-            bodies.reflections.variance,
-            detections.measurement.noise,
+def _boxes(bodies: Bodies, pose: EgoPose) -> tuple[Floats, Floats]:
+    """Return reference points, centres and axes of bodies in vehicle axes (3, k, 2); lengths and widths (2, k), m.
+
+    Those are as far as they hide others: what may be a post is no larger than one.
+    """
+    obstacles, mean = bodies.obstacles, bodies.moments().mean
+    standing, c, s = bodies.filter.probability[:, STANDING], cos(pose.heading), sin(pose.heading)
+    if compiled.in_use:
+        return compiled.kernels.boxes_in_vehicle_axes(
+            mean,
+            obstacles.facing,
+            obstacles.axis,
+            obstacles.length,
+            obstacles.width,
+            obstacles.length_variance,
+            obstacles.fastest,
+            obstacles.confirmed,
+            standing,
+            pose.east,
+            pose.north,
+            c,
+            s,
+            _SURE,
+            _MOVED,
+            _POST,
         )
-        scale = 2 * np.pi * max(density, 1e-9)
-        if compiled.in_use:
-            area = compiled.kernels.clutter_areas(
-                spread, variance, noise, association.body, association.reflection, rows, scale
-            )
-        else:
-            body, more = association.body[rows], variance[association.reflection[rows]]
-            a = spread[body, 0, 0] + more + noise[rows, 0, 0]
-            b = spread[body, 0, 1] + noise[rows, 0, 1]
-            d = spread[body, 1, 1] + more + noise[rows, 1, 1]
-            area = scale * np.sqrt(np.maximum(a * d - b * b, 1e-12))
-        return np.asarray(np.exp(-0.5 * association.nis[rows]) / area)
+    own, heading = np.array([pose.east, pose.north]), np.array([c, s])
+    place = to_travel_axes(mean[:, POSITION] - own, heading)
+    centre, axis = place - to_travel_axes(obstacles.facing, heading), to_travel_axes(obstacles.axis, heading)
+    stood = (standing > _SURE) & (obstacles.length_variance > 1.0) & (obstacles.fastest < _MOVED)
+    size = np.stack([obstacles.length, obstacles.width])
+    return np.stack([place, centre, axis]), np.where(~obstacles.confirmed | stood, _POST, size)
+
+
+def _likelihood_ratios(
+    bodies: Bodies, association: Association, detections: Detections, density: float
+) -> tuple[Booleans, Floats]:
+    """Return which bodies are detected (k,), and the likelihoods of their detections over the density of clutter (k,).
+
+    Without a detection that is 0, of several it is that of the last one.
+    """
+    spread, variance = bodies.moments().shown_covariance, bodies.reflections.variance
+    fit, scale, noise = np.exp(-0.5 * association.nis), 2 * np.pi * max(density, 1e-9), detections.measurement.noise
+    if compiled.in_use:
+        return compiled.kernels.likelihood_ratios(
+            spread, variance, noise, association.body, association.reflection, fit, scale
+        )
+    seen, ratio = np.zeros(len(bodies), dtype=np.bool_), np.zeros(len(bodies))
+    rows = np.flatnonzero(association.reflection >= 0)
+    body, more = association.body[rows], variance[association.reflection[rows]]
+    a = spread[body, 0, 0] + more + noise[rows, 0, 0]
+    b = spread[body, 0, 1] + noise[rows, 0, 1]
+    d = spread[body, 1, 1] + more + noise[rows, 1, 1]
+    seen[body] = True
+    ratio[body] = fit[rows] / (scale * np.sqrt(np.maximum(a * d - b * b, 1e-12)))
+    return seen, ratio

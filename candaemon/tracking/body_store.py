@@ -16,7 +16,7 @@ from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.arrays.rows import checked_state
 from candaemon.config.tracker import MOST_TRACKS
 from candaemon.config.vehicle import VehicleEstimatorSettings
-from candaemon.estimation.body_filter import BIAS, BodyFilter, BodyFilterState, shown
+from candaemon.estimation.body_filter import BIAS, POSITION, BodyFilter, BodyFilterState
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.columns import Table
 from candaemon.tracking.identities import Identities
@@ -139,7 +139,7 @@ class BodiesState:
     serials: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class BodyMoments:
     """What the filter says of the bodies at the moment.
 
@@ -205,8 +205,7 @@ class Bodies:
     def moments(self) -> BodyMoments:
         """Return what the filter says."""
         if self._moments is None:
-            mean, covariance = self.filter.combined()
-            self._moments = BodyMoments(mean, covariance, *shown(mean, covariance))
+            self._moments = BodyMoments(*self.filter.moments())
         return self._moments
 
     def reflection_states(self, rows: Indices | None = None) -> tuple[Floats, Floats]:
@@ -366,8 +365,14 @@ class Bodies:
             return
         step = -np.expm1(-dt / return_time) * self._reference_targets(time_ns, time_ns - patience_ns)
         reflections.offset -= step.take(reflections.body, axis=0)
-        self.filter.shift(from_travel_axes(step, obstacles.axis))
-        self.changed()
+        self._shift(from_travel_axes(step, obstacles.axis))
+
+    def _shift(self, step: Floats) -> None:
+        """Move the reference points by steps (k, 2), m; what the filter says moves along."""
+        self.filter.shift(step)
+        if self._moments is not None:
+            self._moments.mean[:, POSITION] += step
+            self._moments.shown[:, :2] += step
 
     def _reference_targets(self, time_ns: int, since_ns: int) -> Floats:
         """Return where the reference points belong (k, 2), along and across from where they are, m.

@@ -57,6 +57,7 @@ _LOG_VARIANCE = 0.5 * pi * pi  # of the logarithm of the square of what is norma
 _LEAST_RANGE, _LEAST_SCALE = 1.0, 0.01  # m; of a walk close by
 _TELLING = 0.25  # share of the displacements over a second that are independent: they overlap
 _REFRESH = 16  # displacements until the estimate is made again
+_NUMBERS = 65  # of sensors, 0 to 63, a bit each of what an obstacle was seen by; and one of no sensor
 
 
 @dataclass(slots=True)
@@ -151,6 +152,23 @@ class LearntNoise:
     ratio: tuple[float, float]
 
 
+@dataclass(frozen=True, slots=True)
+class SensorWalks:
+    """How the reflections of sensors walk: a row each by its number, and a last one of no sensor, −1.
+
+    Attributes:
+        walk: along and across, m²/s (S, 2).
+        growth: which share of that across grows with the square of the range; and the range it is told for, m (S, 2).
+        surely: how surely they walk across, 0 to 1 (S,).
+        some: whether those of any may.
+    """
+
+    walk: Floats
+    growth: Floats
+    surely: Floats
+    some: bool
+
+
 class ReflectionNoise:
     """Learns the noise of each sensor's reflections from standing returns.
 
@@ -166,7 +184,9 @@ class ReflectionNoise:
         }
         self._filters = {number: settings.noise.azimuth_deg is None for number, settings in sensors.items()}
         self._state = ReflectionNoiseState({number: StandingDisplacements() for number in sensors})
-        self._learnt: dict[int, tuple[int, LearntNoise | None]] = {}  # follows from the state
+        # follow from the state
+        self._learnt: dict[int, tuple[int, LearntNoise | None]] = {}
+        self._walks: tuple[list[int], SensorWalks] | None = None
 
     @property
     def state(self) -> ReflectionNoiseState:
@@ -186,6 +206,7 @@ class ReflectionNoise:
         begun = {number: StandingDisplacements() for number in self._stated}
         self._state = ReflectionNoiseState(begun | state.sensors)
         self._learnt.clear()
+        self._walks = None
 
     def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
         """Give what is known to the sensors' other numbers, and forget those left out.
@@ -199,6 +220,7 @@ class ReflectionNoise:
         remembered = self._state.sensors
         self._state.sensors = {sensors[old]: each for old, each in remembered.items() if old in sensors}
         self._learnt.clear()
+        self._walks = None
 
     def expects(self, sensor: int, time_ns: int, own_speed: float) -> bool:
         """Return whether a scan teaches anything; forget the scans before it where the vehicle is too slow.
@@ -301,6 +323,17 @@ class ReflectionNoise:
         if learnt is None:
             return _UNKNOWN if self._filters[sensor] else 0.0
         return min(max((learnt.ratio[1] - _RATIO_WALKS[0]) / (_RATIO_WALKS[1] - _RATIO_WALKS[0]), 0.0), 1.0)
+
+    def walks(self) -> SensorWalks:
+        """Return how the reflections of all sensors walk; those of a sensor without settings do not."""
+        taken = [each.taken // _REFRESH for each in self._state.sensors.values()]
+        if self._walks is None or self._walks[0] != taken:
+            walk, growth, surely = np.zeros((_NUMBERS, 2)), np.tile(_NO_GROWTH, (_NUMBERS, 1)), np.zeros(_NUMBERS)
+            for number in self._stated:
+                walk[number], growth[number] = self.walk(number), self.growth(number)
+                surely[number] = self.walking(number)
+            self._walks = taken, SensorWalks(walk, growth, surely, bool(surely.any()))
+        return self._walks[1]
 
     def _estimate(self, sensor: int) -> LearntNoise | None:
         """Return what the displacements of a sensor's reflections show; None where they are too few."""

@@ -24,6 +24,7 @@ LEAST_PROBABILITY: Final = 0.01
 """Of detection, whatever hides an obstacle: a field of view is only known approximately, and radars see below cars."""
 GREATEST_PROBABILITY: Final = 0.99
 """Of detection, however well a sensor has seen so far."""
+_PROBABILITIES = LEAST_PROBABILITY, GREATEST_PROBABILITY
 RANGE_BINS: Final = 8
 """Parts of a sensor's range whose detection rates are learnt apart."""
 _ANGLE_MARGIN = radians(0.5)  # on either side of an obstacle: a field of view ends within a degree
@@ -152,8 +153,8 @@ class Visibility:
             distance: likewise (k,), m.
             missed: whether the sensor's last scan that should have held it did not (k,); None: held by all.
         """
-        rate = self._models[sensor].rate(self._state.sensors[sensor], distance, missed)
-        return np.minimum(np.maximum(share * rate, LEAST_PROBABILITY), GREATEST_PROBABILITY)
+        missed = np.zeros(len(share), dtype=np.bool_) if missed is None else missed
+        return self._models[sensor].probability(self._state.sensors[sensor], share, distance, missed)
 
     def mean_probability(self, sensor: int) -> float:
         """Return the probability with which a scan of a sensor holds a detection of what is in its sight."""
@@ -233,7 +234,6 @@ class _DetectionModel:
         self._prior = prior[:, None] * _PRIOR_WEIGHT
         self._clutter = detection.clutter
         self._bin = max(view.field.range for view in self._views.values()) / RANGE_BINS
-        self._middle = (np.arange(RANGE_BINS) + 0.5) * self._bin
         self._area = float(np.mean([view.area for view in self._views.values()]))
 
     def sight(
@@ -279,11 +279,15 @@ class _DetectionModel:
         taken = np.bincount(cell, weights=seen[clear], minlength=2 * RANGE_BINS).astype(np.float64)
         return expected.reshape(shape), taken.reshape(shape)
 
-    def rate(self, learnt: LearntDetection, distance: Floats, missed: Booleans | None) -> Floats:
-        """Return with which probability what is in sight is detected (k,), linear between the parts' middles."""
-        rates = (learnt.detected + self._prior) / (learnt.expected + _PRIOR_WEIGHT)
-        rate: Floats = np.interp(distance, self._middle, rates[0])
-        return rate if missed is None else np.where(missed, np.interp(distance, self._middle, rates[1]), rate)
+    def probability(self, learnt: LearntDetection, share: Floats, distance: Floats, missed: Booleans) -> Floats:
+        """Return with which probability obstacles are detected (k,), linear between the middles of parts."""
+        rates, limits = (learnt.detected + self._prior) / (learnt.expected + _PRIOR_WEIGHT), _PROBABILITIES
+        if compiled.in_use:
+            return compiled.kernels.detection_probabilities(share, distance, missed, rates, self._bin, *limits)
+        at = np.fmin(np.fmax(distance / self._bin - 0.5, 0.0), RANGE_BINS - 1)
+        lower, row = np.minimum(at.astype(np.intp), RANGE_BINS - 2), missed.astype(np.intp)
+        rate = rates[row, lower] + (at - lower) * (rates[row, lower + 1] - rates[row, lower])
+        return np.asarray(np.minimum(np.maximum(share * rate, limits[0]), limits[1]))
 
     def mean_rate(self, learnt: LearntDetection) -> float:
         """Return with which probability what is in sight, at any range, is detected."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import cos, exp, sin
@@ -17,7 +17,7 @@ from candaemon.config.tracker import TrackerSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import ACCELERATION, BIAS, POSITION, TURN, VELOCITY, reported
-from candaemon.estimation.measurement import Measurement, line_of_sight
+from candaemon.estimation.measurement import line_of_sight
 from candaemon.estimation.smoothing import Link
 from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
@@ -194,7 +194,7 @@ class VehicleTracker:
         self._predict(pose)
         link = self._smoother_link() if self._bodies.filter.linking else None
         if detections is not None:
-            detections = replace(detections, measurement=self._as_noisy(detections.measurement))
+            detections = self._as_noisy(detections)
             association = self._associate(detections)
             self._existence.observe(self._bodies, association, detections, pose)
             self._update(association, detections, pose)
@@ -214,7 +214,7 @@ class VehicleTracker:
             state, covariance = reported(moments.mean, moments.covariance)
             self.smoother_history = SmootherHistory(self._bodies.obstacles.id.copy(), state, covariance, *link)
         reported_existence = self._bodies.obstacles.existence if self._by_existence else None
-        return report(
+        found = report(
             self._bodies,
             pose,
             self._used(detections),
@@ -223,6 +223,8 @@ class VehicleTracker:
             self._reported(pose),
             reported_existence,
         )
+        self._bodies.changed()  # the next step begins with what follows from the state to the last bit, as one restored
+        return found
 
     def expected_positions(self, horizon: float) -> Floats:
         """Return where each detection of the latest update is expected after a time: (m, 2), local frame, m."""
@@ -231,7 +233,7 @@ class VehicleTracker:
         rows, bodies = self.update.reflection, self._bodies
         body = bodies.reflections.body[rows]
         mean = bodies.moments().mean[body]
-        bias = mean[:, BIAS] * np.exp(-horizon / self._of_leaders(self._bias_time)[body])[:, None]
+        bias = mean[:, BIAS] * np.exp(-horizon / self._bias_time()[body])[:, None]
         ahead = predicted_positions(mean, horizon) - mean[:, POSITION]
         hidden = self._hidden()
         drift = to_travel_axes(ahead, bodies.obstacles.axis[body])
@@ -282,7 +284,7 @@ class VehicleTracker:
         self._state.time_ns = time_ns
         bodies = self._bodies
         if dt > 0.0:
-            walk, bias_time = self._walks(pose), self._of_leaders(self._bias_time)
+            walk, bias_time = self._walks(pose), self._bias_time()
             bodies.filter.predict(dt, bodies.obstacles.axis, walk, self._hidden(), bias_time)
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
@@ -303,47 +305,40 @@ class VehicleTracker:
             link = Link(state, covariance, np.broadcast_to(np.eye(6), covariance.shape))
         return self._bodies.obstacles.id.copy(), link
 
-    def _of_leaders(self, told: Callable[[int], float | tuple[float, float]]) -> Floats:
+    def _of_leaders(self, told: Floats) -> Floats:
         """Return of each body (k, …) what is told of the sensor that its leading reflection is of."""
-        sensor = self._bodies.reflections.sensor.take(self._bodies.obstacles.leader)
-        numbers = (*range(int(sensor.max(initial=-1)) + 1), -1)  # the last one is that of no sensor, by its index
-        return np.array([told(number) for number in numbers], dtype=np.float64).take(sensor, axis=0)
+        return told.take(self._bodies.reflections.sensor.take(self._bodies.obstacles.leader), axis=0)
 
     def _hidden(self) -> Floats:
         """Return how surely the walk of its bias hides how each body moves across (k,), 0 to 1."""
-        if not any(map(self._walking, self._stated)):
+        walks = self._noise.walks()
+        if not walks.some:
             return np.zeros(len(self))
-        hidden = self._of_leaders(self._walking)
+        hidden = self._of_leaders(walks.surely)
         if hidden.any():
             across = to_travel_axes(self._bodies.moments().mean[:, VELOCITY], self._bodies.obstacles.axis)[:, 1]
             hidden *= np.exp(-np.square(across / _CROSSING))
         return hidden
 
-    def _walk(self, sensor: int) -> tuple[float, float]:
-        """Return how a sensor's reflections walk along and across, m²/s."""
-        return self._noise.walk(sensor) if sensor in self._stated else (0.0, 0.0)
-
     def _walks(self, pose: EgoPose) -> Floats:
         """Return how the bodies' biases walk along and across (k, 2), m²/s."""
-        walk = self._of_leaders(self._walk)
+        walks = self._noise.walks()
+        walk = self._of_leaders(walks.walk)
         if walk.any():
             distance = pose.to_vehicle(self._bodies.moments().mean[:, POSITION])
-            share, told = self._of_leaders(self._growth).T
+            share, told = self._of_leaders(walks.growth).T
             walk[:, 1] *= growing(share, told, np.hypot(distance[:, 0], distance[:, 1]))
         return walk
-
-    def _growth(self, sensor: int) -> tuple[float, float]:
-        """Return which share of the walk of a sensor's reflections grows with the range, and the range of that, m."""
-        return self._noise.growth(sensor) if sensor in self._stated else (0.0, 1.0)
 
     def _walking(self, sensor: int) -> float:
         """Return how surely a sensor's reflections walk across, 0 to 1."""
         return self._noise.walking(sensor) if sensor in self._stated else 0.0
 
-    def _bias_time(self, sensor: int) -> float:
-        """Return the time constant with which the bias of a sensor's reflections fades, s."""
+    def _bias_time(self) -> Floats:
+        """Return the time constants with which the bodies' biases fade (k,), s."""
         places = self._places
-        return places.bias_time + self._walking(sensor) * (places.walk_time - places.bias_time)
+        walking = self._of_leaders(self._noise.walks().surely)
+        return places.bias_time + walking * (places.walk_time - places.bias_time)
 
     def _alike(self, sensor: int) -> float:
         """Return how surely successive errors of a sensor are alike, 0 to 1: those of one that filters by itself."""
@@ -351,14 +346,15 @@ class VehicleTracker:
             return 0.0
         return 1.0 if self._noise.filters(sensor) else self._noise.walking(sensor)
 
-    def _as_noisy(self, measurement: Measurement) -> Measurement:
-        """Return a measurement as noisy as its sensor was found to be, where its reflections walk."""
+    def _as_noisy(self, detections: Detections) -> Detections:
+        """Return detections as noisy as their sensor was found to be, where its reflections walk."""
+        measurement = detections.measurement
         sensor = measurement.sensor
         if not self._walking(sensor) or not self._noise.known(sensor):
-            return measurement
+            return detections
         white, stated = self._noise.white(sensor), self._stated[sensor]
         share = np.clip(max(white[0] / stated[0], white[1] / stated[1]) ** 2, _LEAST_SHARE, 1.0)
-        return measurement.scaled(np.full(len(measurement.position), share))
+        return replace(detections, measurement=measurement.scaled(np.full(len(measurement.position), share)))
 
     def _observe_noise(self, detections: Detections, pose: EgoPose) -> None:
         """Let the noise of the sensor's reflections be learnt from what stands."""

@@ -201,7 +201,6 @@ def test_mixing_of_bodies(bodies: int, modes: Sequence[BodyMode], monkeypatch: p
     def computed() -> list[Floats]:
         tracked = bodies_of(bodies, modes)
         tracked._interact(0.05)
-        tracked._keep_moving()
         return told(tracked)
 
     both(monkeypatch, computed)
@@ -438,13 +437,12 @@ def test_measurements_of_bodies(extra: int, speeds: bool, monkeypatch: pytest.Mo
         measurement, body = scan_of(15, speeds).measurement, bodies.reflections.body[row]
         offset, variance = 4.0 * bodies.offsets(row), bodies.reflections.variance[row]
         seen, combined, rates = of_bodies(measurement, body, offset, variance, 2.0)
-        found = [seen.astype(np.float64), combined.position, combined.noise]
         if rates is not None:
-            parts = rates.components(bodies.moments().shown[seen])
-            assert len(parts) == (2 if extra else 1)
-            found += [each for part in parts for each in (part.slope, part.direction, part.value, part.variance)]
+            assert len(rates.components(bodies.moments().shown[seen])) == (2 if extra else 1)
+        bodies.filter.update(seen, combined, 0.5, rates)
         bodies.learn_offsets(row, measurement.position, measurement.noise, offset)
-        return [*found, bodies.reflections.offset, bodies.reflections.variance]
+        found = (combined.position, combined.noise, *told(bodies.filter))
+        return [seen.astype(np.float64), *found, bodies.reflections.offset, bodies.reflections.variance]
 
     both(monkeypatch, computed)
 
