@@ -38,6 +38,8 @@ _TOLD, TOLD_LENGTH = 0.1, 1.0  # m²; a width or length known better was told
 ENOUGH = 2.5  # m of a length; what showed so much is no rider
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 TRUCK_LENGTH, NARROW, WALKING = 7.0, 1.1, 3.5
+_LENGTHS = np.array([NARROW, ENOUGH, TRUCK_LENGTH])  # m, at which walkers, riders and cars end
+_WIDTHS = np.array([WALKER[1], RIDER[1], CAR_WIDTH, TRUCK_WIDTH])
 
 
 def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detections, dt: float) -> None:
@@ -58,6 +60,8 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
     if detections.heading is not None:
         _turn(bodies, body, detections.heading[rows])
     _note_size(bodies, body, detections, rows, dt)
+    if detections.length is not None and detections.width is None:
+        _suit_widths(bodies)
     _grow(bodies, detections.time_ns)
 
 
@@ -89,13 +93,14 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
 def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices, dt: float) -> None:
     """Take what stays a single reflection close by for something small: a walker, or a rider where it was faster."""
     obstacles, mean, x, y = bodies.obstacles, bodies.moments().mean, detections.x[rows], detections.y[rows]
+    size_variance = np.minimum(obstacles.length_variance, obstacles.width_variance)
     if compiled.in_use:
         compiled.kernels.note_sizes(
             obstacles.alone,
             obstacles.fastest,
             obstacles.length,
             obstacles.width,
-            obstacles.width_variance,
+            size_variance,
             obstacles.first_ns,
             mean,
             body,
@@ -123,10 +128,18 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     speed = np.sqrt(mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3])
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))
-    small = (obstacles.alone > _ALONE) & (obstacles.width_variance > _TOLD) & (obstacles.fastest > _MOVED)
+    small = (obstacles.alone > _ALONE) & (size_variance > _TOLD) & (obstacles.fastest > _MOVED)
     walks, rides = small & (obstacles.fastest < WALKING), small & (obstacles.fastest < _RIDING)
     obstacles.length = np.where(walks, WALKER[0], np.where(rides, RIDER[0], obstacles.length))
     obstacles.width = np.where(walks, WALKER[1], np.where(rides, RIDER[1], obstacles.width))
+
+
+def _suit_widths(bodies: Bodies) -> None:
+    """Let what is told to be as long as walkers, riders, cars or lorries be as wide, where no width is told."""
+    obstacles = bodies.obstacles
+    untold = (obstacles.length_variance < TOLD_LENGTH) & (obstacles.width_variance > _TOLD)
+    usual = _WIDTHS.take(np.searchsorted(_LENGTHS, obstacles.length))
+    obstacles.width = np.where(untold, usual, obstacles.width)
 
 
 def _grow(bodies: Bodies, time_ns: int) -> None:

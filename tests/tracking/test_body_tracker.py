@@ -17,7 +17,7 @@ from candaemon.estimation.outline import facing_point
 from candaemon.pipeline.cycle import Cycle
 from candaemon.playback.cycle_smoothing import CycleSmoother
 from candaemon.tracking.body_modes import STANDING as STANDS
-from candaemon.tracking.obstacles import CONFIRMED, PEDESTRIAN, STANDING, TRUCK, Obstacles
+from candaemon.tracking.obstacles import CAR, CONFIRMED, PEDESTRIAN, STANDING, TRUCK, TWO_WHEELER, Obstacles
 from tests.support.builders import HandFedVehicles, Seen, assert_sane, car, detections, place, pose, times
 from tests.support.effort import examples
 
@@ -238,6 +238,20 @@ def test_sizes_that_are_told_become_the_boxes() -> None:
         told = fed.scan(t, [car(0, t, 40.0)], length=np.array([5.2]), width=np.array([2.1]))
     assert told.length[0] == pytest.approx(5.2, abs=0.2)
     assert told.width[0] == pytest.approx(2.1, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("length", "width", "kind"), [(0.5, 0.6, PEDESTRIAN), (1.9, 0.7, TWO_WHEELER), (4.5, 1.8, CAR), (12.0, 2.5, TRUCK)]
+)
+def test_a_length_that_is_told_alone_tells_a_width(length: float, width: float, kind: int) -> None:
+    """A pedestrian of half a metre had the width of a car; a car close by that shows one reflection is no rider."""
+    fed = HandFedVehicles()
+    speed = 5.0 if length > 1.0 else 1.5
+    for t in times(1, 60):
+        told = fed.scan(t, [car(0, t, 15.0, speed=speed)], length=np.array([length]))
+    assert told.length[0] == pytest.approx(length, abs=0.1 * length)
+    assert told.width[0] == pytest.approx(width)
+    assert told.kind[0] == kind
 
 
 def test_the_reference_point_faces_us_and_belongs_to_the_box() -> None:
