@@ -25,7 +25,8 @@ Row: TypeAlias = tuple[int, int]
 ReadCondition: TypeAlias = CompiledCondition | TabulatedCondition | KnownCondition
 POSITION: Final = ("x", "y", "range", "azimuth")
 """Quantities without which an object is nowhere."""
-BOUNDED: Final = (*POSITION, "range_rate", "vx", "vy")
+SPEEDS: Final = ("range_rate", "vx", "vy")
+BOUNDED: Final = (*POSITION, *SPEEDS)
 """Quantities of which the ends of their signals are bounds: what is farther or faster is told as them."""
 
 

@@ -19,7 +19,7 @@ from candaemon.evaluation.tables import TRUTH_COLUMNS, TrackWriter, read_truth
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.bodies import CLASSES
 from candaemon.frames.frame import Frame
-from candaemon.objects.reader import BOUNDED
+from candaemon.objects.reader import SPEEDS
 from candaemon.objects.signals import SignalBinding
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.scan import Scan
@@ -100,7 +100,7 @@ def test_what_a_sensor_reports_is_what_its_frames_say(name: str) -> None:
 
 def _at_an_end(signal: SignalBinding, exact: Floats) -> Booleans:
     """Return which values (n,) a signal of a speed tells as one of its ends: they may be beyond it."""
-    if signal.quantity not in BOUNDED:
+    if signal.quantity not in SPEEDS:
         return np.zeros(len(exact), dtype=np.bool_)
     step = abs(signal.gain * signal.signal.scale)
     ends = [signal.gain * each + signal.bias for each in sendable_values(signal.signal)]
