@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from candaemon.dbc.database import LONGEST_FILE, load_database
+from candaemon.dbc.database import load_database
+from candaemon.dbc.database_bytes import LONGEST_FILE
 from candaemon.dbc.types import Database
 from candaemon.files.bounded import FileReader
 from tests.support.paths import DATA

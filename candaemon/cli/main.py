@@ -61,6 +61,7 @@ def main(argv: list[str] | None = None) -> int:
         The exit code.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices this small give its threads no work
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # else it asks each package there is for some
     standard_streams.prepare()
     console.log_to_stderr()
     try:

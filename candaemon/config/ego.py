@@ -24,7 +24,7 @@ class EgoCommon(Settings):
 
     bus: Name = Field(description="name of the bus")
     dbc: FilePath = Field(description="DBC file, relative to this YAML")
-    units: Units = Field(default_factory=Units, description="of signals without a unit of their own")
+    units: Units = Field(default_factory=Units.defaults, description="of signals without a unit of their own")
     age_limit: float = Field(0.5, gt=0, le=10, description="s without an update before ego motion counts as lost")
     dead_reckoning: float = Field(
         10.0, gt=0, le=600, description="s without an update before even dead reckoning is given up"
@@ -36,7 +36,7 @@ class EgoCommon(Settings):
     protection: dict[DbcName, InputProtectionSettings] = Field(
         default_factory=dict, description="of messages, by their names; default: none"
     )
-    plausibility: MotionPlausibilitySettings = Field(default_factory=MotionPlausibilitySettings)
+    plausibility: MotionPlausibilitySettings = Field(default_factory=MotionPlausibilitySettings.defaults)
 
 
 class InsSignals(Settings):
@@ -83,8 +83,10 @@ class InsSettings(EgoCommon):
 
     kind: Literal["ins"]
     signals: InsSignals
-    lever_arm: LeverArm = Field(default_factory=LeverArm, description="where the INS measures, in vehicle axes")
-    noise: InsNoise = Field(default_factory=InsNoise)
+    lever_arm: LeverArm = Field(
+        default_factory=LeverArm.defaults, description="where the INS measures, in vehicle axes"
+    )
+    noise: InsNoise = Field(default_factory=InsNoise.defaults)
     smoothing: float = Field(0.1, ge=0, le=2, description="s, time constant of yaw rate and acceleration derived here")
     gnss: GnssSettings | None = Field(
         None, description="how latitude and longitude place the local frame on earth; default: they do not"
@@ -176,8 +178,8 @@ class OdometrySettings(EgoCommon):
     kind: Literal["odometry"]
     signals: OdometrySignals
     track_width: float = Field(1.6, gt=0.5, le=4, description="m between the wheels whose speeds differ in a turn")
-    noise: OdometryNoise = Field(default_factory=OdometryNoise)
-    bias: BiasSettings = Field(default_factory=BiasSettings)
+    noise: OdometryNoise = Field(default_factory=OdometryNoise.defaults)
+    bias: BiasSettings = Field(default_factory=BiasSettings.defaults)
     smoothing: float = Field(0.1, ge=0, le=2, description="s, time constant of the acceleration derived here")
 
 

@@ -30,7 +30,7 @@ class _RandomWalk(Settings):
         "(m/s⁴)²/Hz for jerk; or {along, across}"
     )
     wander: Pair = Field(
-        default_factory=lambda: AlongAcross(along=0, across=0),
+        default_factory=lambda: AlongAcross.defaults(along=0.0, across=0.0),
         description="m²/s, random walk of the reflection over the vehicle",
     )
 
@@ -138,7 +138,8 @@ class EstimatorCommon(Settings):
     """What every estimator has."""
 
     measurement_noise: NoiseSettings = Field(
-        default_factory=FixedNoiseSettings, description="whether each track finds out how noisy its detections are"
+        default_factory=FixedNoiseSettings.defaults,
+        description="whether each track finds out how noisy its detections are",
     )
 
 
@@ -196,9 +197,9 @@ class CsEstimatorSettings(FirstAcceleration, StatisticalModelSettings):
 
 def _default_models() -> tuple[ModelSettings, ...]:
     return (
-        LinearModelSettings(kind="cv", noise=AlongAcross(along=1e-3, across=1e-3)),
-        LinearModelSettings(kind="ca", noise=AlongAcross(along=5.0, across=5.0)),
-        TurnModelSettings(kind="ct"),
+        LinearModelSettings.defaults(kind="cv", noise=AlongAcross.defaults(along=1e-3, across=1e-3)),
+        LinearModelSettings.defaults(kind="ca", noise=AlongAcross.defaults(along=5.0, across=5.0)),
+        TurnModelSettings.defaults(kind="ct"),
     )
 
 
@@ -248,7 +249,9 @@ class FederatedEstimatorSettings(FirstAcceleration, FirstTurnRate, FirstJerk):
 
     kind: Literal["federated"]
     model: ModelSettings = Field(
-        default_factory=lambda: LinearModelSettings(kind="ca", noise=AlongAcross(along=5.0, across=5.0)),
+        default_factory=lambda: LinearModelSettings.defaults(
+            kind="ca", noise=AlongAcross.defaults(along=5.0, across=5.0)
+        ),
         description="of every local filter",
     )
     outage: float = Field(

@@ -61,4 +61,6 @@ class GnssSettings(Settings):
         5.0, gt=0, le=600, description="s of nothing but refused fixes, after which the last of them is accepted"
     )
     hold: float = Field(60.0, gt=0, le=86_400, description="s after the last used fix until the place is unknown")
-    filter: FixFilterSettings = Field(default_factory=DriftFilterSettings, description="what smooths the fixes")
+    filter: FixFilterSettings = Field(
+        default_factory=DriftFilterSettings.defaults, description="what smooths the fixes"
+    )

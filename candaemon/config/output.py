@@ -36,9 +36,11 @@ class OutputSettings(Settings):
     dbc: FilePath = Field(description="DBC file, relative to this YAML")
     objects: ObjectFormat
     signals: dict[Quantity, ListedObjectSignals] = Field(description="quantity: the signal, or signals, it goes into")
-    units: Units = Field(default_factory=Units, description="of signals without a unit of their own")
+    units: Units = Field(default_factory=Units.defaults, description="of signals without a unit of their own")
     status: StatusFormat | None = Field(None, description="message sent once a cycle")
-    mount: Mount = Field(default_factory=Mount, description="axes the obstacles are written in; default: vehicle axes")
+    mount: Mount = Field(
+        default_factory=Mount.defaults, description="axes the obstacles are written in; default: vehicle axes"
+    )
     send: Literal["occupied", "all"] = Field(
         "occupied", description="occupied slots and freed ones once, or every slot each cycle"
     )
@@ -53,4 +55,4 @@ class OutputSettings(Settings):
     path_half_width: float = Field(
         1.8, gt=0, le=20, description="m, half the width of the path in which obstacles come first"
     )
-    protection: ProtectionSettings = Field(default_factory=ProtectionSettings)
+    protection: ProtectionSettings = Field(default_factory=ProtectionSettings.defaults)

@@ -44,4 +44,4 @@ class RecordingSettings(Settings):
     sync: bool = Field(False, description="force what is written onto the disk each time: the most a power cut loses")
     buffer: float = Field(8.0, ge=0.1, le=1024, description="MB that may wait for a slow disk before input is left out")
     retry: float = Field(5.0, ge=0.1, le=3600, description="s after which a disk that refused is tried again")
-    events: EventSettings = Field(default_factory=EventSettings)
+    events: EventSettings = Field(default_factory=EventSettings.defaults)

@@ -221,7 +221,7 @@ class TriggerScan(Settings):
     message: DbcName = Field(description="message that ends a scan; one of the objects' or another")
     when: dict[DbcName, RawValue] = Field(default_factory=dict, max_length=1, description=_MARK_WHEN)
     protection: InputProtectionSettings = Field(
-        default_factory=InputProtectionSettings, description="of the message, where it is none of the objects'"
+        default_factory=InputProtectionSettings.defaults, description="of the message, where it is none of the objects'"
     )
 
 
@@ -253,7 +253,7 @@ class HeaderScan(Settings):
         True, description="only the objects counted are sent; false: all slots are, count gives how many are occupied"
     )
     protection: InputProtectionSettings = Field(
-        default_factory=InputProtectionSettings, description="of the header message"
+        default_factory=InputProtectionSettings.defaults, description="of the header message"
     )
 
 
@@ -430,7 +430,7 @@ class SensorSettings(Settings):
     kind: Literal["radar", "lidar", "camera"] = Field("radar", description="what it is; shown to the user")
     bus: Name = Field(description="name of the bus")
     dbc: FilePath = Field(description="DBC file, relative to this YAML")
-    mount: Mount = Field(default_factory=Mount)
+    mount: Mount = Field(default_factory=Mount.defaults)
     cycle_time: float = Field(ge=0.001, le=2, description="s between scans")
     timeout: float = Field(0.03, gt=0, le=2, description="s after a scan's first frame until it is closed as it is")
     latency: float = Field(0.0, ge=-0.5, le=0.5, description="s from measurement to the scan's time stamp")
@@ -441,7 +441,7 @@ class SensorSettings(Settings):
     objects: ObjectFormat
     scan: ScanSettings
     signals: ObjectSignals
-    units: Units = Field(default_factory=Units, description="of signals without a unit of their own")
+    units: Units = Field(default_factory=Units.defaults, description="of signals without a unit of their own")
     noise: ObjectNoise
     rates: Literal["of_position", "over_ground", "absolute"] = Field(
         "of_position",
@@ -451,13 +451,13 @@ class SensorSettings(Settings):
     range_rates: Literal["relative", "absolute"] = Field(
         "relative", description="range_rate is that of the distance, or compensated for the own motion already"
     )
-    field_of_view: FieldOfView = Field(default_factory=FieldOfView)
+    field_of_view: FieldOfView = Field(default_factory=FieldOfView.defaults)
     looks: LookSettings | None = Field(
         None, description="looks with different fields of view, in turn; default: each scan sees field_of_view"
     )
-    detection: DetectionSettings = Field(default_factory=DetectionSettings)
-    protection: SensorProtectionSettings = Field(default_factory=SensorProtectionSettings)
-    plausibility: PlausibilitySettings = Field(default_factory=PlausibilitySettings)
+    detection: DetectionSettings = Field(default_factory=DetectionSettings.defaults)
+    protection: SensorProtectionSettings = Field(default_factory=SensorProtectionSettings.defaults)
+    plausibility: PlausibilitySettings = Field(default_factory=PlausibilitySettings.defaults)
     front_end: LfmFskSettings | None = Field(
         None, description="how the simulation makes range and range rate; default: truth with the noise above"
     )

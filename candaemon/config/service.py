@@ -29,5 +29,5 @@ class ServiceSettings(Settings):
     )
     status_interval: float = Field(60.0, ge=0, le=86_400, description="s between two status lines in the log; 0: none")
     log: Literal["text", "json"] = Field("text", description="form of the log's lines")
-    recording: RecordingSettings = Field(default_factory=RecordingSettings)
-    metrics: MetricsSettings = Field(default_factory=MetricsSettings)
+    recording: RecordingSettings = Field(default_factory=RecordingSettings.defaults)
+    metrics: MetricsSettings = Field(default_factory=MetricsSettings.defaults)

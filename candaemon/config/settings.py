@@ -57,22 +57,26 @@ class Config(Settings):
     buses: dict[Name, BusSettings] = Field(min_length=1, description="CAN buses by name")
     ego: EgoSettings = Field(description="ego motion")
     sensors: dict[Name, SensorSettings] = Field(min_length=1, description="sensors by name")
-    tracker: TrackerSettings = Field(default_factory=TrackerSettings, description="how detections become obstacles")
+    tracker: TrackerSettings = Field(
+        default_factory=TrackerSettings.defaults, description="how detections become obstacles"
+    )
     groups: dict[Name, GroupSettings] = Field(
         default_factory=dict, description="sensors tracked on their own, by group name; default: all together"
     )
     calibration: CalibrationSettings = Field(
-        default_factory=CalibrationSettings, description="what is estimated of the sensors while driving"
+        default_factory=CalibrationSettings.defaults, description="what is estimated of the sensors while driving"
     )
     output: OutputSettings | None = Field(None, description="how obstacles go onto a bus; default: they do not")
     ordering_window: float = Field(
         0.0, ge=0, le=1, description="s, frames of several buses are put in order of time within it"
     )
     supervision: SupervisionSettings = Field(
-        default_factory=SupervisionSettings, description="when something counts as silent, lost, degraded"
+        default_factory=SupervisionSettings.defaults, description="when something counts as silent, lost, degraded"
     )
-    trust: TrustSettings = Field(default_factory=TrustSettings, description="when a sensor is weighted down or cut off")
-    service: ServiceSettings = Field(default_factory=ServiceSettings, description="how `candaemon run` serves")
+    trust: TrustSettings = Field(
+        default_factory=TrustSettings.defaults, description="when a sensor is weighted down or cut off"
+    )
+    service: ServiceSettings = Field(default_factory=ServiceSettings.defaults, description="how `candaemon run` serves")
 
     @property
     def output_cycle_time(self) -> float:

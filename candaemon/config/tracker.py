@@ -24,7 +24,7 @@ MOST_TRACKS: Final = 4096
 """Reflections that a tracker can be asked to keep."""
 
 
-RANGES_ESTIMATOR: Final = MlkfEstimatorSettings(kind="mlkf")
+RANGES_ESTIMATOR: Final = MlkfEstimatorSettings.defaults(kind="mlkf")
 """Of sensors of ranges alone, where the configuration names none."""
 
 
@@ -141,7 +141,7 @@ class LifecycleSettings(Settings):
         "nothing can see it, only remembered",
     )
     first_speed: Pair = Field(
-        default_factory=lambda: AlongAcross(along=25.0, across=5.0),
+        default_factory=lambda: AlongAcross.defaults(along=25.0, across=5.0),
         description="m/s, standard deviation over ground of an unknown target, along and across our own heading",
     )
 
@@ -161,11 +161,11 @@ class LifecycleSettings(Settings):
 class TrackerSettings(Settings):
     """How detections become obstacles."""
 
-    estimator: EstimatorSettings = Field(default_factory=lambda: VehicleEstimatorSettings(kind="vehicle"))
-    travel: TravelSettings = Field(default_factory=TravelSettings)
-    association: AssociationSettings = Field(default_factory=AssociationSettings)
-    reflections: ReflectionSettings = Field(default_factory=ReflectionSettings)
-    lifecycle: LifecycleSettings = Field(default_factory=LifecycleSettings)
+    estimator: EstimatorSettings = Field(default_factory=lambda: VehicleEstimatorSettings.defaults(kind="vehicle"))
+    travel: TravelSettings = Field(default_factory=TravelSettings.defaults)
+    association: AssociationSettings = Field(default_factory=AssociationSettings.defaults)
+    reflections: ReflectionSettings = Field(default_factory=ReflectionSettings.defaults)
+    lifecycle: LifecycleSettings = Field(default_factory=LifecycleSettings.defaults)
     max_tracks: int = Field(
         512, ge=1, le=MOST_TRACKS, description="reflections kept at once; what comes beyond is counted and dropped"
     )
@@ -175,7 +175,7 @@ class GroupSettings(Settings):
     """Sensors that are tracked on their own, apart from the others."""
 
     sensors: tuple[Name, ...] = Field(min_length=1, description="names of the sensors")
-    tracker: TrackerSettings = Field(default_factory=TrackerSettings)
+    tracker: TrackerSettings = Field(default_factory=TrackerSettings.defaults)
     fusion: Literal["central", "federated", "trilateration", "tracks"] = Field(
         "central",
         description="central: one filter takes all scans; federated: a local filter for each sensor, fused after every "

@@ -105,13 +105,13 @@ class VehicleEstimatorSettings(Settings):
     """One interacting multiple model filter an obstacle, for the motion of its body; see docs/estimators.md."""
 
     kind: Literal["vehicle"]
-    cruising: CruisingSettings = Field(default_factory=CruisingSettings)
-    manoeuvring: ManoeuvringSettings = Field(default_factory=ManoeuvringSettings)
-    turning: TurningSettings = Field(default_factory=TurningSettings)
-    standing: StandingSettings = Field(default_factory=StandingSettings)
-    sliding: SlidingSettings = Field(default_factory=SlidingSettings)
-    free: FreeSettings = Field(default_factory=FreeSettings)
-    reflections: ReflectionPlaceSettings = Field(default_factory=ReflectionPlaceSettings)
+    cruising: CruisingSettings = Field(default_factory=CruisingSettings.defaults)
+    manoeuvring: ManoeuvringSettings = Field(default_factory=ManoeuvringSettings.defaults)
+    turning: TurningSettings = Field(default_factory=TurningSettings.defaults)
+    standing: StandingSettings = Field(default_factory=StandingSettings.defaults)
+    sliding: SlidingSettings = Field(default_factory=SlidingSettings.defaults)
+    free: FreeSettings = Field(default_factory=FreeSettings.defaults)
+    reflections: ReflectionPlaceSettings = Field(default_factory=ReflectionPlaceSettings.defaults)
     acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the acceleration")
     turn_time: float = Field(
         1.5, gt=0.05, le=60, description="s, correlation time of the turn rate of what manoeuvres or turns"

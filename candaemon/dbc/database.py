@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
 from candaemon.dbc import bits
+from candaemon.dbc.database_bytes import read_database
 from candaemon.dbc.lint import FD_LENGTH, Lint, Report
 from candaemon.dbc.types import Database, Diagnostic, MessageSpec, SignalSpec
 from candaemon.errors import DatabaseError
@@ -38,9 +39,6 @@ if TYPE_CHECKING:
 
 CLASSIC_LENGTH: Final = 8
 """Payload bytes of a classic CAN frame, at most."""
-
-LONGEST_FILE: Final = 8 << 20
-"""Bytes of a DBC file, at most."""
 
 LONGEST_STATEMENT: Final = 1 << 20
 """Characters of a statement, at most."""
@@ -99,23 +97,6 @@ def load_database(path: Path, read: FileReader = read_bounded) -> Database:
         DatabaseError: the file cannot be read, or no message is left in it.
     """
     return parse_database(read_database(path, read), path)
-
-
-def read_database(path: Path, read: FileReader = read_bounded) -> bytes:
-    """Read a DBC file's bytes.
-
-    Args:
-        path: the file.
-        read: reads it.
-
-    Raises:
-        DatabaseError: it cannot be read.
-    """
-    try:
-        return read(path, LONGEST_FILE)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise DatabaseError(f"cannot be read ({reason}); expected a DBC file", file=path) from error
 
 
 def parse_database(content: bytes, path: Path) -> Database:

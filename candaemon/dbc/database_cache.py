@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from candaemon._version import __version__
-from candaemon.dbc.database import load_database, parse_database, read_database
+from candaemon.dbc.database_bytes import read_database
 from candaemon.dbc.types import Database, Diagnostic, MessageSpec, SignalSpec
 from candaemon.errors import InputError
 from candaemon.files.bounded import FileReader, read_bounded
@@ -71,14 +71,14 @@ def load_cached(path: Path, read: FileReader = read_bounded, folder: Path | None
     Raises:
         DatabaseError: the file cannot be read, or no message is left in it.
     """
-    if folder is None:
-        return load_database(path, read)
     content = read_database(path, read)
+    if folder is None:
+        return _parsed(content, path)
     name = entry_name(content)
     known = _find(folder, name, path)
     if known is not None:
         return known
-    database = parse_database(content, path)
+    database = _parsed(content, path)
     _keep(folder, name, database)
     return database
 
@@ -87,6 +87,13 @@ def entry_name(content: bytes) -> str:
     """Return the name of the entry of a DBC file's bytes, as these versions parse it."""
     parsers = "\0".join((_FORM, __version__, version("cantools")))
     return sha256(parsers.encode() + b"\0" + content).hexdigest() + _SUFFIX
+
+
+def _parsed(content: bytes, path: Path) -> Database:
+    """Return what a file's bytes hold."""
+    from candaemon.dbc.database import parse_database  # noqa: PLC0415  # its patterns take longer than reading an entry
+
+    return parse_database(content, path)
 
 
 def _find(folder: Path, name: str, path: Path) -> Database | None:

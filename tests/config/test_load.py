@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import jsonschema
 import pytest
 import yaml
 
+from candaemon.config.base import Settings
 from candaemon.config.buses import BusSettings
 from candaemon.config.load import LoadedConfig, json_schema, load_config
 from candaemon.config.settings import Config
@@ -214,3 +216,26 @@ def test_schema_refuses_what_loading_refuses() -> None:
 def test_no_bus_is_called_as_ticks_are(key: str) -> None:
     with pytest.raises(ValueError, match="tick"):
         BusSettings.model_validate({"channel": "can0", key: "tick"})
+
+
+def all_settings(base: type[Settings] = Settings) -> Iterator[type[Settings]]:
+    for each in base.__subclasses__():
+        yield each
+        yield from all_settings(each)
+
+
+def test_defaults_that_are_not_checked_are_what_checking_them_gives() -> None:
+    found = 0
+    for settings in all_settings():
+        for name, field in settings.model_fields.items():
+            if field.default_factory is None:
+                continue
+            value = field.get_default(call_default_factory=True)
+            for each in value if isinstance(value, tuple) else (value,):
+                if isinstance(each, Settings):
+                    given = each.model_dump(exclude_unset=True, by_alias=True)
+                    checked = type(each).model_validate(given)
+                    assert repr(each) == repr(checked), f"{settings.__name__}.{name}"
+                    assert each == checked
+                    found += 1
+    assert found > 40

@@ -31,7 +31,7 @@ def parsed(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
         paths.append(path)
         return parse(content, path)
 
-    monkeypatch.setattr(database_cache, "parse_database", noted)
+    monkeypatch.setattr("candaemon.dbc.database.parse_database", noted)  # imported when a file is parsed
     return paths
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from candaemon.dbc import bits, database, lint
 from candaemon.dbc.database import load_database
+from candaemon.dbc.database_bytes import LONGEST_FILE
 from candaemon.dbc.single_codec import compile_decoder, compile_encoder
 from candaemon.dbc.types import Database, MessageSpec, SignalSpec
 from candaemon.errors import DatabaseError
@@ -130,9 +131,9 @@ def test_multiplexers_within_multiplexers_are_read(tmp_path: Path) -> None:
 
 def test_a_file_may_have_so_many_bytes(tmp_path: Path) -> None:
     text = (MESSAGE + RANGE).encode()
-    load(tmp_path, text.ljust(database.LONGEST_FILE))
+    load(tmp_path, text.ljust(LONGEST_FILE))
     with pytest.raises(DatabaseError, match=r"some\.dbc: cannot be read \(it is longer than 8,388,608 bytes"):
-        load(tmp_path, text.ljust(database.LONGEST_FILE + 1))
+        load(tmp_path, text.ljust(LONGEST_FILE + 1))
 
 
 def test_a_statement_may_have_so_many_characters(tmp_path: Path) -> None:

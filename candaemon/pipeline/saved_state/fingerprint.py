@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 from candaemon.binding.bound import Binding
-from candaemon.dbc.database import LONGEST_FILE
+from candaemon.dbc.database_bytes import LONGEST_FILE
 from candaemon.files.bounded import read_bounded
 from candaemon.printable import printable
 
