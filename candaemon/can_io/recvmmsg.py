@@ -48,20 +48,22 @@ _LENGTHS = struct.Struct("@PIPNPNi0NI0N")
 class DatagramBatch:
     """Room for datagrams and what the kernel says beside each of them.
 
-    A record is a datagram followed by its control messages, both in the room given, whatever of it is filled.
+    A record is a datagram followed by its control messages and its sender's address, all in the room given, whatever of
+    it is filled.
 
     Args:
         count: datagrams received in one call at most.
         size: longest datagram in bytes; a multiple of 8, which keeps the control messages aligned.
         control: bytes for the control messages of each, as CMSG_SPACE adds them up; a multiple of the word size.
+        sender: bytes for the address of each one's sender; likewise.
 
     Attributes:
         count: as given.
     """
 
-    def __init__(self, count: int, size: int, control: int) -> None:
+    def __init__(self, count: int, size: int, control: int, sender: int = 0) -> None:
         self.count = count
-        self._stride = size + control
+        self._stride = size + control + sender
         self._room = ctypes.create_string_buffer(count * self._stride)
         self._headers = (_MMsgHdr * count)()
         start = ctypes.addressof(self._room)
@@ -69,7 +71,8 @@ class DatagramBatch:
         start_of_vectors = ctypes.addressof(self._vectors)
         for k, header in enumerate(self._headers):
             vector = start_of_vectors + k * ctypes.sizeof(_IoVec)
-            header.hdr = _MsgHdr(iov=vector, iovlen=1, control=start + k * self._stride + size, controllen=control)
+            beside = start + k * self._stride + size
+            header.hdr = _MsgHdr(beside + control, sender, vector, 1, beside, control)
         self._blank = bytes(self._headers)  # the kernel writes over the lengths
         self._records = memoryview(self._room)
         self._lengths = memoryview(self._headers).cast("B")

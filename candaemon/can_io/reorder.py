@@ -158,6 +158,13 @@ class ReorderBuffer:
             self._passed_ns = due[-1][0]
         return due
 
+    def push_all(self, items: list[TimedItem]) -> list[TimedItem]:
+        """Take items; return what pushing them one by one would pass on."""
+        if self._passes_untouched(items):
+            self._newest_ns = self._passed_ns = items[-1][0]
+            return items
+        return [due for item in items for due in self.push(item)]
+
     def tune(self, window_ns: int, *, max_gap_ns: int | None = None) -> None:
         """Go on with another window and gap, as the constructor takes them; to be called when nothing is held back."""
         self._window_ns, self._max_gap_ns = window_ns, max_gap_ns
@@ -190,7 +197,7 @@ class ReorderBuffer:
         if self._window_ns or self.offset_ns or batch != sorted(batch, key=_time_of):
             return False
         first_ns, last_ns = batch[0][0], batch[-1][0]
-        newest_ns = first_ns if self._newest_ns is None else self._newest_ns
+        newest_ns = max(first_ns, 0) if self._newest_ns is None else self._newest_ns
         pause_ns = last_ns - newest_ns
         return newest_ns <= first_ns and pause_ns <= self._longest_pause_ns and last_ns <= LAST_PAUSE_NS
 

@@ -21,7 +21,7 @@ from candaemon.can_io import timestamps
 from candaemon.can_io.port import Controller, PortCounts, PortRequest
 from candaemon.can_io.receive_buffer import SO_RXQ_OVFL, ReceiveDrops, size_receive_buffer
 from candaemon.can_io.recvmmsg import DatagramBatch
-from candaemon.frames.frame import EXTENDED, Frame
+from candaemon.frames.frame import EXTENDED, Frame, make_frame
 from candaemon.frames.frame_block import FD_LENGTHS
 
 ERROR_FLAG = 0x2000_0000
@@ -311,7 +311,7 @@ class SocketCanPort:
             elif size not in FD_LENGTHS:
                 self._counts.malformed += 1
             else:
-                frames.append(Frame(time_ns, self._index, can_id, data[:size], fd))
+                frames.append(make_frame((time_ns, self._index, can_id, data[:size], fd)))
 
 
 def receive_filters(ids: Collection[int]) -> bytes:

@@ -19,21 +19,31 @@ from typing import Any
 
 from candaemon.can_io.port import Controller, PortRequest
 from candaemon.can_io.receive_buffer import SO_RXQ_OVFL, ReceiveDrops, size_receive_buffer
-from candaemon.frames.frame import EXTENDED, Frame
+from candaemon.can_io.recvmmsg import DatagramBatch
+from candaemon.frames.frame import EXTENDED, Frame, make_frame
 from candaemon.frames.frame_block import FD_LENGTHS
 
 PORT = 43_113
 """UDP port where the options give none, as python-can has it."""
 
 _SO_TIMESTAMPNS, _IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 35, 49, 29  # Linux; the socket module does not name them
-_STAMP, _DROPS, _INDEX = struct.Struct("@ll"), struct.Struct("@I"), struct.Struct("@I")
-_CONTROL = socket.CMSG_SPACE(_STAMP.size) + socket.CMSG_SPACE(_DROPS.size)
-_LONGEST = 4096
-_BATCH = 256
+_INDEX = struct.Struct("@I")
+_HEADER = f"{struct.calcsize('@Nii')}x"
+_CONTROL = struct.calcsize("@Nii2l0NNiiI0N")
+_LONGEST = 512
+"""Bytes of a datagram; a CAN FD frame's has 230."""
+_RECORD = f"@{_LONGEST}s {_HEADER}2l0N {_HEADER}I0N"
+"""A datagram, when it came in s and ns, and SO_RXQ_OVFL's count; its sender follows."""
+_BATCH = 64
 _DATAGRAM_BYTES = 1280
 """What a datagram takes of a receive buffer: a classic frame 832 with the kernel's book-keeping, CAN FD more."""
 _FULL = (errno.EAGAIN, errno.ENOBUFS)
 _ID_29, _ID_11, _CLASSIC = 0x1FFF_FFFF, 0x7FF, 8
+_TIME = b"\x8b\xa9timestamp\xcb"
+"""How python-can's datagrams begin; eight bytes of time follow."""
+_DATA = b"\xa4data\xc4"
+"""What stands before the payload's length and the payload."""
+_MOST_KINDS = 4096
 
 
 class UdpMulticastPort:
@@ -63,13 +73,16 @@ class UdpMulticastPort:
         family, address, hops = _where(request.settings.channel, **options)
         with ExitStack() as opened:
             self._sending = opened.enter_context(_sender(family, address, hops))
-            self._own = self._sending.getsockname()
+            self._own = _sockaddr(*self._sending.getsockname())
             self._hearing = self._sending
             if request.ids is None or request.ids:
                 self._hearing = opened.enter_context(_listener(family, address))
                 size_receive_buffer(self._hearing, request, _DATAGRAM_BYTES)
             self._family, self._address = family, address
             self._drops = ReceiveDrops(self._hearing, request.counts)
+            self._record = struct.Struct(f"{_RECORD} {len(self._own)}s 0N")
+            self._datagrams = DatagramBatch(_BATCH, _LONGEST, _CONTROL, self._record.size - _LONGEST - _CONTROL)
+            self._kinds: dict[tuple[bytes, int, bytes], tuple[int, bool]] = {}
             self._opened = opened.pop_all()
 
     def fileno(self) -> int:
@@ -129,32 +142,53 @@ class UdpMulticastPort:
 
     def _take(self, limit: int, frames: list[Frame]) -> int:
         """Append the frames of what has come; count the rest. Return how many datagrams it was, `limit` at most."""
-        recvmsg, own = self._hearing.recvmsg, self._own
-        for taken in range(limit):
+        datagrams, own, drops, descriptor = self._datagrams, self._own, self._drops, self._hearing.fileno()
+        taken = 0
+        while taken < limit:
+            asked = min(limit - taken, _BATCH)
             try:
-                content, control, _, sender = recvmsg(_LONGEST, _CONTROL)
-            except BlockingIOError:
-                return taken
+                number = datagrams.receive(descriptor, asked)
             except OSError:
                 if frames:  # an error that lasts comes again
                     return taken
                 raise
-            if len(control) > 1:
-                self._count_lost(control)
-            if sender != own:
-                frame = self._frame(content, _time_ns(control))
-                if frame is not None:
-                    frames.append(frame)
-        return limit
-
-    def _count_lost(self, control: list[tuple[int, int, bytes]]) -> None:
-        """Count the datagrams that found no room before this one; the kernel reports them once there were any."""
-        for _, kind, data in control:
-            if kind == SO_RXQ_OVFL:
-                self._drops.note(int(_DROPS.unpack(data)[0]))
+            taken += number
+            for (size, control), record in zip(
+                datagrams.lengths(number), datagrams.records(number, self._record), strict=False
+            ):
+                content, seconds, nanoseconds, lost, sender = record
+                if control == _CONTROL and lost != drops.in_all:
+                    drops.note(lost)
+                if sender != own:
+                    time_ns = seconds * 1_000_000_000 + nanoseconds if control else time.time_ns()
+                    frame = self._frame(content[:size] if size < _LONGEST else b"", time_ns)
+                    if frame is not None:
+                        frames.append(frame)
+            if number < asked:
+                break
+        return taken
 
     def _frame(self, content: bytes, time_ns: int) -> Frame | None:
-        """Return a datagram's data frame; None, and counted, if it is none."""
+        """Return a datagram's data frame; None, and counted, if it is none.
+
+        Datagrams that differ in nothing but their time and payload are read once by their keys: to do so for each costs
+        more than all else.
+        """
+        before, _, behind = content.partition(_DATA)
+        end = behind[0] + 1 if behind else 0
+        kind = before[len(_TIME) + 8 :], end, behind[end:]
+        known = self._kinds.get(kind) if before.startswith(_TIME) and len(behind) >= end else None
+        if known is not None:
+            can_id, fd = known
+            return make_frame((time_ns, self._index, can_id, behind[1:end], fd))
+        frame = self._read(content, time_ns)
+        plain = kind[0] and before.startswith(_TIME) and len(self._kinds) < _MOST_KINDS
+        if frame is not None and plain and frame.data == behind[1:end]:
+            self._kinds[kind] = frame.can_id, frame.fd
+        return frame
+
+    def _read(self, content: bytes, time_ns: int) -> Frame | None:
+        """Return a datagram's data frame by its keys; None, and counted, if it is none."""
         try:
             message = self._unpack(content, raw=True)  # keys as bytes: to decode eleven names costs as much as all else
             if message[b"is_error_frame"]:
@@ -182,14 +216,6 @@ class UdpMulticastPort:
         return Frame(time_ns, self._index, can_id | EXTENDED if extended else can_id, data, fd)
 
 
-def _time_ns(control: list[tuple[int, int, bytes]]) -> int:
-    """Return when a datagram came, ns; the first control message, where the kernel was asked for it."""
-    if not control:
-        return time.time_ns()
-    seconds, nanoseconds = _STAMP.unpack(control[0][2])
-    return int(seconds * 1_000_000_000 + nanoseconds)
-
-
 def _message(frame: Frame) -> dict[str, Any]:
     """Return a frame as the map that python-can packs."""
     return {
@@ -205,6 +231,15 @@ def _message(frame: Frame) -> dict[str, Any]:
         "bitrate_switch": frame.fd,
         "error_state_indicator": False,
     }
+
+
+def _sockaddr(host: str, port: int, *of_ipv6: int) -> bytes:
+    """Return the kernel's form of an address that Python gives: of IPv6, flow and scope come behind the port."""
+    if not of_ipv6:
+        return struct.pack("@HH4s8x", socket.AF_INET, socket.htons(port), socket.inet_aton(host))
+    flow, scope = of_ipv6
+    packed = socket.inet_pton(socket.AF_INET6, host.partition("%")[0])
+    return struct.pack("@HHI16sI", socket.AF_INET6, socket.htons(port), socket.htonl(flow), packed, scope)
 
 
 def _where(group: str, port: int = PORT, hop_limit: int = 1) -> tuple[socket.AddressFamily, Any, int]:

@@ -136,8 +136,7 @@ class Daemon:
         frames = self.buses.read(timeout_s, coalescing_s)
         self._distinguish_pause_from_clock_step(frames)
         self.received += len(frames)
-        push = self.sequence.push
-        self._process([item for each in frames or (Tick(now_ns),) for item in push(each)])
+        self._process(self.sequence.push_all([*frames] if frames else [Tick(now_ns)]))
 
     def finish(self) -> None:
         """Process what the reorder buffer holds, and close the open scans."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Callable, Container, Iterable
 from functools import partial
-from typing import Any, Final, NamedTuple, cast
+from typing import Final, NamedTuple, cast
 
 EXTENDED = 0x8000_0000
 """Set in `Frame.can_id` for a 29-bit identifier, as SocketCAN's CAN_EFF_FLAG."""
@@ -28,8 +28,8 @@ class Frame(NamedTuple):
     fd: bool = False
 
 
-_make: Final = cast("Any", partial(tuple.__new__, Frame))
-"""Frame(…) and Frame._make(…) are Python calls; this one stays in C."""
+make_frame: Final = cast("Callable[[tuple[int, int, int, bytes, bool]], Frame]", partial(tuple.__new__, Frame))
+"""Makes a frame of the tuple of its fields. Frame(…) and Frame._make(…) are Python calls; this one stays in C."""
 
 
 def frames_at(time_ns: int, bus: int, payloads: Iterable[tuple[int, bytes]], fd_ids: Container[int]) -> list[Frame]:
@@ -41,7 +41,7 @@ def frames_at(time_ns: int, bus: int, payloads: Iterable[tuple[int, bytes]], fd_
         payloads: CAN id and payload of each.
         fd_ids: the identifiers of CAN FD frames.
     """
-    return [_make((time_ns, bus, can_id, data, can_id in fd_ids)) for can_id, data in payloads]
+    return [make_frame((time_ns, bus, can_id, data, can_id in fd_ids)) for can_id, data in payloads]
 
 
 class Tick(NamedTuple):

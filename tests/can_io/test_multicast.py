@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import select
 import socket
+import struct
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -12,6 +13,7 @@ from typing import Any
 
 import can
 import pytest
+from can.interfaces.udp_multicast.utils import pack_message
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -235,7 +237,34 @@ def test_of_a_flood_of_garbage_each_datagram_is_counted(bench: Bench) -> None:
     assert counts.malformed > 0
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # the port keeps nothing from one to the next
+MARK = b"\xa4data\xc4"
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # what a port keeps makes no difference
+@given(
+    messages=st.lists(
+        st.tuples(
+            st.sampled_from([0x10, 0x7FF, 0x6461_7461]),
+            st.sampled_from([b"", b"\x01\x02", b"ab" + MARK, MARK + b"\x00", bytes(12)]),
+            st.sampled_from([1.5, 2.5, *struct.unpack(">2d", b"a" + MARK + b"\x00" + MARK + b"\x02\x00")]),
+            st.booleans(),
+            st.integers(-20, 2),
+        ),
+        max_size=8,
+    )
+)
+def test_a_datagram_of_a_known_kind_is_what_its_keys_say(
+    bench: Bench, messages: list[tuple[int, bytes, float, bool, int]]
+) -> None:
+    for can_id, data, time_s, remote, cut in messages:
+        told = pack_message(message(can_id, data, is_extended_id=can_id > 0x7FF, is_fd=len(data) > 8))
+        told = msgpack.packb(msgpack.unpackb(told) | {"timestamp": time_s, "is_remote_frame": remote})
+        content = told[:cut] if cut < 0 else told + bytes(cut)
+        for _ in range(2):
+            assert bench.port._frame(content, 7) == bench.port._read(content, 7)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # what a port keeps makes no difference
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_frame_or_counted(bench: Bench, content: bytes) -> None:
     counts = bench.port._counts

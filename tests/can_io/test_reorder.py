@@ -30,13 +30,18 @@ def relative(items: list[TimedItem]) -> list[int]:
 
 
 def run(sequencer: ReorderBuffer, items: list[TimedItem]) -> list[TimedItem]:
-    """Both ways to use a sequencer must agree."""
-    other = ReorderBuffer(sequencer._window_ns, step_ns=sequencer._step_ns, max_gap_ns=sequencer._max_gap_ns)
+    """All ways to use a sequencer must agree."""
+    other, third = (
+        ReorderBuffer(sequencer._window_ns, step_ns=sequencer._step_ns, max_gap_ns=sequencer._max_gap_ns)
+        for _ in range(2)
+    )
     pushed = [out for item in items for out in other.push(item)] + other.flush()
     found = list(sequencer.sequenced(items))
-    assert found == pushed
+    together = [out for k in range(0, len(items), 7) for out in third.push_all(items[k : k + 7])] + third.flush()
+    assert found == pushed == together
     names = ("late", "reordered", "backward_steps", "forward_steps", "offset_ns")
-    assert [getattr(sequencer, name) for name in names] == [getattr(other, name) for name in names]
+    for each in (sequencer, third):
+        assert [getattr(each, name) for name in names] == [getattr(other, name) for name in names]
     return found
 
 
@@ -196,6 +201,7 @@ def test_a_live_clock_out_of_range_is_a_step(time_ns: int, forward: int, backwar
     first, second = sequencer.push(Tick(time_ns))[0].time_ns, sequencer.push(Tick(time_ns + 5))[0].time_ns
     assert 0 <= first <= LAST_PAUSE_NS
     assert second - first == 5
+    assert [each.time_ns for each in ReorderBuffer().push_all([Tick(time_ns), Tick(time_ns + 5)])] == [first, second]
     assert (sequencer.forward_steps, sequencer.backward_steps) == (forward, backward)
 
 
