@@ -42,6 +42,8 @@ from candaemon.radar.selection import Selection
 UNKNOWN: Final = -1
 """Frames awaited where a scan does not say how many it has: it is counted down from here and never reaches 0."""
 LONGEST_PAYLOAD: Final = 64
+BUNCH: Final = 4
+"""Frames that come at once at most: adapters on USB deliver some together."""
 
 
 @dataclass(slots=True)
@@ -214,8 +216,9 @@ class ScanAssembler(ABC):
     def closes_after_ns(self, now_ns: int, frame_ns: int) -> int:
         """Return a time before which no frame closes the open scan, or the next where none is open.
 
-        A scan that lacks n frames lacks them for the time that n − 1 take on the bus: one may be all but there. No scan
-        follows another within half a cycle. Where frames were lost the next scan's may come sooner, and close it.
+        A scan that lacks n frames lacks them for the time that they take on the bus, but for those that an adapter may
+        deliver together. No scan follows another within half a cycle. Where frames were lost the next scan's may come
+        sooner, and close it.
 
         Args:
             now_ns: a time by which all frames that had come were received.
@@ -223,7 +226,7 @@ class ScanAssembler(ABC):
         """
         state = self._state
         awaited = state.awaited if state.is_open else self._awaits()
-        return max(now_ns + (awaited - 1) * frame_ns, state.closed_ns + self._half_cycle_ns)
+        return max(now_ns + (awaited - BUNCH) * frame_ns, state.closed_ns + self._half_cycle_ns)
 
     @property
     def valid_share(self) -> float:

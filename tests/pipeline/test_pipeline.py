@@ -17,6 +17,7 @@ from candaemon.ego.pose import EgoStatus
 from candaemon.frames.frame import EXTENDED, Frame, Tick
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
+from candaemon.radar.assembly import BUNCH
 from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import simulate
 from candaemon.tracking.obstacles import COASTING, CONFIRMED
@@ -160,14 +161,14 @@ def test_no_cycle_comes_while_frames_may_wait_and_most_of_the_time_they_may(conf
     assert max(waits) > 1_000_000
 
 
-def test_a_scan_that_lacks_frames_is_awaited_for_as_long_as_all_but_one_take() -> None:
+def test_a_scan_that_lacks_frames_is_awaited_for_as_long_as_all_but_a_bunch_take() -> None:
     pipeline = without_output("esr_ins")
     radar = [frame for frame in drive("esr_ins") if frame.bus == 0]
     list(pipeline.run(radar[:64]))
     for lacking in (60, 2, 1):
         list(pipeline.run(radar[64 : 128 - lacking]))
         now_ns = radar[127 - lacking].time_ns
-        expected = max(now_ns + (lacking - 1) * 222_000, radar[0].time_ns + CYCLE_NS // 2)
+        expected = max(now_ns + (lacking - BUNCH) * 222_000, radar[0].time_ns + CYCLE_NS // 2)
         assert pipeline.quiet_until_ns(now_ns) == expected
         pipeline = without_output("esr_ins")
         list(pipeline.run(radar[:64]))
