@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 16
+REVISION = 17
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -196,6 +196,48 @@ cdef inline void put_tracks(
             memcpy(&columns[entry, rows[0]], own[entry], LANES * sizeof(double))
         else:
             scatter(&columns[entry, 0], own[entry], rows, lanes)
+
+
+def drive_axes(double[:, ::1] columns, double limit, double floor):
+    """Set the last row of columns [mean, triangle of P, variance that drives] by the accelerations, the third row."""
+    cdef Py_ssize_t n = columns.shape[1], last = columns.shape[0] - 1, j
+    cdef double room
+    with nogil:
+        for j in range(n):
+            room = larger(limit - fabs(columns[2, j]), 0.0)
+            columns[last, j] = larger(RAYLEIGH * (room * room), floor)
+
+
+def update_axes(double[:, :] state, int size, const double[:] position, const double[:] variance, double left):
+    """Update axes in place, whose columns begin with [mean, triangle of P], with a position each.
+
+    Its variance is one for all or one each; of a variance of the state a share `left` is left at least. Returns
+    innovations and their variances, (n,).
+    """
+    cdef Py_ssize_t n = state.shape[1], each = 1 if variance.shape[0] > 1 else 0, j, i, k, entry
+    cdef double expected, least
+    cdef double gain[4]
+    cdef double cross[4]
+    innovation_array, spread_array = np.empty(n), np.empty(n)
+    cdef double[::1] innovation = innovation_array, spread = spread_array
+    with nogil:
+        for j in range(n):
+            innovation[j] = position[j] - state[0, j]
+            expected = variance[each * j]
+            spread[j] = larger(state[size, j] + expected, LEAST_VARIANCE)
+            for i in range(size):
+                cross[i] = state[size + i, j]
+                gain[i] = cross[i] / spread[j]
+                state[i, j] = state[i, j] + gain[i] * innovation[j]
+                state[size + i, j] = gain[i] * expected
+            entry = 2 * size
+            for i in range(1, size):
+                least = state[entry, j] * left
+                for k in range(i, size):
+                    state[entry + k - i, j] = state[entry + k - i, j] - gain[i] * cross[k]
+                state[entry, j] = larger(state[entry, j], least)
+                entry += size - i
+    return innovation_array, spread_array
 
 
 def predict_plane(double[:, :] columns, const double[::1] axis, bint adapts, double limit, double floor):

@@ -56,29 +56,31 @@ def _estimator(
     settings: CsEstimatorSettings | ImmEstimatorSettings,
     kind: Callable[..., naive.Filter],
     folder: Path,
+    *,
+    kernels: bool = True,
 ) -> Comparison:
     """64 tracks predicted and updated with a position each."""
     del folder
     return Comparison(
         name,
         "cycle",
-        lambda: parts.estimate(settings, parts.BATCH, 100),
+        partial(parts.computed, kernels, lambda: parts.estimate(settings, parts.BATCH, 100)),
         lambda: parts.estimate_with_filterpy(kind, parts.BATCH, 15),
-        goal=50,
+        goal=200 if kernels else 50,
         against="filterpy",
     )
 
 
-def _axes(folder: Path) -> Comparison:
+def _axes(name: str, folder: Path, *, kernels: bool = True) -> Comparison:
     """64 tracks predicted and updated with a position each, x and y apart."""
     del folder
     axes = parts.Axes()
     return Comparison(
-        "CS-KF, per axis, 64 tracks",
+        name,
         "cycle",
-        axes.estimate,
+        partial(parts.computed, kernels, axes.estimate),
         axes.estimate_with_filterpy,
-        goal=50,
+        goal=200 if kernels else 50,
         against="filterpy",
     )
 
@@ -95,8 +97,11 @@ PARTS: dict[str, Maker] = {
     "read": partial(_reader, "read a log by frame", parts.read_frames, 4),
     "read-bulk": partial(_reader, "read a log in bulk", parts.read_blocks, 20),
     "cs": partial(_estimator, "CS-KF, 64 tracks", CS, naive.CurrentStatistical),
-    "cs-axes": _axes,
+    "cs-numpy": partial(_estimator, "the same, numpy alone", CS, naive.CurrentStatistical, kernels=False),
+    "cs-axes": partial(_axes, "CS-KF, per axis, 64 tracks"),
+    "cs-axes-numpy": partial(_axes, "the same, numpy alone", kernels=False),
     "imm": partial(_estimator, "IMM of three models, 64 tracks", IMM, naive.InteractingModels),
+    "imm-numpy": partial(_estimator, "the same, numpy alone", IMM, naive.InteractingModels, kernels=False),
 }
 GROWTH: dict[str, tuple[CsEstimatorSettings | ImmEstimatorSettings, int]] = {
     "cs-256": (CS, 256),

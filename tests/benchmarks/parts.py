@@ -11,6 +11,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon import compiled
 from candaemon.can_io.logs.candump import read_candump_blocks
 from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import ChannelMap, LogCounts
@@ -93,6 +94,16 @@ def read_with_python_can(log: Path) -> int:
     """Read a log with python-can."""
     with can.LogReader(log) as reader:
         return count(iter(reader))
+
+
+def computed(kernels: bool, work: Callable[[], int]) -> int:
+    """Do some work with the compiled kernels, where there are any, or with numpy alone."""
+    in_use = compiled.in_use
+    compiled.in_use = in_use and kernels
+    try:
+        return work()
+    finally:
+        compiled.in_use = in_use
 
 
 def estimate(settings: CsEstimatorSettings | ImmEstimatorSettings, tracks: int, steps: int) -> int:

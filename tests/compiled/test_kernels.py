@@ -18,12 +18,14 @@ from candaemon.config.sensors import FieldOfView
 from candaemon.config.tracker import AssociationSettings, LifecycleSettings, ReflectionSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose, EgoStatus
+from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
 from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode, acceleration, shown
 from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import mix
 from candaemon.estimation.kalman import propagate, symmetrise, update_position, update_scalar
 from candaemon.estimation.measurement import Measurement, Projection
+from candaemon.estimation.motion_models import CurrentStatistical
 from candaemon.estimation.outline import facing_point
 from candaemon.evaluation.number_text import joined_lines, number_lines, text_lines
 from candaemon.frames.frame import EXTENDED
@@ -85,6 +87,31 @@ def states(models: int, width: int) -> tuple[Floats, Floats]:
     covariance = root @ np.swapaxes(root, -1, -2)
     symmetrise(covariance)
     return random.normal(size=(TRACKS, models, width)), covariance
+
+
+@pytest.mark.parametrize("memory", [None, 0.5])
+@pytest.mark.parametrize("some", [False, True])
+@pytest.mark.parametrize("model", [WhiteAxis(1, 2.0), WhiteAxis(3, 0.5), CurrentStatistical(0.5, 8.0, 0.1)])
+def test_a_filter_of_axes_over_many_cycles(
+    model: WhiteAxis | CurrentStatistical, memory: float | None, some: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    size = model.order + 1 if isinstance(model, WhiteAxis) else 3
+    chosen = model if isinstance(model, WhiteAxis) else replace(model, innovation_memory=memory)
+
+    def computed() -> list[Floats]:
+        random = np.random.default_rng(5)
+        axes = AxisFilter(chosen)
+        root = random.normal(size=(TRACKS, size, size))
+        root[0] = 0.0
+        axes.spawn(random.normal(size=(TRACKS, size)), root @ np.swapaxes(root, 1, 2))
+        rows = np.array([7, 0, 3]) if some else None
+        for k in range(20):
+            axes.predict(0.05)
+            positions = random.normal(size=3 if some else TRACKS)
+            axes.update(positions, 0.0 if k == 3 else 0.2 if k % 2 else np.full(positions.shape, 0.1), rows)
+        return [axes.state.columns, axes.state.mean_nis, axes.fit.nis, axes.fit.log_likelihood]
+
+    both(monkeypatch, computed)
 
 
 @pytest.mark.parametrize("width", [4, 6, 7, 9])
