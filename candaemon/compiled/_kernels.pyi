@@ -227,7 +227,7 @@ def note_rates(
     y0: float,
     vx0: float,
     vy0: float,
-    share: float,
+    share: Floats,
 ) -> None: ...
 def learn_offsets(
     offset: Floats,
@@ -251,8 +251,8 @@ def note_sizes(
     body: Indices,
     x: Floats,
     y: Floats,
+    interval: Floats,
     time_ns: int,
-    dt: float,
     near: float,
     never: float,
     age: float,

@@ -2661,7 +2661,7 @@ def note_rates(
     double y0,
     double vx0,
     double vy0,
-    double share,
+    const double[:] share,
 ):
     """Note in place how much faster than their bodies reflections come nearer."""
     cdef Py_ssize_t m = row.shape[0], i, t
@@ -2674,7 +2674,7 @@ def note_rates(
             difference = measured[i] - (x / nearest * (shown[t, 2] - vx0) + y / nearest * (shown[t, 3] - vy0))
             if not isfinite(difference):
                 difference = 0.0
-            noted[row[i]] = noted[row[i]] + share * (difference - noted[row[i]])
+            noted[row[i]] = noted[row[i]] + share[t] * (difference - noted[row[i]])
 
 
 def learn_offsets(
@@ -2713,8 +2713,8 @@ def note_sizes(
     const Py_ssize_t[:] body,
     const double[:] x,
     const double[:] y,
+    const double[:] interval,
     Py_ssize_t time_ns,
-    double dt,
     double near,
     double never,
     double age,
@@ -2741,7 +2741,7 @@ def note_sizes(
             if seen[0, t] > 1:
                 alone[t] = never
             elif seen[0, t] == 1 and seen[1, t]:
-                alone[t] = alone[t] + dt
+                alone[t] = alone[t] + interval[t]
             speed = velocity_of(mean, t) if (time_ns - first_ns[t]) * 1e-9 > age else 0.0
             fastest[t] = larger(fastest[t], speed)
             if alone[t] > long_alone and width_variance[t] > told and fastest[t] > moved:

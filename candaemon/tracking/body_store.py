@@ -24,6 +24,7 @@ from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
 _LEAST_NORMAL = 1e-12  # 1/m²
 _BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
+_LONGEST_INTERVAL = 0.5  # s; a gap that is longer counts as one of this length
 _COURSE_SPEED = 3.0  # m/s, what was ever faster has a known axis
 
 
@@ -74,6 +75,7 @@ class BodyTable(Table):
     Attributes:
         id: identity.
         first_ns, last_ns: first and latest detection.
+        interval: time from the detection before to the latest one, by whatever sensor, s.
         history: bit 0 the latest scan, set where it was detected.
         scans: scans since its initiation.
         confirmed: whether it ever was.
@@ -96,6 +98,7 @@ class BodyTable(Table):
     id: Integers = field(default_factory=_integers)
     first_ns: Integers = field(default_factory=_integers)
     last_ns: Integers = field(default_factory=_integers)
+    interval: Floats = field(default_factory=_numbers)
     history: Integers = field(default_factory=_integers)
     scans: Integers = field(default_factory=_integers)
     confirmed: Booleans = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
@@ -292,6 +295,7 @@ class Bodies:
             id=np.array([self._identities.new()]),
             first_ns=np.array([time_ns]),
             last_ns=np.array([time_ns]),
+            interval=np.zeros(1),
             history=zero,
             scans=zero,
             confirmed=np.zeros(1, dtype=np.bool_),
@@ -335,7 +339,8 @@ class Bodies:
         if not leads and np.count_nonzero(self.reflections.body == body) == 2:
             self.filter.loosen(np.array([body]), self._places.body**2)
             self.changed()
-        obstacles.last_ns[body] = time_ns
+        if obstacles.last_ns[body] != time_ns:
+            self.note_detections(np.array([body]), time_ns)
         obstacles.history[body] |= 1
         obstacles.sensors[body] |= 1 << sensor
         return row
@@ -344,19 +349,30 @@ class Bodies:
         """Let other reflections lead bodies; they keep their offsets, so that the reference points stay."""
         self.obstacles.leader[bodies] = leaders
 
-    def return_reference(self, dt: float, time_ns: int, return_time: float, patience_ns: int) -> None:
+    def note_detections(self, bodies: Indices, time_ns: int) -> None:
+        """Note that bodies (m,) are detected at a time, and how long that is after their detections before.
+
+        What follows what a body shows goes by that interval: the time since the scan before would be shorter the more
+        sensors there are, whether they see the body or not.
+        """
+        obstacles = self.obstacles
+        interval = (time_ns - obstacles.last_ns[bodies]) * 1e-9
+        obstacles.interval[bodies] = np.minimum(np.maximum(interval, 0.0), _LONGEST_INTERVAL)
+        obstacles.last_ns[bodies] = time_ns
+
+    def return_reference(self, time_ns: int, return_time: float, patience_ns: int) -> None:
         """Let the reference points return to what is seen of the bodies, without a speed of their own.
 
         Along a body that point follows the end that faces us, the more the less we see of the body's side; across it,
         the middle of what is seen. Of what has no known axis it follows what is nearest to us.
 
         Args:
-            dt: s since the scan before.
             time_ns: of the scan.
             return_time: time constant, s.
             patience_ns: for which a reflection still shows where its body ends.
         """
         obstacles, reflections = self.obstacles, self.reflections
+        dt = np.where(obstacles.last_ns == time_ns, obstacles.interval, 0.0)[:, None]
         self._keep_bias_within(dt)
         if not reflections.offset.any():
             return
@@ -422,8 +438,8 @@ class Bodies:
         target += nearer[:, None] * sight
         return target
 
-    def _keep_bias_within(self, dt: float) -> None:
-        """Let the reference points follow reflections that would otherwise lie beyond their bodies."""
+    def _keep_bias_within(self, dt: Floats) -> None:
+        """Let the reference points follow, for times (k, 1), s, reflections that would else lie beyond their bodies."""
         obstacles = self.obstacles
         beyond, some = _beyond(self.moments().mean, obstacles.axis, obstacles.length, obstacles.width)
         if some:
@@ -476,6 +492,7 @@ class Bodies:
         obstacles.append(
             id=np.array([self._identities.new() for _ in splitting], dtype=np.int64),
             last_ns=reflections.last_ns[splitting],
+            interval=np.zeros(len(splitting)),
             history=np.ones(len(splitting), dtype=np.int64),
             scans=np.zeros(len(splitting), dtype=np.int64),
             confirmed=np.zeros(len(splitting), dtype=np.bool_),

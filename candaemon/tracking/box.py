@@ -42,7 +42,7 @@ _LENGTHS = np.array([NARROW, ENOUGH, TRUCK_LENGTH])  # m, at which walkers, ride
 _WIDTHS = np.array([WALKER[1], RIDER[1], CAR_WIDTH, TRUCK_WIDTH])
 
 
-def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detections, dt: float) -> None:
+def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detections) -> None:
     """Let boxes learn from the detections of a scan.
 
     Args:
@@ -50,23 +50,22 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
         rows: of the detections that belong to a reflection (m,).
         reflections: rows of those (m,).
         detections: the scan.
-        dt: s since the scan before.
     """
     obstacles, body = bodies.obstacles, bodies.reflections.body[reflections]
     if detections.length is not None:
-        _average(obstacles.length, obstacles.length_variance, body, detections.length[rows], dt)
+        _average(obstacles.length, obstacles.length_variance, body, detections.length[rows], obstacles.interval)
     if detections.width is not None:
-        _average(obstacles.width, obstacles.width_variance, body, detections.width[rows], dt)
+        _average(obstacles.width, obstacles.width_variance, body, detections.width[rows], obstacles.interval)
     if detections.heading is not None:
         _turn(bodies, body, detections.heading[rows])
-    _note_size(bodies, body, detections, rows, dt)
+    _note_size(bodies, body, detections, rows)
     if detections.length is not None and detections.width is None:
         _suit_widths(bodies)
     _grow(bodies, detections.time_ns)
 
 
-def _average(size: Floats, variance: Floats, body: Indices, told: Floats, dt: float) -> None:
-    """Average sizes (k,) with those told (m,) of their bodies, as a Kalman filter does."""
+def _average(size: Floats, variance: Floats, body: Indices, told: Floats, interval: Floats) -> None:
+    """Average sizes (k,) with those told (m,) of their bodies after an interval, as a Kalman filter does."""
     known = np.isfinite(told)
     if not known.any():
         return
@@ -74,7 +73,7 @@ def _average(size: Floats, variance: Floats, body: Indices, told: Floats, dt: fl
     count = np.bincount(body, minlength=len(size))
     seen = count > 0
     mean = np.bincount(body, told, len(size))[seen] / count[seen]
-    prior = variance[seen] + _SIZE_WALK * dt
+    prior = variance[seen] + _SIZE_WALK * interval[seen]
     gain = prior / (prior + _SIZE_NOISE**2)
     size[seen] += gain * (mean - size[seen])
     variance[seen] = (1.0 - gain) * prior
@@ -90,7 +89,7 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
     bodies.obstacles.directed[body[known]] = True
 
 
-def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices, dt: float) -> None:
+def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices) -> None:
     """Take what stays a single reflection close by for something small: a walker, or a rider where it was faster."""
     obstacles, mean, x, y = bodies.obstacles, bodies.moments().mean, detections.x[rows], detections.y[rows]
     size_variance = np.minimum(obstacles.length_variance, obstacles.width_variance)
@@ -106,8 +105,8 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
             body,
             x,
             y,
+            obstacles.interval,
             detections.time_ns,
-            dt,
             _NEAR,
             _NEVER_ALONE,
             _AXIS_AGE,
@@ -124,7 +123,7 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     distance = np.sqrt(x * x + y * y)
     near = np.zeros(len(obstacles), dtype=np.bool_)
     near[body[distance < _NEAR]] = True
-    obstacles.alone = np.where(count > 1, _NEVER_ALONE, obstacles.alone + dt * (near & (count == 1)))
+    obstacles.alone = np.where(count > 1, _NEVER_ALONE, obstacles.alone + obstacles.interval * (near & (count == 1)))
     speed = np.sqrt(mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3])
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))

@@ -206,7 +206,7 @@ class VehicleTracker:
         if detections is not None and self.settings.reflections.merge and len(self):
             self._hand_over()
             patience_ns = int(self.settings.reflections.patience * 1e9)
-            self._bodies.return_reference(self._dt, self._state.time_ns, self._places.return_time, patience_ns)
+            self._bodies.return_reference(self._state.time_ns, self._places.return_time, patience_ns)
             self._merge_and_split()
         self._bodies.obstacles.facing = box.facing_offsets(self._bodies, pose)
         if link is not None:
@@ -431,6 +431,7 @@ class VehicleTracker:
         if association.doubt is not None:
             measurement = measurement.weakened(association.doubt[rows])
         offset = bodies.offsets(row)
+        bodies.note_detections(body, detections.time_ns)
         self._note_rates(row, body, offset, detections, rows)
         alike = self._alike(detections.sensor)
         speed_share = 1.0 + alike * (self._places.speed_noise**2 - 1.0)
@@ -445,8 +446,7 @@ class VehicleTracker:
                 bodies.assign_id(each, detections.sensor, key)
         reflections.sensor[row] = detections.sensor
         reflections.last_ns[row] = detections.time_ns
-        box.learn(bodies, rows, row, detections, self._dt)
-        obstacles.last_ns[seen] = detections.time_ns
+        box.learn(bodies, rows, row, detections)
         obstacles.history[seen] |= 1
         obstacles.sensors[seen] |= 1 << detections.sensor
 
@@ -455,7 +455,7 @@ class VehicleTracker:
         measurement = detections.measurement
         if measurement.range_rate is None:
             return
-        share = -np.expm1(-self._dt / _RATE_MEMORY)
+        share = -np.expm1(-self._bodies.obstacles.interval / _RATE_MEMORY)
         noted, shown = self._bodies.reflections.rate_difference, self._bodies.moments().shown
         sensor, rates = (measurement.origin, measurement.velocity), measurement.range_rate.take(rows)
         if compiled.in_use:
@@ -466,7 +466,7 @@ class VehicleTracker:
         mean[:, :2] += offset
         difference = rates - line_of_sight(mean, *sensor)[0]
         difference[~np.isfinite(difference)] = 0.0
-        noted[row] += share * (difference - noted[row])
+        noted[row] += share[body] * (difference - noted[row])
 
     def _initiate(self, association: Association, detections: Detections, pose: EgoPose) -> None:
         """Initiate a reflection for each detection beside a known body, and bodies for the rest."""

@@ -374,7 +374,8 @@ def bodies_on_road(k: int, extra: int) -> Bodies:
     obstacles.length, obstacles.width = random.uniform(0.5, 14.0, k), random.uniform(0.5, 2.6, k)
     obstacles.length_variance, obstacles.width_variance = random.uniform(0.0, 4.0, k), random.uniform(0.0, 0.2, k)
     obstacles.alone, obstacles.fastest = random.uniform(-1.0, 3.0, k), random.uniform(0.0, 12.0, k)
-    obstacles.facing = random.normal(size=(k, 2))
+    obstacles.facing, obstacles.interval = random.normal(size=(k, 2)), random.uniform(0.0, 0.2, k)
+    obstacles.last_ns = np.where(random.random(k) < 0.8, 10**9, 0)
     reflections.last_ns = np.where(random.random(k + extra) < 0.7, 10**9, 0)
     reflections.offset, reflections.variance = random.normal(size=(k + extra, 2)), random.random(k + extra)
     return bodies
@@ -402,7 +403,7 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
             moments.mean, moments.covariance, obstacles.axis, obstacles.directed, np.linspace(0.0, 1.0, 20)
         )
         assert 0 < np.count_nonzero(obstacles.directed) < 20
-        bodies.return_reference(0.05, 10**9, 0.5, 10**8)
+        bodies.return_reference(10**9, 0.5, 10**8)
         obstacles.facing = box.facing_offsets(bodies, POSE)
         told = report(bodies, POSE, Used(np.zeros(0, np.intp), 0, np.zeros(0, np.int64)), 0, 0.5, obstacles.id > 0)
         columns = [
@@ -479,7 +480,7 @@ def test_what_boxes_learn(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
     def computed() -> list[Floats]:
         bodies, names = bodies_on_road(20, extra), ("length", "width", "extent", "alone", "fastest")
         bodies.obstacles.first_ns[::5] = 9 * 10**8
-        box.learn(bodies, np.arange(15), np.arange(extra, 15 + extra), scan_of(15, speeds=False), 0.05)
+        box.learn(bodies, np.arange(15), np.arange(extra, 15 + extra), scan_of(15, speeds=False))
         return [getattr(bodies.obstacles, name) for name in names]
 
     both(monkeypatch, computed)

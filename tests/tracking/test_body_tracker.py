@@ -534,3 +534,16 @@ def test_no_reflection_lies_beyond_its_body_for_long() -> None:
     for t in times(60, 80):
         fed.scan(t, [car(0, t, 40.0)])
     assert abs(bodies.moments().mean[0, BIAS][0]) < bodies.obstacles.length[0] / 2 + 0.2
+
+
+def test_scans_of_sensors_that_see_nothing_change_nothing_of_where_a_body_is() -> None:
+    """The reference point returns to the middle of what is seen by time, not by the scans of whatever sensor."""
+    alone, among = HandFedVehicles(), HandFedVehicles()
+    for t in times(1, 30):
+        seen = [car(key, t, 30.0, across) for key, across in enumerate((0.0, 1.0) if t > 0.5 else (0.0,))]
+        expected = alone.scan(t, seen)
+        for sensor in range(1, 12):
+            among.scan(t - 0.05 + sensor * 0.05 / 12, [], sensor=sensor)
+        told = among.scan(t, seen)
+    assert expected.y[0] == pytest.approx(0.3, abs=0.1)
+    assert told.y[0] == pytest.approx(expected.y[0], abs=0.05)
