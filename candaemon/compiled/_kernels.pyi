@@ -208,7 +208,6 @@ def reference_targets(
     length: Floats,
     width: Floats,
     fastest: Floats,
-    time_ns: int,
     since_ns: int,
     course_speed: float,
     least_normal: float,

@@ -2543,7 +2543,6 @@ def reference_targets(
     const double[:] length,
     const double[:] width,
     const double[:] fastest,
-    Py_ssize_t time_ns,
     Py_ssize_t since_ns,
     double course_speed,
     double least_normal,
@@ -2551,10 +2550,10 @@ def reference_targets(
     """Return where on bodies (k, 2) their reference points belong, along and across, from those of their reflections."""
     cdef Py_ssize_t n = body.shape[0], k = axis.shape[0], i, t
     cdef double ahead, aside, towards, first, second, away, seen_end, from_end, share, nearer
-    out_array, end_array, count_array = np.zeros((k, 2)), np.full((2, k), -INFINITY), np.zeros((2, k), np.intp)
+    out_array, end_array, count_array = np.zeros((k, 2)), np.full((2, k), -INFINITY), np.zeros(k, np.intp)
     sight_array = np.empty((k, 2))
     cdef double[:, ::1] out = out_array, end = end_array, sight = sight_array
-    cdef Py_ssize_t[:, ::1] count = count_array
+    cdef Py_ssize_t[::1] count = count_array
     with nogil:
         for t in range(k):
             ahead = facing[t, 0] * axis[t, 0] + facing[t, 1] * axis[t, 1]
@@ -2564,30 +2563,28 @@ def reference_targets(
             sight[t, 0], sight[t, 1] = first / away, second / away
         for i in range(n):
             t = body[i]
-            if last_ns[i] == time_ns:
-                count[0, t] += 1
+            if last_ns[i] >= since_ns:
+                count[t] += 1
                 out[t, 0] = out[t, 0] + offset[i, 0]
                 out[t, 1] = out[t, 1] + offset[i, 1]
-            if last_ns[i] >= since_ns:
-                count[1, t] += 1
                 ahead = facing[t, 0] * axis[t, 0] + facing[t, 1] * axis[t, 1]
                 end[0, t] = larger(end[0, t], copysign(1.0, ahead) * offset[i, 0])
                 end[1, t] = larger(end[1, t], sight[t, 0] * offset[i, 0] + sight[t, 1] * offset[i, 1])
         for t in range(k):
-            out[t, 0] = out[t, 0] / (count[0, t] if count[0, t] > 1 else 1)
-            out[t, 1] = out[t, 1] / (count[0, t] if count[0, t] > 1 else 1)
+            out[t, 0] = out[t, 0] / (count[t] if count[t] > 1 else 1)
+            out[t, 1] = out[t, 1] / (count[t] if count[t] > 1 else 1)
             ahead = facing[t, 0] * axis[t, 0] + facing[t, 1] * axis[t, 1]
             aside = facing[t, 1] * axis[t, 0] - facing[t, 0] * axis[t, 1]
             towards = copysign(1.0, ahead)
             first, second = ahead / (length[t] * length[t]), aside / (width[t] * width[t])
             first, second = first * first, second * second
             seen_end, share = 0.0, 0.0
-            if count[1, t] > 1 and fastest[t] > course_speed:
+            if count[t] > 1 and fastest[t] > course_speed:
                 seen_end, share = end[0, t], first / larger(first + second, least_normal)
             from_end = towards * (seen_end - 0.5 * length[t] + fabs(ahead))
             out[t, 0] = out[t, 0] + share * (from_end - out[t, 0])
             nearer = 0.0
-            if count[0, t] > 0 and fastest[t] <= course_speed:
+            if count[t] > 0 and fastest[t] <= course_speed:
                 nearer = end[1, t] - (sight[t, 0] * out[t, 0] + sight[t, 1] * out[t, 1])
             out[t, 0] = out[t, 0] + nearer * sight[t, 0]
             out[t, 1] = out[t, 1] + nearer * sight[t, 1]

@@ -24,6 +24,7 @@ from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
 _LEAST_NORMAL = 1e-12  # 1/m²
 _BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
+_LEAST_TIME = 1e-3  # s
 _LONGEST_INTERVAL = 0.5  # s; a gap that is longer counts as one of this length
 _COURSE_SPEED = 3.0  # m/s, what was ever faster has a known axis
 
@@ -364,22 +365,23 @@ class Bodies:
         """Let the reference points return to what is seen of the bodies, without a speed of their own.
 
         Along a body that point follows the end that faces us, the more the less we see of the body's side; across it,
-        the middle of what is seen. Of what has no known axis it follows what is nearest to us.
+        the middle of what is seen. Of what has no known axis it follows what is nearest to us. All sensors' reflections
+        count alike: one that sees no more than an end of a body does not outweigh those that see its whole side. What
+        has just begun was led by whichever reflection came first: it returns as a mean over its life would.
 
         Args:
             time_ns: of the scan.
-            return_time: time constant, s.
-            patience_ns: for which a reflection still shows where its body ends.
+            return_time: time constant, s; that of younger bodies is their age.
+            patience_ns: for which a reflection still counts.
         """
         obstacles, reflections = self.obstacles, self.reflections
         dt = np.where(obstacles.last_ns == time_ns, obstacles.interval, 0.0)[:, None]
         self._keep_bias_within(dt)
-        if not reflections.offset.any():
+        if not (dt.any() and reflections.offset.any()):
             return
-        seen = reflections.last_ns == time_ns
-        if not reflections.offset[seen].any():
-            return
-        step = -np.expm1(-dt / return_time) * self._reference_targets(time_ns, time_ns - patience_ns)
+        age = (time_ns - obstacles.first_ns)[:, None] * 1e-9
+        time = np.maximum(np.minimum(age, return_time), _LEAST_TIME)
+        step = -np.expm1(-dt / time) * self._reference_targets(time_ns - patience_ns)
         reflections.offset -= step.take(reflections.body, axis=0)
         self._shift(from_travel_axes(step, obstacles.axis))
 
@@ -390,12 +392,11 @@ class Bodies:
             self._moments.mean[:, POSITION] += step
             self._moments.shown[:, :2] += step
 
-    def _reference_targets(self, time_ns: int, since_ns: int) -> Floats:
+    def _reference_targets(self, since_ns: int) -> Floats:
         """Return where the reference points belong (k, 2), along and across from where they are, m.
 
         Args:
-            time_ns: of the scan that shows the middles of bodies.
-            since_ns: from when on reflections show where their bodies end: those of other sensors, too.
+            since_ns: from when on detected reflections count.
         """
         obstacles, reflections = self.obstacles, self.reflections
         if compiled.in_use:
@@ -408,23 +409,21 @@ class Bodies:
                 obstacles.length,
                 obstacles.width,
                 obstacles.fastest,
-                time_ns,
                 since_ns,
                 _COURSE_SPEED,
                 _LEAST_NORMAL,
             )
-        k, seen = len(obstacles), np.flatnonzero(reflections.last_ns == time_ns)
-        body, place = reflections.body[seen], reflections.offset[seen]
-        sums = np.stack([np.bincount(body, each, k) for each in place.T], axis=1)
-        target = np.asarray(sums / np.maximum(np.bincount(body, minlength=k), 1)[:, None], dtype=np.float64)
-        recent = np.flatnonzero(reflections.last_ns >= since_ns)
-        owner = reflections.body[recent]
-        several = (np.bincount(owner, minlength=k) > 1) & (obstacles.fastest > _COURSE_SPEED)
+        k, recent = len(obstacles), np.flatnonzero(reflections.last_ns >= since_ns)
+        owner, place = reflections.body[recent], reflections.offset[recent]
+        count = np.bincount(owner, minlength=k)
+        sums = np.stack([np.bincount(owner, each, k) for each in place.T], axis=1)
+        target = np.asarray(sums / np.maximum(count, 1)[:, None], dtype=np.float64)
+        several = (count > 1) & (obstacles.fastest > _COURSE_SPEED)
         facing, aside = to_travel_axes(obstacles.facing, obstacles.axis).T
         towards_us, half = np.copysign(1.0, facing), 0.5 * obstacles.length
         normal = np.square(facing / np.square(obstacles.length)), np.square(aside / np.square(obstacles.width))
         end = np.full(k, -np.inf)
-        np.maximum.at(end, owner, towards_us[owner] * reflections.offset[recent, 0])
+        np.maximum.at(end, owner, towards_us[owner] * place[:, 0])
         from_end = towards_us * (np.where(several, end, 0.0) - half + np.abs(facing))
         share = np.where(several, normal[0] / np.maximum(normal[0] + normal[1], _LEAST_NORMAL), 0.0)
         target[:, 0] += share * (from_end - target[:, 0])
@@ -432,8 +431,8 @@ class Bodies:
         sight = np.stack([facing / np.square(obstacles.length), aside / np.square(obstacles.width)], axis=1)
         sight /= np.maximum(np.sqrt(normal[0] + normal[1]), _LEAST_NORMAL)[:, None]
         near = np.full(k, -np.inf)
-        np.maximum.at(near, owner, (sight[owner] * reflections.offset[recent]).sum(axis=1))
-        slow = (np.bincount(body, minlength=k) > 0) & (obstacles.fastest <= _COURSE_SPEED)
+        np.maximum.at(near, owner, (sight[owner] * place).sum(axis=1))
+        slow = (count > 0) & (obstacles.fastest <= _COURSE_SPEED)
         nearer = np.where(slow, near - (sight * target).sum(axis=1), 0.0)
         target += nearer[:, None] * sight
         return target

@@ -547,3 +547,23 @@ def test_scans_of_sensors_that_see_nothing_change_nothing_of_where_a_body_is() -
         told = among.scan(t, seen)
     assert expected.y[0] == pytest.approx(0.3, abs=0.1)
     assert told.y[0] == pytest.approx(expected.y[0], abs=0.05)
+
+
+def test_the_first_reflection_does_not_lead_for_long() -> None:
+    """A car enters a view with its front: it is in the middle of what is seen of it as soon as that is seen."""
+    fed = HandFedVehicles()
+    for t in times(1, 8):
+        told = fed.scan(t, [car(0, t, 30.0)] + [car(1, t, 30.0, 1.0)] * (t > 0.06))
+    assert told.y[0] == pytest.approx(0.5, abs=0.15)
+
+
+def test_a_sensor_that_sees_an_end_does_not_outweigh_one_that_sees_more() -> None:
+    """A crossing car's side shows five reflections to one sensor, and its front to another."""
+    fed, side = HandFedVehicles(), np.linspace(-1.0, 1.0, 5)
+    for t in times(1, 80):
+        for sensor, shown in ((0, side), (1, np.array([2.2]))):
+            at = t + 0.02 * sensor
+            seen = [Seen(key, 20.0, -20.0 + along + 8.0 * at, 0.0, 8.0) for key, along in enumerate(shown.tolist())]
+            told = fed.scan(at, seen, sensor=sensor)
+    assert len(told) == 1
+    assert told.y[0] + 20.0 - 8.0 * at == pytest.approx(2.2 / 6, abs=0.2)
