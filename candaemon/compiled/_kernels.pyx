@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 17
+REVISION = 20
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
