@@ -237,17 +237,6 @@ class BodyFilter:
         """Move the reference points by steps (n, 2), m: what they lie on has turned, or is another part of the body."""
         self._state.mean[:, :, POSITION] += step[:, None]
 
-    def carry(self, dt: float) -> None:
-        """Carry all bodies with their velocities by dt, s, back or forth through time that is predicted already.
-
-        Places become as much more or less uncertain as the velocities make them; nothing else changes.
-        """
-        mean, covariance, step = self._state.mean.T, self._state.covariance.T, dt * self._moves
-        mean[POSITION] += step * mean[VELOCITY]
-        covariance[POSITION] += step * covariance[VELOCITY]
-        covariance[:, POSITION] += step * covariance[:, VELOCITY]
-        symmetrise_upper(covariance)
-
     def settle(self, step: Floats) -> None:
         """Move the reference points by steps (n, 2), m, that the bias had: what the sensors see stays where it is."""
         self._state.mean[:, :, POSITION] += step[:, None]

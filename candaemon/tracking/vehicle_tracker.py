@@ -62,7 +62,6 @@ class VehicleTrackerState:
 
     Attributes:
         time_ns: the instant that its bodies hold for.
-        reached_ns: the latest instant that they ever held for; later than that only after a late scan.
         counts: what it did.
         tracks: the bodies.
         noise: of the sensors' reflections.
@@ -70,7 +69,6 @@ class VehicleTrackerState:
     """
 
     time_ns: int
-    reached_ns: int
     counts: TrackerCounts
     tracks: BodiesState
     noise: ReflectionNoiseState
@@ -131,7 +129,7 @@ class VehicleTracker:
         self._bodies.first_existence = self._existence.first
         self._by_existence = settings.lifecycle.by == "existence"
         self._state = VehicleTrackerState(
-            0, 0, TrackerCounts(), self._bodies.state, self._noise.state, self._existence.state
+            0, TrackerCounts(), self._bodies.state, self._noise.state, self._existence.state
         )
         self._dt = 0.0
         self.update: Update | None = None
@@ -151,7 +149,7 @@ class VehicleTracker:
 
     @state.setter
     def state(self, state: VehicleTrackerState) -> None:
-        if not EARLIEST_NS <= state.time_ns <= state.reached_ns <= LATEST_NS:
+        if not EARLIEST_NS <= state.time_ns <= LATEST_NS:
             raise ValueError("the obstacles' time is out of range")
         self._bodies.state = state.tracks
         self._noise.state = state.noise
@@ -279,26 +277,21 @@ class VehicleTracker:
         return Used(body, detections.sensor, detections.object_id[self.update.detection])
 
     def _predict(self, pose: EgoPose) -> None:
-        """Predict all bodies, and let the places of their reflections become uncertain again.
-
-        A late scan carries them back, and the next one forth: only time that is new lets them become more uncertain,
-        change their modes and wander. Sensors that report in turn late would let it pass several times.
-        """
-        time_ns, state, bodies = pose.time_ns, self._state, self._bodies
-        if (state.time_ns - time_ns) * 1e-9 >= LATEST_RETRODICTION:
-            state.time_ns = state.reached_ns = time_ns
-        carried = (min(time_ns, state.reached_ns) - state.time_ns) * 1e-9
-        dt = (time_ns - state.reached_ns) * 1e-9 if len(self) else 0.0
+        """Predict all bodies, and let the places of their reflections become uncertain again."""
+        time_ns = pose.time_ns
+        dt = (time_ns - self._state.time_ns) * 1e-9 if len(self) else 0.0
         self._dt = max(dt, 0.0)
-        state.time_ns, state.reached_ns = time_ns, max(time_ns, state.reached_ns)
-        if carried and len(self):
-            bodies.filter.carry(carried)
-            bodies.changed()
+        self._state.time_ns = time_ns
+        bodies = self._bodies
         if dt > 0.0:
             walk, bias_time = self._walks(pose), self._bias_time()
             bodies.filter.predict(dt, bodies.obstacles.axis, walk, self._hidden(), bias_time)
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
+            bodies.changed()
+        elif -LATEST_RETRODICTION < dt < 0.0:
+            velocity = bodies.moments().mean[:, VELOCITY]
+            bodies.filter.shift(dt * velocity)
             bodies.changed()
 
     def _smoother_link(self) -> tuple[Integers, Link]:

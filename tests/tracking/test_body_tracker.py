@@ -567,18 +567,3 @@ def test_a_sensor_that_sees_an_end_does_not_outweigh_one_that_sees_more() -> Non
             told = fed.scan(at, seen, sensor=sensor)
     assert len(told) == 1
     assert told.y[0] + 20.0 - 8.0 * at == pytest.approx(2.2 / 6, abs=0.2)
-
-
-def test_late_scans_that_see_nothing_make_nothing_less_certain() -> None:
-    """Time passes once, however often sensors that report late lead the obstacles back and forth."""
-    alone, among = HandFedVehicles(), HandFedVehicles()
-    for t in times(1, 8):
-        seen = [Seen(0, 20.0 + (0.1 if int(20 * t) % 2 else -0.1), 8.0 * t, 0.0, 8.0)]
-        expected = alone.scan(t, seen)
-        for late in (0.0, 0.03, 0.01, 0.04, 0.0):
-            among.scan(t - late, [], sensor=1)
-        told = among.scan(t, seen)
-        for name in ("x", "y", "vx", "vy"):
-            assert getattr(told, name) == pytest.approx(getattr(expected, name), abs=1e-6)
-        moments, others = alone.tracker._bodies.moments(), among.tracker._bodies.moments()
-        np.testing.assert_allclose(others.covariance, moments.covariance, atol=1e-6)
