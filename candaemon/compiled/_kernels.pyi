@@ -147,7 +147,7 @@ def step_bodies(
     least_turning: float,
 ) -> None: ...
 def combine_bodies(probability: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats, Floats, Floats]: ...
-def body_acceleration(mean: Floats, slow: float) -> Floats: ...
+def motion_of_bodies(mean: Floats, slow: float) -> Floats: ...
 def update_bodies(
     mean: Floats,
     covariance: Floats,
@@ -165,6 +165,41 @@ def update_bodies(
 def to_travel_axes(vectors: Floats, direction: Floats) -> Floats: ...
 def from_travel_axes(components: Floats, direction: Floats) -> Floats: ...
 def facing_points(observer: Floats, half_length: Floats, half_width: Floats, rounds: int, least: float) -> Floats: ...
+def expected_places(
+    mean: Floats, axis: Floats, cosine: Floats, sine: Floats, across: Floats, fade: Floats, horizon: float
+) -> Floats: ...
+def facing_offsets(
+    mean: Floats,
+    facing: Floats,
+    axis: Floats,
+    length: Floats,
+    width: Floats,
+    east: float,
+    north: float,
+    rounds: int,
+    least: float,
+) -> Floats: ...
+def reflections_to_split(
+    offset: Floats,
+    rate_difference: Floats,
+    leader: Integers,
+    along: float,
+    extent: float,
+    across: float,
+    speed: float,
+) -> Booleans: ...
+def mark_detected(
+    row: Indices,
+    body: Indices,
+    keys: Integers | None,
+    sensor_of: Integers,
+    object_id: Integers,
+    reflection_last_ns: Integers,
+    history: Integers,
+    sensors: Integers,
+    sensor: int,
+    time_ns: int,
+) -> list[int]: ...
 def turn_axes_of_bodies(
     mean: Floats,
     covariance: Floats,

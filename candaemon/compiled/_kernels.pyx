@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 20
+REVISION = 22
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2332,17 +2332,20 @@ def update_bodies(
     return told_array
 
 
-def body_acceleration(const double[:, :] mean, double slow):
-    """Return the accelerations (n, 2) of bodies (n, 8); below the slow speed the course is shorter than one."""
-    cdef Py_ssize_t n = mean.shape[0], t
+def motion_of_bodies(const double[:, :] mean, double slow):
+    """Return place, velocity and acceleration (n, 6) of bodies (n, 8); below the slow speed the course is shorter than
+    one."""
+    cdef Py_ssize_t n = mean.shape[0], t, a
     cdef double along
-    out_array = np.empty((n, 2))
+    out_array = np.empty((n, 6))
     cdef double[:, ::1] out = out_array
     with nogil:
         for t in range(n):
+            for a in range(4):
+                out[t, a] = mean[t, a]
             along = mean[t, 5] / larger(sqrt(mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3]), slow)
-            out[t, 0] = along * mean[t, 2] - mean[t, 4] * mean[t, 3]
-            out[t, 1] = along * mean[t, 3] + mean[t, 4] * mean[t, 2]
+            out[t, 4] = along * mean[t, 2] - mean[t, 4] * mean[t, 3]
+            out[t, 5] = along * mean[t, 3] + mean[t, 4] * mean[t, 2]
     return out_array
 
 
@@ -2370,11 +2373,10 @@ def from_travel_axes(const double[:, :] components, const double[:, :] direction
     return out_array
 
 
-def facing_points(
-    const double[:, :] observer, const double[:] half_length, const double[:] half_width, int rounds, double least
-):
-    """Return the points (n, 2) of ellipses that face observers (n, 2), in their axes."""
-    cdef Py_ssize_t n = observer.shape[0], t
+cdef inline void face(
+    double ahead, double aside, double half_length, double half_width, int rounds, double least, double[2] point
+) noexcept nogil:
+    """Note the point of an ellipse that faces an observer ahead and aside of its centre, in its axes."""
     cdef int a, turn
     cdef double ratio, norm
     cdef double axes[2]
@@ -2383,30 +2385,91 @@ def facing_points(
     cdef double share[2]
     cdef double centre[2]
     cdef double away[2]
+    axes[0], axes[1] = larger(half_length, least), larger(half_width, least)
+    eye[0], eye[1] = fabs(ahead), fabs(aside)
+    for a in range(2):
+        evolute[a] = (axes[a] * axes[a] - axes[1 - a] * axes[1 - a]) / axes[a]
+        share[a] = sqrt(0.5)
+    for turn in range(rounds):
+        for a in range(2):
+            centre[a] = evolute[a] * share[a] * share[a] * share[a]
+            away[a] = eye[a] - centre[a]
+            point[a] = axes[a] * share[a] - centre[a]
+        ratio = sqrt(point[0] * point[0] + point[1] * point[1])
+        ratio = ratio / larger(sqrt(away[0] * away[0] + away[1] * away[1]), least)
+        for a in range(2):
+            share[a] = smaller(larger((away[a] * ratio + centre[a]) / axes[a], 0.0), 1.0)
+        norm = larger(sqrt(share[0] * share[0] + share[1] * share[1]), least)
+        for a in range(2):
+            share[a] = share[a] / norm
+    point[0], point[1] = copysign(axes[0] * share[0], ahead), copysign(axes[1] * share[1], aside)
+
+
+def facing_points(
+    const double[:, :] observer, const double[:] half_length, const double[:] half_width, int rounds, double least
+):
+    """Return the points (n, 2) of ellipses that face observers (n, 2), in their axes."""
+    cdef Py_ssize_t n = observer.shape[0], t
+    out_array = np.empty((n, 2))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(n):
+            face(observer[t, 0], observer[t, 1], half_length[t], half_width[t], rounds, least, &out[t, 0])
+    return out_array
+
+
+def facing_offsets(
+    const double[:, :] mean,
+    const double[:, :] facing,
+    const double[:, :] axis,
+    const double[:] length,
+    const double[:] width,
+    double east,
+    double north,
+    int rounds,
+    double least,
+):
+    """Return of bodies whose reference points were so far from their centres (n, 2) how far the points that face us are."""
+    cdef Py_ssize_t n = length.shape[0], t
+    cdef double x, y, c, s
     cdef double point[2]
     out_array = np.empty((n, 2))
     cdef double[:, ::1] out = out_array
     with nogil:
         for t in range(n):
-            axes[0], axes[1] = larger(half_length[t], least), larger(half_width[t], least)
-            for a in range(2):
-                eye[a] = fabs(observer[t, a])
-                evolute[a] = (axes[a] * axes[a] - axes[1 - a] * axes[1 - a]) / axes[a]
-                share[a] = sqrt(0.5)
-            for turn in range(rounds):
-                for a in range(2):
-                    centre[a] = evolute[a] * share[a] * share[a] * share[a]
-                    away[a] = eye[a] - centre[a]
-                    point[a] = axes[a] * share[a] - centre[a]
-                ratio = sqrt(point[0] * point[0] + point[1] * point[1])
-                ratio = ratio / larger(sqrt(away[0] * away[0] + away[1] * away[1]), least)
-                for a in range(2):
-                    share[a] = smaller(larger((away[a] * ratio + centre[a]) / axes[a], 0.0), 1.0)
-                norm = larger(sqrt(share[0] * share[0] + share[1] * share[1]), least)
-                for a in range(2):
-                    share[a] = share[a] / norm
-            for a in range(2):
-                out[t, a] = copysign(axes[a] * share[a], observer[t, a])
+            x, y = east - (mean[t, 0] - facing[t, 0]), north - (mean[t, 1] - facing[t, 1])
+            c, s = axis[t, 0], axis[t, 1]
+            face(x * c + y * s, y * c - x * s, length[t] / 2.0, width[t] / 2.0, rounds, least, point)
+            out[t, 0] = point[0] * c - point[1] * s
+            out[t, 1] = point[1] * c + point[0] * s
+    return out_array
+
+
+def expected_places(
+    const double[:, :] mean,
+    const double[:, :] axis,
+    const double[:] cosine,
+    const double[:] sine,
+    const double[:] across,
+    const double[:] fade,
+    double horizon,
+):
+    """Return where the leading reflections of bodies are expected after a time (k, 2), by half of whose turns the cosines
+    and sines are given, what share of the way across they go, and what share of their biases is left."""
+    cdef Py_ssize_t k = mean.shape[0], t
+    cdef double vx, vy, way, x, y, c, s, ahead, aside
+    out_array = np.empty((k, 2))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(k):
+            vx, vy, c, s = mean[t, 2], mean[t, 3], cosine[t], sine[t]
+            way = 1.0 + 0.5 * horizon * mean[t, 5] / larger(sqrt(vx * vx + vy * vy), 1.0)
+            way = horizon * larger(way, 0.0)
+            x, y = way * (c * vx - s * vy), way * (s * vx + c * vy)
+            c, s = axis[t, 0], axis[t, 1]
+            ahead, aside = x * c + y * s, (y * c - x * s) * across[t]
+            out[t, 0] = mean[t, 0] + (ahead * c - aside * s) + mean[t, 6] * fade[t]
+            out[t, 1] = mean[t, 1] + (aside * c + ahead * s) + mean[t, 7] * fade[t]
     return out_array
 
 
@@ -2507,6 +2570,58 @@ def bodies_to_merge(
                 if confirmed[old] and found[young] < 0:
                     found[young] = old
     return found_array, needed_array
+
+
+def reflections_to_split(
+    const double[:, :] offset,
+    const double[:] rate_difference,
+    const Py_ssize_t[:] leader,
+    double along,
+    double extent,
+    double across,
+    double speed,
+):
+    """Return which reflections that do not lead (n,) are too far away or of another speed for their bodies."""
+    cdef Py_ssize_t n = offset.shape[0], i
+    out_array = np.empty(n, np.bool_)
+    cdef unsigned char[::1] out = out_array
+    with nogil:
+        for i in range(n):
+            out[i] = (
+                fabs(offset[i, 0]) > extent
+                or fabs(offset[i, 1]) > across
+                or fabs(rate_difference[i]) > (speed if fabs(offset[i, 0]) > along else 2.0 * speed)
+            )
+        for i in range(leader.shape[0]):
+            out[leader[i]] = False
+    return out_array
+
+
+def mark_detected(
+    const Py_ssize_t[:] row,
+    const Py_ssize_t[:] body,
+    const Py_ssize_t[:] keys,
+    Py_ssize_t[:] sensor_of,
+    const Py_ssize_t[:] object_id,
+    Py_ssize_t[:] reflection_last_ns,
+    Py_ssize_t[:] history,
+    Py_ssize_t[:] sensors,
+    Py_ssize_t sensor,
+    Py_ssize_t time_ns,
+):
+    """Mark in place reflections and bodies as detected by a sensor; return the detections (m,) whose keys, if there are
+    any, are not their reflections' ids."""
+    cdef Py_ssize_t m = row.shape[0], i
+    renamed = []
+    for i in range(m):
+        if keys is not None and (object_id[row[i]] != keys[i] or sensor_of[row[i]] != sensor):
+            renamed.append(i)
+        else:
+            sensor_of[row[i]] = sensor
+        reflection_last_ns[row[i]] = time_ns
+        history[body[i]] |= 1
+        sensors[body[i]] |= <Py_ssize_t>1 << sensor
+    return renamed
 
 
 cdef inline double velocity_of(const double[:, :] mean, Py_ssize_t t) noexcept nogil:

@@ -56,8 +56,10 @@ class EgoPose:
     def velocity_covariance(self) -> Floats:
         """Covariance of its velocity over ground in vehicle axes, 2 × 2, (m/s)²: a wrong heading turns it."""
         c, s = cos(self.heading), sin(self.heading)
-        turned = np.array([c * self.vn - s * self.ve, -(c * self.ve + s * self.vn)])
-        return self.speed_variance * np.eye(2) + self.heading_variance * np.outer(turned, turned)
+        x, y = c * self.vn - s * self.ve, -(c * self.ve + s * self.vn)
+        speed, turn = self.speed_variance, self.heading_variance
+        both = turn * (x * y)
+        return np.array([[speed + turn * (x * x), both], [both, speed + turn * (y * y)]])
 
     def place(self, x: float, y: float) -> tuple[Floats, Floats]:
         """Return where a point fixed to the vehicle is in the local frame (2,), and its velocity over ground (2,)."""

@@ -151,6 +151,7 @@ class BodyFilter:
         self._dwell = _column([mode.dwell for mode in modes])
         self._others = self._dwell.sum() - self._dwell
         self._turn_time = _column([mode.turn_time for mode in modes])
+        self._leaving = np.stack([self._dwell, 0.5 * self._turn_time])
         self._memory = np.vstack([self._turn_time.T, np.full((1, len(modes)), dynamics.acceleration_time)])
         self._modes = np.hstack([self._moves, self._lateral_acceleration, self._settles]).T.copy()
         none, variance = np.zeros_like(white), self._acceleration**2
@@ -387,22 +388,23 @@ class BodyFilter:
     def _constants(self, dt: float) -> _StepConstants:
         """Return what a step of dt, s, has the same for all bodies."""
         if dt != self._step_constants.dt:
-            leave, decay = -np.expm1(-dt / self._dwell), np.exp(-dt / self._memory)
-            self._step_constants = _StepConstants(dt, leave, decay, self._drive(dt))
+            leave, turned = -np.expm1(-dt / self._leaving)
+            decay = np.exp(-dt / self._memory)
+            self._step_constants = _StepConstants(dt, leave, decay, self._drive(dt, turned))
         return self._step_constants
 
-    def _drive(self, dt: float) -> Floats:
-        """Return what drives each mode in a step of dt, s: (7, M, 1).
+    def _drive(self, dt: float, turned: Floats) -> Floats:
+        """Return what drives each mode in a step of dt, s, of whose variance of ω a share (M, 1) is new: (7, M, 1).
 
         Added to the variance of a place, to that of place with speed, of a speed and of the bias; the share of the
         variance of ω that is added; added to the variance of a; and dt, if it steers.
         """
         gained = -expm1(-2.0 * dt / self._dynamics.acceleration_time)
-        times = np.array([dt**3 / 3.0, dt**2 / 2.0, dt, dt, 0.0, gained, dt])
-        drive = self._driven * times[:, None, None]
+        times = np.array([[[dt**3 / 3.0]], [[dt**2 / 2.0]], [[dt]], [[dt]], [[0.0]], [[gained]], [[dt]]])
+        drive: Floats = self._driven * times
         drive[2] += self._standing
-        drive[4] = -np.expm1(-2.0 * dt / self._turn_time)
-        return np.asarray(drive)
+        drive[4] = turned
+        return drive
 
     def _transition(
         self,
@@ -639,17 +641,19 @@ def _speed(mean: Floats) -> Floats:
     return np.asarray(np.sqrt(mean[2] * mean[2] + mean[3] * mean[3]))
 
 
-def acceleration(mean: Floats) -> Floats:
-    """Return the accelerations over ground (n, 2), m/s²: along the course, and towards the centre of the turn.
+def motion(mean: Floats) -> Floats:
+    """Return [x, y, vx, vy, ax, ay] of bodies (n, 6), local frame.
+
+    The acceleration over ground, m/s², is that along the course, and towards the centre of the turn.
 
     Args:
         mean: states (n, 8).
     """
     if compiled.in_use:
-        return compiled.kernels.body_acceleration(mean, _SLOW)
+        return compiled.kernels.motion_of_bodies(mean, _SLOW)
     vx, vy, turn = mean[:, 2], mean[:, 3], mean[:, TURN]
     along = mean[:, ACCELERATION] / np.maximum(_speed(mean.T), _SLOW)
-    return np.stack([along * vx - turn * vy, along * vy + turn * vx], axis=1)
+    return np.concatenate([mean[:, :4], np.stack([along * vx - turn * vy, along * vy + turn * vx], axis=1)], axis=1)
 
 
 def shown(mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
@@ -686,5 +690,4 @@ def reported(mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
         covariance: (n, 8, 8).
     """
     jacobian = report_jacobian(mean)
-    state = np.concatenate([mean[:, :4], acceleration(mean)], axis=1)
-    return state, jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+    return motion(mean), jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)

@@ -37,7 +37,7 @@ class SpeedComponent:
     variance: Floats
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class BodyRates:
     """Range rates of n detections of m bodies.
 

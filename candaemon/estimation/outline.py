@@ -6,14 +6,17 @@ is the ellipse's nearest point, moves steadily as the aspect changes, and is the
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from candaemon import compiled
 from candaemon.arrays import Floats
 
-_ROUNDS = 6
+ROUNDS: Final = 6
 """Enough for a centimetre on a lorry from a metre away, far less on a car."""
-_LEAST = 1e-6  # m, semi-axes of a point
+LEAST: Final = 1e-6
+"""m, semi-axes of a point."""
 
 
 def facing_point(observer: Floats, half_length: Floats, half_width: Floats) -> Floats:
@@ -30,17 +33,17 @@ def facing_point(observer: Floats, half_length: Floats, half_width: Floats) -> F
         In the same axes (n, 2), m. For an observer inside the ellipse too it is a point of the outline.
     """
     if compiled.in_use:
-        return compiled.kernels.facing_points(observer, half_length, half_width, _ROUNDS, _LEAST)
-    axes, eye = np.maximum(np.stack([half_length, half_width]), _LEAST), np.abs(observer.T)
+        return compiled.kernels.facing_points(observer, half_length, half_width, ROUNDS, LEAST)
+    axes, eye = np.maximum(np.stack([half_length, half_width]), LEAST), np.abs(observer.T)
     squares = axes * axes
     evolute = (squares - squares[::-1]) / axes
     share = np.full(eye.shape, np.sqrt(0.5))  # cosine and sine of the point's parameter
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         centre = evolute * share * share * share
         away = eye - centre
-        ratio = _length(axes * share - centre) / np.maximum(_length(away), _LEAST)
+        ratio = _length(axes * share - centre) / np.maximum(_length(away), LEAST)
         share = np.minimum(np.maximum((away * ratio + centre) / axes, 0.0), 1.0)
-        share /= np.maximum(_length(share), _LEAST)
+        share /= np.maximum(_length(share), LEAST)
     return np.asarray(np.copysign((axes * share).T, observer))
 
 

@@ -80,7 +80,7 @@ def associate(
         return found
     if detections.identified:
         _by_id(found, bodies, detections, settings, vague)
-    left = np.flatnonzero(found.reflection < 0)
+    left = (found.reflection < 0).nonzero()[0]
     if not len(left):
         found.body = bodies.reflections.body.take(found.reflection)
         return found

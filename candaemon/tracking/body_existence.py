@@ -104,7 +104,7 @@ class BodyExistence:
         else:
             share = self._looked_at(detections, place).astype(np.float64)
             probability = _UNKNOWN_PROBABILITY * share
-        expected, unseen = np.zeros(len(obstacles), dtype=np.bool_), np.flatnonzero(familiar & ~seen)
+        expected, unseen = np.zeros(len(obstacles), dtype=np.bool_), (familiar & ~seen).nonzero()[0]
         if len(unseen):
             expected[unseen] = self._looked_at(detections, place[unseen])
         self._weigh(obstacles, seen, expected, share, probability, ratio, sensor)

@@ -100,14 +100,17 @@ def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans:
     The bounds are twice those for joining, so that a reflection at the edge does not come and go; what lies far along
     the body may be another vehicle in a queue, and is to move as the body does.
     """
-    reflections = bodies.reflections
+    reflections, leader = bodies.reflections, bodies.obstacles.leader
     if len(reflections) == len(bodies):
         return np.zeros(len(reflections), dtype=np.bool_)
+    if compiled.in_use:
+        limits = _COURSE_ALONG, settings.extent, 2 * settings.across, settings.speed
+        return compiled.kernels.reflections_to_split(reflections.offset, reflections.rate_difference, leader, *limits)
     far = np.abs(reflections.offset[:, 0]) > _COURSE_ALONG
     away = (
         (np.abs(reflections.offset[:, 0]) > settings.extent)
         | (np.abs(reflections.offset[:, 1]) > 2 * settings.across)
         | (np.abs(reflections.rate_difference) > np.where(far, settings.speed, 2 * settings.speed))
     )
-    away[bodies.obstacles.leader] = False
+    away[leader] = False
     return away

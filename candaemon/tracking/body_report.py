@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.body_filter import TURN, acceleration
+from candaemon.estimation.body_filter import TURN, motion
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.box import (
@@ -57,8 +57,9 @@ def report(
     """
     obstacles, moments = bodies.obstacles, bodies.moments()
     mean = moments.mean
-    state = np.concatenate([mean[:, :4], acceleration(mean)], axis=1)
-    told, covariance = in_vehicle_axes(state, moments.covariance, obstacles.axis, np.ones(len(obstacles)), pose, np.inf)
+    told, covariance = in_vehicle_axes(
+        motion(mean), moments.covariance, obstacles.axis, np.ones(len(obstacles)), pose, np.inf
+    )
     add_places(bodies, told, covariance, pose.velocity_covariance, wander_time)
     x, y, vx, vy, ax, ay, sx, sy, svx, svy, _, axis_x, axis_y = told
     (yaw_rate, length, width, center_x, center_y, age), (status, kind) = _told(bodies, pose, told, slack_ns)

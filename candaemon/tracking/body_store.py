@@ -19,6 +19,7 @@ from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.estimation.body_filter import BIAS, POSITION, BodyFilter, BodyFilterState
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.columns import Table
+from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
@@ -177,11 +178,12 @@ class Bodies:
         self._state = BodiesState(self.reflections, self.obstacles, self.filter.state)
         # computed from the state when first asked for
         self._moments: BodyMoments | None = None
-        self._rows_of_scan: dict[int, tuple[bytes, Indices, bool]] = {}
+        self._shifted = False
+        self._id_rows = IdRows()
         self.first_existence = 0.5
 
     def __len__(self) -> int:
-        return len(self.obstacles)
+        return len(self.obstacles.id)  # asked often: at once
 
     @property
     def state(self) -> BodiesState:
@@ -199,12 +201,17 @@ class Bodies:
         self.filter.state = state.estimator
         _check_rows(state)
         self._state, self.reflections, self.obstacles = state, reflections, obstacles
-        self._rows_of_scan.clear()
+        self._id_rows.clear()
         self.changed()
 
     def changed(self) -> None:
         """Forget what was computed from the filter: it has changed."""
-        self._moments = None
+        self._moments, self._shifted = None, False
+
+    def restart(self) -> None:
+        """Let what the filter says follow from its state alone, to the last bit, as after that was restored."""
+        if self._shifted:
+            self.changed()
 
     def moments(self) -> BodyMoments:
         """Return what the filter says."""
@@ -260,25 +267,51 @@ class Bodies:
         variance[rows] = (1.0 - gain) * was
 
     def rows_of(self, sensor: int, object_id: Integers) -> tuple[Indices, bool]:
-        """Return the rows that a sensor's ids stand for, −1: for nothing; and whether no id and no row comes twice.
+        """Return the rows that a sensor's ids stand for, −1: for nothing; and whether no id and no row comes twice."""
+        return self._id_rows.of(self._state.row_of, sensor, object_id)
 
-        A scan whose ids are those of the sensor's scan before costs a comparison. The rows are not to be written to.
+    def mark_detected(self, rows: Indices, keys: Integers | None, sensor: int, time_ns: int) -> None:
+        """Mark reflections and their bodies as detected, and assign the ids that they were detected with.
+
+        Args:
+            rows: of the reflections, none twice (m,).
+            keys: the sensor's object ids (m,); None: it tells none.
+            sensor: its number.
+            time_ns: of the scan.
         """
-        ids, known = object_id.tobytes(), self._rows_of_scan.get(sensor)
-        if known is None or known[0] != ids:
-            keys, find = object_id.tolist(), self._state.row_of.get
-            rows = np.array([find((sensor, key), -1) for key in keys], dtype=np.intp)
-            found = rows[rows >= 0].tolist()
-            distinct = len(set(keys)) == len(keys) and len(set(found)) == len(found)
-            known = self._rows_of_scan[sensor] = ids, rows, distinct
-        return known[1:]
+        obstacles, reflections, renamed = self.obstacles, self.reflections, list[int]()
+        body = reflections.body.take(rows)
+        if compiled.in_use:
+            renamed = compiled.kernels.mark_detected(
+                rows,
+                body,
+                keys,
+                reflections.sensor,
+                reflections.object_id,
+                reflections.last_ns,
+                obstacles.history,
+                obstacles.sensors,
+                sensor,
+                time_ns,
+            )
+        else:
+            if keys is not None:
+                changed = (reflections.object_id[rows] != keys) | (reflections.sensor[rows] != sensor)
+                renamed = np.flatnonzero(changed).tolist()
+            reflections.sensor[np.delete(rows, renamed)] = sensor
+            reflections.last_ns[rows] = time_ns
+            obstacles.history[body] |= 1
+            obstacles.sensors[body] |= 1 << sensor
+        if keys is not None:
+            for each in renamed:
+                self.assign_id(int(rows[each]), sensor, int(keys[each]))
 
     def assign_id(self, reflection: int, sensor: int, key: int) -> None:
         """Assign a sensor's object id to a reflection; it stands for no other, nor another of its ids for this.
 
         An id of each sensor is kept, since several may see the same point in turn.
         """
-        self._rows_of_scan.clear()
+        self._id_rows.clear()
         reflections, row_of = self.reflections, self._state.row_of
         latest = int(reflections.sensor[reflection]), int(reflections.object_id[reflection])
         if latest[0] == sensor and row_of.get(latest) == reflection:
@@ -391,6 +424,7 @@ class Bodies:
         if self._moments is not None:
             self._moments.mean[:, POSITION] += step
             self._moments.shown[:, :2] += step
+            self._shifted = True
 
     def _reference_targets(self, since_ns: int) -> Floats:
         """Return where the reference points belong (k, 2), along and across from where they are, m.
@@ -521,8 +555,8 @@ class Bodies:
         self.reflections.body = new_owner[self.reflections.body]
         self.obstacles.leader = new_row[self.obstacles.leader]
         gone = lost.tolist()
-        self._rows_of_scan.clear()
         self._state.row_of = {key: int(new_row[row]) for key, row in self._state.row_of.items() if not gone[row]}
+        self._id_rows.clear()
         self.changed()
         return new_row
 
@@ -533,8 +567,8 @@ class Bodies:
             sensors: number of a sensor from here on, by the number it had.
         """
         obstacles, reflections, row_of = self.obstacles, self.reflections, self._state.row_of
-        self._rows_of_scan.clear()
         self._state.row_of = {(sensors[of], key): row for (of, key), row in row_of.items() if of in sensors}
+        self._id_rows.clear()
         reflections.sensor = np.array([sensors.get(of, -1) for of in reflections.sensor.tolist()], dtype=np.int64)
         reflections.object_id[reflections.sensor < 0] = -1
         seen_by = np.zeros_like(obstacles.sensors)

@@ -13,7 +13,7 @@ from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import POSITION
-from candaemon.estimation.outline import facing_point
+from candaemon.estimation.outline import LEAST, ROUNDS, facing_point
 from candaemon.frames.bodies import CLASSES
 from candaemon.radar.detections import Detections
 from candaemon.tracking.body_store import Bodies
@@ -195,8 +195,11 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
         bodies: with their boxes.
         pose: of the vehicle, whose origin they face.
     """
-    obstacles = bodies.obstacles
-    centre = bodies.moments().mean[:, POSITION] - obstacles.facing
+    obstacles, mean = bodies.obstacles, bodies.moments().mean
+    if compiled.in_use:
+        box = obstacles.facing, obstacles.axis, obstacles.length, obstacles.width
+        return compiled.kernels.facing_offsets(mean, *box, pose.east, pose.north, ROUNDS, LEAST)
+    centre = mean[:, POSITION] - obstacles.facing
     observer = to_travel_axes(np.array([pose.east, pose.north]) - centre, obstacles.axis)
     return from_travel_axes(facing_point(observer, obstacles.length / 2, obstacles.width / 2), obstacles.axis)
 

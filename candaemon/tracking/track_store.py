@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import repeat
 
 import numpy as np
 
@@ -21,10 +20,10 @@ from candaemon.estimation.smoothing import Link
 from candaemon.radar.detections import Detections
 from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 from candaemon.tracking.estimator_factory import make_estimator
+from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import RigidMotion, change_reference, decay_offsets, from_travel_axes, rigid_motion
 
-_LARGEST_ID = 4096
 """Of a sensor whose ids are looked up in a table."""
 
 
@@ -54,7 +53,7 @@ class RowsOfScan:
     Attributes:
         ids: of the scan, as bytes.
         track_of: rows of tracks (m,), −1 where an id stands for nothing.
-        distinct: whether no id comes twice.
+        distinct: whether no id comes twice, nor a row.
         tracks, detections: rows of tracks and of detections that belong together, without those that stand for nothing.
     """
 
@@ -87,7 +86,7 @@ class TrackStore:
         self._state = TrackStoreState(self.reflections, self.obstacles, self.estimator.state)
         # computed from the state when first asked for
         self._rows_of_scan: dict[int, RowsOfScan] = {}
-        self._rows_by_id: dict[int, Indices] = {}  # of a sensor: at 1 + id the row of its track, −1 at both ends
+        self._id_rows = IdRows()
         self._moments: tuple[Floats, Floats] | None = None
 
     @property
@@ -209,31 +208,16 @@ class TrackStore:
         ids, known = object_id.tobytes(), self._rows_of_scan.get(sensor)
         if known is not None and known.ids == ids:
             return known
-        rows = self._rows_of_ids(sensor, object_id)
-        distinct = bool((object_id[1:] > object_id[:-1]).all()) or len(set(object_id.tolist())) == len(object_id)
+        rows, distinct = self._id_rows.of(self._state.row_of, sensor, object_id)
         detections = (rows >= 0).nonzero()[0]
         found = RowsOfScan(ids, rows, distinct, rows.take(detections), detections)
         self._rows_of_scan[sensor] = found
         return found
 
-    def _rows_of_ids(self, sensor: int, object_id: Integers) -> Indices:
-        """Return the rows that a sensor's ids stand for, −1 where one stands for nothing."""
-        table = self._rows_by_id.get(sensor)
-        if table is None:
-            rows = {key: row for (of, key), row in self._state.row_of.items() if of == sensor}
-            table = np.full(max(rows, default=0) + 3 if max(rows, default=0) < _LARGEST_ID else 0, -1)
-            if len(table):
-                table[np.fromiter(rows, np.intp, len(rows)) + 1] = np.fromiter(rows.values(), np.intp, len(rows))
-            self._rows_by_id[sensor] = table
-        if len(table):
-            return table.take(object_id + 1, mode="clip")
-        keys = object_id.tolist()
-        return np.fromiter(map(self._state.row_of.get, zip(repeat(sensor), keys), repeat(-1)), np.intp, len(keys))
-
     def _forget_rows(self) -> None:
         """Forget what ids stand for, as far as it was computed from the state."""
         self._rows_of_scan.clear()
-        self._rows_by_id.clear()
+        self._id_rows.clear()
 
     def assign_id(self, track: int, sensor: int, key: int) -> None:
         """Assign a sensor's object id to a reflection; it no longer stands for another."""

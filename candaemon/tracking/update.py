@@ -32,7 +32,7 @@ class TrackerCounts:
     slot_jumps: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class Update:
     """The detections that updated or initiated a track in the latest scan.
 
@@ -49,7 +49,7 @@ class Update:
     degrees_of_freedom: Integers
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class Used:
     """The detections used in a cycle, as they are reported.
 

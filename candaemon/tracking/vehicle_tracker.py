@@ -136,7 +136,7 @@ class VehicleTracker:
         self.smoother_history: SmootherHistory | None = None
 
     def __len__(self) -> int:
-        return len(self._bodies)
+        return len(self._bodies.obstacles.id)  # asked often: at once
 
     @property
     def state(self) -> VehicleTrackerState:
@@ -214,7 +214,7 @@ class VehicleTracker:
             state, covariance = reported(moments.mean, moments.covariance)
             self.smoother_history = SmootherHistory(self._bodies.obstacles.id.copy(), state, covariance, *link)
         reported_existence = self._bodies.obstacles.existence if self._by_existence else None
-        found = report(
+        return report(
             self._bodies,
             pose,
             self._used(detections),
@@ -223,26 +223,21 @@ class VehicleTracker:
             self._reported(pose),
             reported_existence,
         )
-        self._bodies.changed()  # the next step begins with what follows from the state to the last bit, as one restored
-        return found
 
     def expected_positions(self, horizon: float) -> Floats:
         """Return where each detection of the latest update is expected after a time: (m, 2), local frame, m."""
         if self.update is None:
             return np.zeros((0, 2))
         rows, bodies = self.update.reflection, self._bodies
-        body = bodies.reflections.body[rows]
-        mean = bodies.moments().mean[body]
-        bias = mean[:, BIAS] * np.exp(-horizon / self._bias_time()[body])[:, None]
-        ahead = predicted_positions(mean, horizon) - mean[:, POSITION]
-        hidden = self._hidden()
-        drift = to_travel_axes(ahead, bodies.obstacles.axis[body])
-        settles = hidden[body] * bodies.filter.unsteady(np.hypot(*mean[:, VELOCITY].T))
-        settles *= 1.0 - bodies.filter.probability[body, MANOEUVRING]
+        mean, axis = bodies.moments().mean, bodies.obstacles.axis
+        settles = self._hidden()
+        if settles.any():
+            settles *= bodies.filter.unsteady(np.hypot(*mean[:, VELOCITY].T))
+            settles *= 1.0 - bodies.filter.probability[:, MANOEUVRING]
         rate = np.maximum(settles / self._places.settling, _LEAST_RATE)
-        drift[:, 1] *= -np.expm1(-rate * horizon) / (rate * horizon)
-        ahead = from_travel_axes(drift, bodies.obstacles.axis[body])
-        return mean[:, POSITION] + ahead + bias + bodies.offsets()[rows]
+        across, fade = -np.expm1(-rate * horizon) / (rate * horizon), np.exp(-horizon / self._bias_time())
+        leading = expected_places(mean, axis, across, fade, horizon)
+        return np.asarray(leading.take(bodies.reflections.body.take(rows), axis=0) + bodies.offsets(rows))
 
     def mode_probabilities(self) -> tuple[Integers, Floats]:
         """Return the obstacles' identities (k,) and the probabilities of their modes (k, M)."""
@@ -255,6 +250,7 @@ class VehicleTracker:
             time_ns: the instant; at most `LATEST_RETRODICTION` from the latest step.
             sensor: number of the sensor that asks.
         """
+        self._bodies.restart()
         obstacles, reflections = self._bodies.obstacles, self._bodies.reflections
         mean, covariance = self._bodies.reflection_states()
         ahead = (time_ns - self._state.time_ns) * 1e-9
@@ -278,11 +274,11 @@ class VehicleTracker:
 
     def _predict(self, pose: EgoPose) -> None:
         """Predict all bodies, and let the places of their reflections become uncertain again."""
-        time_ns = pose.time_ns
+        time_ns, bodies = pose.time_ns, self._bodies
+        bodies.restart()
         dt = (time_ns - self._state.time_ns) * 1e-9 if len(self) else 0.0
         self._dt = max(dt, 0.0)
         self._state.time_ns = time_ns
-        bodies = self._bodies
         if dt > 0.0:
             walk, bias_time = self._walks(pose), self._bias_time()
             bodies.filter.predict(dt, bodies.obstacles.axis, walk, self._hidden(), bias_time)
@@ -423,7 +419,7 @@ class VehicleTracker:
             expected &= in_look(self._views, detections, pose.to_vehicle(bodies.moments().mean[:, POSITION]))
         obstacles.history = obstacles.history << expected & _HISTORY
         obstacles.scans += expected
-        rows = np.flatnonzero(association.reflection >= 0)
+        rows = (association.reflection >= 0).nonzero()[0]
         if not len(rows):
             return
         row = association.reflection[rows]
@@ -439,16 +435,9 @@ class VehicleTracker:
         bodies.filter.update(seen, combined, alike, rates)
         bodies.changed()
         bodies.learn_offsets(row, measurement.position, measurement.noise, offset)
-        if detections.identified:
-            keys = detections.object_id[rows]
-            renamed = (reflections.object_id[row] != keys) | (reflections.sensor[row] != detections.sensor)
-            for each, key in zip(row[renamed].tolist(), keys[renamed].tolist(), strict=True):
-                bodies.assign_id(each, detections.sensor, key)
-        reflections.sensor[row] = detections.sensor
-        reflections.last_ns[row] = detections.time_ns
+        keys = detections.object_id[rows] if detections.identified else None
+        bodies.mark_detected(row, keys, detections.sensor, detections.time_ns)
         box.learn(bodies, rows, row, detections)
-        obstacles.history[seen] |= 1
-        obstacles.sensors[seen] |= 1 << detections.sensor
 
     def _note_rates(self, row: Indices, body: Indices, offset: Floats, detections: Detections, rows: Indices) -> None:
         """Note how much faster than their bodies reflections come nearer."""
@@ -470,7 +459,7 @@ class VehicleTracker:
 
     def _initiate(self, association: Association, detections: Detections, pose: EgoPose) -> None:
         """Initiate a reflection for each detection beside a known body, and bodies for the rest."""
-        left = np.flatnonzero(association.reflection < 0)
+        left = (association.reflection < 0).nonzero()[0]
         room = max(self.settings.max_tracks - len(self._bodies.reflections), 0)
         self.counts.crowded += max(len(left) - room, 0)
         before = len(self)
@@ -479,7 +468,7 @@ class VehicleTracker:
 
     def _record(self, association: Association, detections: Detections) -> None:
         """Keep what the scan's detections updated or initiated, for those who ask after the step."""
-        rows = np.flatnonzero(association.reflection >= 0)
+        rows = (association.reflection >= 0).nonzero()[0]
         self.counts.used += len(rows)
         self.update = Update(
             rows, association.reflection[rows], association.nis[rows], detections.measurement.measured[rows]
@@ -685,17 +674,23 @@ class VehicleTracker:
             )
 
 
-def predicted_positions(mean: Floats, horizon: float) -> Floats:
-    """Return where reference points are expected after a time, (m, 2), m.
+def expected_places(mean: Floats, axis: Floats, across: Floats, fade: Floats, horizon: float) -> Floats:
+    """Return where the leading reflections of bodies are expected after a time, (k, 2), m.
 
     Args:
-        mean: states (m, 8) as in `BodyFilter`.
+        mean: states (k, 8) as in `BodyFilter`.
+        axis: of the bodies (k, 2).
+        across: share of the way across its axis that each goes (k,).
+        fade: share of each one's bias that is left (k,).
         horizon: s.
     """
     turn = 0.5 * mean[:, TURN] * horizon
     c, s = np.cos(turn), np.sin(turn)
-    velocity = mean[:, VELOCITY]
-    speed = np.hypot(velocity[:, 0], velocity[:, 1])
-    way = 1.0 + 0.5 * horizon * mean[:, ACCELERATION] / np.maximum(speed, 1.0)
-    chord = np.stack([c * velocity[:, 0] - s * velocity[:, 1], s * velocity[:, 0] + c * velocity[:, 1]], axis=1)
-    return np.asarray(mean[:, POSITION] + horizon * np.maximum(way, 0.0)[:, None] * chord)
+    if compiled.in_use:
+        return compiled.kernels.expected_places(mean, axis, c, s, across, fade, horizon)
+    vx, vy = mean[:, 2], mean[:, 3]
+    way = 1.0 + 0.5 * horizon * mean[:, ACCELERATION] / np.maximum(np.sqrt(vx * vx + vy * vy), 1.0)
+    way = horizon * np.maximum(way, 0.0)
+    drift = to_travel_axes(np.stack([way * (c * vx - s * vy), way * (s * vx + c * vy)], axis=1), axis)
+    drift[:, 1] *= across
+    return np.asarray(mean[:, POSITION] + from_travel_axes(drift, axis) + mean[:, BIAS] * fade[:, None])

@@ -19,7 +19,7 @@ from candaemon.config.tracker import AssociationSettings, LifecycleSettings, Ref
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
-from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode, acceleration, shown
+from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode, motion, shown
 from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import mix
@@ -40,7 +40,7 @@ from candaemon.tracking.body_association import Association, associate
 from candaemon.tracking.body_axes import turned_axes
 from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_measurement import of_bodies
-from candaemon.tracking.body_merging import merge_candidates
+from candaemon.tracking.body_merging import merge_candidates, split_candidates
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies
@@ -49,6 +49,7 @@ from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
 from candaemon.tracking.sensor_visibility import Visibility
 from candaemon.tracking.update import Used
+from candaemon.tracking.vehicle_tracker import expected_places
 from tests.benchmarks.chains import full_binding, imm_binding, reduced_binding, simulated_log
 
 pytestmark = pytest.mark.skipif(not compiled.in_use, reason="the kernels are not compiled: no compiler or no Cython")
@@ -260,7 +261,7 @@ def test_what_all_modes_say_of_bodies(bodies: int, modes: Sequence[BodyMode], mo
     def computed() -> list[Floats]:
         mean, covariance = bodies_of(bodies, modes).combined()
         np.testing.assert_array_equal(covariance, np.swapaxes(covariance, 1, 2))
-        found = (mean, covariance, *shown(mean, covariance), acceleration(mean))
+        found = (mean, covariance, *shown(mean, covariance), motion(mean))
         assert all(len(each) == bodies for each in found)
         return [np.append(each, 1.0) for each in found]
 
@@ -432,6 +433,39 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         older, needed = merge_candidates(bodies, ReflectionSettings())
         assert 3 < np.count_nonzero(older >= 0) < 50
         return [older.astype(np.float64), needed]
+
+    both(monkeypatch, computed)
+
+
+def test_reflections_to_split_and_places_expected(monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(5)
+    across, fade, difference = random.random(20), random.random(20), random.normal(size=29) * 4.0
+
+    def computed() -> list[Floats]:
+        bodies = bodies_on_road(20, 9)
+        bodies.reflections.offset *= 6.0
+        bodies.reflections.rate_difference = difference
+        splitting = split_candidates(bodies, ReflectionSettings())
+        assert 0 < np.count_nonzero(splitting) < 9
+        expected = expected_places(bodies.moments().mean, bodies.obstacles.axis, across, fade, 0.7)
+        return [splitting.astype(np.float64), expected]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("identified", [True, False])
+def test_marks_of_what_is_detected(identified: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    row, keys = np.array([2, 7, 0, 25, 11]), np.array([2, 40, 1, 3, 11])
+
+    def computed() -> list[Floats]:
+        bodies = bodies_on_road(20, 9)
+        obstacles, reflections = bodies.obstacles, bodies.reflections
+        reflections.sensor[11] = 3
+        bodies.mark_detected(row, keys if identified else None, 0, 2 * 10**9)
+        assert bodies.rows_of(0, keys)[0].tolist() == ([2, 7, 0, 25, 11] if identified else [2, -1, 1, 3, 11])
+        assert np.count_nonzero(reflections.last_ns == 2 * 10**9) == 5
+        columns = (reflections.sensor, reflections.object_id, reflections.last_ns)
+        return [each.astype(np.float64) for each in (*columns, obstacles.last_ns, obstacles.history, obstacles.sensors)]
 
     both(monkeypatch, computed)
 
