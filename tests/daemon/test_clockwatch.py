@@ -138,7 +138,7 @@ def test_frames_that_came_before_the_clock_was_set_have_no_latency(monkeypatch: 
     clocks.now_ns = waiting[0].time_ns
     set_at_ns = waiting[len(waiting) // 2].time_ns
 
-    def read(_timeout_s: float) -> list[Frame]:
+    def read(_timeout_s: float, _coalescing_s: float = 0.0) -> list[Frame]:
         clocks.pass_by(TURN_NS)
         come = [frame for frame in waiting if frame.time_ns <= clocks.now_ns]
         del waiting[: len(come)]
