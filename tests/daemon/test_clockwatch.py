@@ -73,7 +73,7 @@ class Turned:
         self.daemon = Daemon(binding("demo"), clock=lambda: self.clocks.now_ns, steady=lambda: self.clocks.steady_ns)
         self.come: list[Frame] = []
         self.taken: list[Frame | Tick] = []
-        monkeypatch.setattr(self.daemon.buses, "read", lambda _timeout_s: self.come)
+        monkeypatch.setattr(self.daemon.buses, "read", lambda _timeout_s, _coalescing_s=0.0: self.come)
         monkeypatch.setattr(self.daemon, "_process", self.taken.extend)
 
     def turn(self, *ages_ns: int) -> None:
