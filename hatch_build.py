@@ -46,7 +46,7 @@ class KernelsHook(BuildHookInterface):  # type: ignore[type-arg, misc, unused-ig
             return
         place = SOURCE.with_name(built.name)
         if version == "editable":
-            shutil.copyfile(built, root / place)
+            put(built, root / place)
             return
         build_data["pure_python"] = False
         build_data["infer_tag"] = True
@@ -56,6 +56,13 @@ class KernelsHook(BuildHookInterface):  # type: ignore[type-arg, misc, unused-ig
         """Clean up."""
         del version, build_data, artifact_path
         self._scratch.cleanup()
+
+
+def put(built: Path, place: Path) -> None:
+    """Put a module in the place of another, whose file stays as it is for those that have it open."""
+    beside = place.with_name(f"{place.name}.{os.getpid()}")
+    shutil.copyfile(built, beside)
+    beside.replace(place)
 
 
 def compiler() -> str | None:
@@ -101,4 +108,6 @@ if __name__ == "__main__":  # compiles into the checkout, as an editable install
     here = Path(__file__).resolve().parent
     with TemporaryDirectory() as scratch:
         module_file = compile_kernels(here, Path(scratch))
-        print(shutil.copyfile(module_file, (here / SOURCE).with_name(module_file.name)), file=sys.stderr)
+        target = (here / SOURCE).with_name(module_file.name)
+        put(module_file, target)
+        print(target, file=sys.stderr)

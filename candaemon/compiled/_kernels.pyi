@@ -279,7 +279,7 @@ def note_sizes(
     fastest: Floats,
     length: Floats,
     width: Floats,
-    width_variance: Floats,
+    size_variance: Floats,
     first_ns: Integers,
     mean: Floats,
     body: Indices,

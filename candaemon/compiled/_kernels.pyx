@@ -2819,7 +2819,7 @@ def note_sizes(
     double[:] fastest,
     double[:] length,
     double[:] width,
-    const double[:] width_variance,
+    const double[:] size_variance,
     const Py_ssize_t[:] first_ns,
     const double[:, :] mean,
     const Py_ssize_t[:] body,
@@ -2856,7 +2856,7 @@ def note_sizes(
                 alone[t] = alone[t] + interval[t]
             speed = velocity_of(mean, t) if (time_ns - first_ns[t]) * 1e-9 > age else 0.0
             fastest[t] = larger(fastest[t], speed)
-            if alone[t] > long_alone and width_variance[t] > told and fastest[t] > moved:
+            if alone[t] > long_alone and size_variance[t] > told and fastest[t] > moved:
                 if fastest[t] < walking:
                     length[t], width[t] = walker_length, walker_width
                 elif fastest[t] < riding:

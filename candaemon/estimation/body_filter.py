@@ -151,7 +151,6 @@ class BodyFilter:
         self._dwell = _column([mode.dwell for mode in modes])
         self._others = self._dwell.sum() - self._dwell
         self._turn_time = _column([mode.turn_time for mode in modes])
-        self._leaving = np.stack([self._dwell, 0.5 * self._turn_time])
         self._memory = np.vstack([self._turn_time.T, np.full((1, len(modes)), dynamics.acceleration_time)])
         self._modes = np.hstack([self._moves, self._lateral_acceleration, self._settles]).T.copy()
         none, variance = np.zeros_like(white), self._acceleration**2
@@ -388,23 +387,22 @@ class BodyFilter:
     def _constants(self, dt: float) -> _StepConstants:
         """Return what a step of dt, s, has the same for all bodies."""
         if dt != self._step_constants.dt:
-            leave, turned = -np.expm1(-dt / self._leaving)
-            decay = np.exp(-dt / self._memory)
-            self._step_constants = _StepConstants(dt, leave, decay, self._drive(dt, turned))
+            leave, decay = -np.expm1(-dt / self._dwell), np.exp(-dt / self._memory)
+            self._step_constants = _StepConstants(dt, leave, decay, self._drive(dt))
         return self._step_constants
 
-    def _drive(self, dt: float, turned: Floats) -> Floats:
-        """Return what drives each mode in a step of dt, s, of whose variance of ω a share (M, 1) is new: (7, M, 1).
+    def _drive(self, dt: float) -> Floats:
+        """Return what drives each mode in a step of dt, s: (7, M, 1).
 
         Added to the variance of a place, to that of place with speed, of a speed and of the bias; the share of the
         variance of ω that is added; added to the variance of a; and dt, if it steers.
         """
         gained = -expm1(-2.0 * dt / self._dynamics.acceleration_time)
-        times = np.array([[[dt**3 / 3.0]], [[dt**2 / 2.0]], [[dt]], [[dt]], [[0.0]], [[gained]], [[dt]]])
-        drive: Floats = self._driven * times
+        times = np.array([dt**3 / 3.0, dt**2 / 2.0, dt, dt, 0.0, gained, dt])
+        drive = self._driven * times[:, None, None]
         drive[2] += self._standing
-        drive[4] = turned
-        return drive
+        drive[4] = -np.expm1(-2.0 * dt / self._turn_time)
+        return np.asarray(drive)
 
     def _transition(
         self,

@@ -26,6 +26,7 @@ ReadCondition: TypeAlias = CompiledCondition | TabulatedCondition | KnownConditi
 POSITION: Final = ("x", "y", "range", "azimuth")
 """Quantities without which an object is nowhere."""
 SPEEDS: Final = ("range_rate", "vx", "vy")
+"""Quantities that are not known at an end of their signals: an obstacle would have that speed."""
 BOUNDED: Final = (*POSITION, *SPEEDS)
 """Quantities of which the ends of their signals are bounds: what is farther or faster is told as them."""
 

@@ -183,7 +183,7 @@ class Bodies:
         self.first_existence = 0.5
 
     def __len__(self) -> int:
-        return len(self.obstacles.id)  # asked often: at once
+        return len(self.obstacles)
 
     @property
     def state(self) -> BodiesState:

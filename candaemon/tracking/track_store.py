@@ -24,8 +24,6 @@ from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import RigidMotion, change_reference, decay_offsets, from_travel_axes, rigid_motion
 
-"""Of a sensor whose ids are looked up in a table."""
-
 
 @dataclass(slots=True)
 class TrackStoreState:

@@ -136,7 +136,7 @@ class VehicleTracker:
         self.smoother_history: SmootherHistory | None = None
 
     def __len__(self) -> int:
-        return len(self._bodies.obstacles.id)  # asked often: at once
+        return len(self._bodies)
 
     @property
     def state(self) -> VehicleTrackerState:

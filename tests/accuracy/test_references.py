@@ -129,7 +129,7 @@ def test_o_keeps_one_obstacle_of_each_object_and_none_of_what_is_false(config: s
     told = informed(pipeline.binding, cycles, sources(simulation))
     assert told is not None
     assert set(np.concatenate([each.id for each in told]).tolist()) == {1, 2}
-    assert sum(len(each.used_row) for each in told) > 3 * len(told)
+    assert sum(len(each.used_row) for each in told) > 4 * len(told)
     score = scored(track_rows(told), truth_rows(simulation))
     assert (score.switches, score.surplus, score.false, score.missed) == (0, 0, 0, 0)
     assert score.value("position") < 1.0

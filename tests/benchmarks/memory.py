@@ -14,12 +14,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
+from candaemon.simulation.scenario import load_scenario
+
 from .chains import ROOT
 
 CONFIG: Final = ROOT / "config/toyota_rav4_ins.yaml"
 SCENARIO: Final = ROOT / "config/scenarios/highway.yaml"
-SECONDS: Final = 40.0
-"""How long the scenario lasts."""
 LIMIT: Final = 5.0
 """MB by which memory may grow after the first minute."""
 _LOOK_S: Final = 0.1
@@ -31,9 +31,10 @@ def long_log(path: Path, minutes: float) -> None:
     subprocess.run(simulate, check=True, cwd=ROOT, capture_output=True)
     lines = Path(f"{path}.once.log").read_text(encoding="ascii").splitlines()
     stamped = [(float(line[1 : line.index(")")]), line[line.index(")") :]) for line in lines]
+    seconds = load_scenario(SCENARIO).duration
     with path.open("w", encoding="ascii") as log:
-        for turn in range(round(minutes * 60.0 / SECONDS)):
-            log.writelines(f"({time_s + turn * SECONDS:.6f}{rest}\n" for time_s, rest in stamped)
+        for turn in range(round(minutes * 60.0 / seconds)):
+            log.writelines(f"({time_s + turn * seconds:.6f}{rest}\n" for time_s, rest in stamped)
 
 
 def resident_by_minute(path: Path, minutes: float) -> list[float]:
