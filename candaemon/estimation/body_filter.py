@@ -242,6 +242,17 @@ class BodyFilter:
         self._state.mean[:, :, POSITION] += step[:, None]
         self._state.mean[:, :, BIAS] -= step[:, None]
 
+    def open_velocity(self, spread: Floats) -> None:
+        """Let it be open again how fast bodies move in a direction, in the modes that move.
+
+        Args:
+            spread: standard deviation that is added, along that direction (n, 2), m/s.
+        """
+        covariance = self._state.covariance.T
+        for i in (0, 1):
+            for j in (0, 1):
+                covariance[2 + i, 2 + j] += self._moves * (spread[:, i] * spread[:, j])
+
     def loosen(self, rows: Indices, variance: float) -> None:
         """Let it be open again where on rows' bodies the leading reflections lie: position and bias, not their sum.
 

@@ -25,6 +25,9 @@ from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
 _LEAST_NORMAL = 1e-12  # 1/m²
 _BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
+_DRIFT_TIME = 1.0  # s, over which the speed of that is a mean
+_OPENING_TIME = 0.03  # s, within which a velocity becomes as uncertain as that is fast
+_LEAST_DRIFT = 1e-3  # m/s; below it nothing drifts
 _LEAST_TIME = 1e-3  # s
 _LONGEST_INTERVAL = 0.5  # s; a gap that is longer counts as one of this length
 _COURSE_SPEED = 3.0  # m/s, what was ever faster has a known axis
@@ -90,6 +93,7 @@ class BodyTable(Table):
         alone: time for which it was near and showed one reflection only, s; below 0 once it has shown several.
         fastest: greatest speed it had, m/s.
         facing: reference point minus centre of the box (n, 2), local frame, m.
+        drift: speed at which its reference point lately followed reflections beyond its box (n, 2), local frame, m/s.
         alongside_ns: time for which it has been a merge candidate.
         sensors: bit k set where sensor k detected it.
         existence: probability that there is something.
@@ -115,6 +119,7 @@ class BodyTable(Table):
     alone: Floats = field(default_factory=_numbers)
     fastest: Floats = field(default_factory=_numbers)
     facing: Floats = field(default_factory=_pairs)
+    drift: Floats = field(default_factory=_pairs)
     alongside_ns: Integers = field(default_factory=_integers)
     sensors: Integers = field(default_factory=_integers)
     existence: Floats = field(default_factory=_numbers)
@@ -344,6 +349,7 @@ class Bodies:
             alone=np.zeros(1),
             fastest=np.zeros(1),
             facing=np.zeros((1, 2)),
+            drift=np.zeros((1, 2)),
             alongside_ns=zero,
             sensors=zero,
             existence=np.array([self.first_existence]),
@@ -472,13 +478,22 @@ class Bodies:
         return target
 
     def _keep_bias_within(self, dt: Floats) -> None:
-        """Let the reference points follow, for times (k, 1), s, reflections that would else lie beyond their bodies."""
+        """Let the reference points follow, for times (k, 1), s, reflections that would else lie beyond their bodies.
+
+        Those that slide over a body stay on it: where the point has to follow for long, the body moves, and its
+        velocity is not what it seemed to be.
+        """
         obstacles = self.obstacles
         beyond, some = _beyond(self.moments().mean, obstacles.axis, obstacles.length, obstacles.width)
-        if some:
-            step = -np.expm1(-dt / _BEYOND_TIME) * beyond
-            self.filter.settle(from_travel_axes(step, obstacles.axis))
-            self.changed()
+        if not some and not obstacles.drift.any():
+            return
+        step = from_travel_axes(-np.expm1(-dt / _BEYOND_TIME) * beyond, obstacles.axis)
+        speed = step / np.maximum(dt, _LEAST_TIME)
+        drift = obstacles.drift - np.expm1(-dt / _DRIFT_TIME) * (speed - obstacles.drift)
+        obstacles.drift = np.where(np.abs(drift) > _LEAST_DRIFT, drift, 0.0)
+        self.filter.settle(step)
+        self.filter.open_velocity(np.sqrt(dt / _OPENING_TIME) * obstacles.drift)
+        self.changed()
 
     def merge(self, young: int, old: int) -> None:
         """Give the reflections of one body to another; the row left without reflections is to be deleted."""
@@ -593,6 +608,7 @@ _COPIED = (
     "alone",
     "fastest",
     "facing",
+    "drift",
     "sensors",
 )
 

@@ -12,6 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.arrays import Floats
+from candaemon.config.directions import AlongAcross
+from candaemon.config.load import load_config
 from candaemon.estimation.body_filter import BIAS, POSITION
 from candaemon.estimation.outline import facing_point
 from candaemon.pipeline.cycle import Cycle
@@ -20,6 +22,7 @@ from candaemon.tracking.body_modes import STANDING as STANDS
 from candaemon.tracking.obstacles import CAR, CONFIRMED, PEDESTRIAN, STANDING, TRUCK, TWO_WHEELER, Obstacles
 from tests.support.builders import HandFedVehicles, Seen, assert_sane, car, detections, place, pose, times
 from tests.support.effort import examples
+from tests.support.paths import ROOT
 
 SPEED = 20.0
 LORRY = (0.0, 2.5, 5.0, 7.5)
@@ -326,6 +329,20 @@ def test_a_walker_is_small() -> None:
     assert told.kind[0] == PEDESTRIAN
     assert told.length[0] < 1.0
     assert told.vy[0] == pytest.approx(1.4, abs=0.3)
+
+
+@pytest.mark.parametrize("speed", [0.8, -1.4])
+def test_what_walks_across_moves_though_its_reflections_might_walk(speed: float) -> None:
+    """Neither range rates nor a walk of a second tell it from what stands: it does not stay within a box."""
+    front = load_config(ROOT / "config" / "toyota_rav4.yaml").config.sensors["front"]
+    filtering = front.model_copy(
+        update={"noise": front.noise.model_copy(update={"walk": AlongAcross(along=0.03, across=0.1)})}
+    )
+    fed, rng = HandFedVehicles(sensors={0: filtering}), np.random.default_rng(23)
+    for t in times(1, 120):
+        told = fed.scan(t, noisy(rng, [Seen(0, 30.0, -4.0 + speed * t, 0.0, speed)]))
+    assert told.vy[0] == pytest.approx(speed, abs=0.3)
+    assert told.y[0] == pytest.approx(-4.0 + speed * t, abs=0.5)
 
 
 @pytest.mark.parametrize("deviation", [0.06, 0.3])
