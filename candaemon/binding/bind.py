@@ -17,9 +17,10 @@ from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.config.ego import StaticSettings
 from candaemon.config.load import LoadedConfig
 from candaemon.config.settings import Config
-from candaemon.dbc.database_cache import cache_folder, load_cached
+from candaemon.dbc.database_cache import load_cached
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.errors import ConfigError, DatabaseError
+from candaemon.files.entry_cache import cache_folder
 from candaemon.frames.frame import EXTENDED
 
 FULL: Final = 0.65
@@ -115,7 +116,7 @@ class _Databases:
         if path not in self.by_path:
             self.failed.add(path)
             try:
-                self.by_path[path] = load_cached(path, self.loaded.read, cache_folder())
+                self.by_path[path] = load_cached(path, self.loaded.read, cache_folder("dbc"))
             except DatabaseError as error:
                 if not isinstance(error.__cause__, FileNotFoundError):
                     raise

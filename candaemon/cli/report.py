@@ -14,7 +14,7 @@ from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, output_path
 from candaemon.cli.replay import channel_of_bus, check_request
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
-from candaemon.config.yaml_text import LARGEST_FILE
+from candaemon.config.yaml_file import LARGEST_FILE
 from candaemon.evaluation.metrics import evaluate
 from candaemon.files.bounded import read_bounded
 from candaemon.files.outputs import Outputs

@@ -61,6 +61,19 @@ class Settings(BaseModel):
         """
         return cast("Self", cls.model_construct(**values))  # mypy's plugin of pydantic types it by this class
 
+    def dumped(self) -> dict[str, Any]:
+        """Return what `model_dump(mode="json", by_alias=True)` returns, for which pydantic would build serializers."""
+        fields = type(self).model_fields
+        return {fields[name].alias or name: _dumped(value) for name, value in self.__dict__.items()}
+
+
+def _dumped(value: Any) -> Any:
+    if isinstance(value, Settings):
+        return value.dumped()
+    if isinstance(value, dict):
+        return {key: _dumped(each) for key, each in value.items()}
+    return [_dumped(each) for each in value] if isinstance(value, tuple) else value
+
 
 MOST_UNKNOWN: Final = 16
 """Values of a signal that say that a quantity is not known."""

@@ -13,9 +13,11 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from candaemon.config.settings import Config, CrossReferenceError, Location
-from candaemon.config.yaml_text import read_yaml
+from candaemon.config.settings_cache import CheckedConfigs
+from candaemon.config.yaml_file import read_yaml_file
 from candaemon.errors import MOST_PROBLEMS, ConfigError
 from candaemon.files.bounded import FileReader, read_anything, read_bounded
+from candaemon.files.entry_cache import cache_folder
 from candaemon.printable import LONGEST_SHOWN, printable
 from candaemon.similar_names import meant
 
@@ -65,13 +67,25 @@ def load_config(path: Path, read: FileReader | None = None) -> LoadedConfig:
 
     """
     path = Path(path)
-    data, lines = read_yaml(path, read or read_anything)
+    text, folder = read_yaml_file(path, read or read_anything), cache_folder("config")
+    before = None if folder is None else CheckedConfigs(folder, text)
+    known = None if before is None else before.find()
+    config, lines = known or _checked(text, path)
+    if before is not None and known is None:
+        before.keep(config, lines)
+    return LoadedConfig(config, path, lines, read or read_bounded)
+
+
+def _checked(text: str, path: Path) -> tuple[Config, dict[Location, int]]:
+    """Return the settings of a YAML file's text, and the line of each key and item."""
+    from candaemon.config.yaml_text import parse_yaml  # noqa: PLC0415  # a file that was checked before needs no parser
+
+    data, lines = parse_yaml(text, path)
     try:
-        # Strict: no conversion between text and numbers; `read_yaml` returns tuples for lists.
-        config = Config.model_validate(data, strict=True)
+        # Strict: no conversion between text and numbers; `parse_yaml` returns tuples for lists.
+        return Config.model_validate(data, strict=True), lines
     except ValidationError as error:
         raise join_problems(path, error, lines, _problems) from None
-    return LoadedConfig(config, path, lines, read or read_bounded)
 
 
 def join_problems(

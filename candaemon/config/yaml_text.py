@@ -17,12 +17,11 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from yaml.reader import ReaderError
 
 from candaemon.config.settings import Location
+from candaemon.config.yaml_file import read_yaml_file
 from candaemon.errors import ConfigError
 from candaemon.files.bounded import FileReader, read_anything
 from candaemon.printable import LONGEST_SHOWN, printable
 
-LARGEST_FILE: Final = 262_144
-"""Longest YAML file, bytes."""
 MOST_NODES: Final = 20_000
 """Most keys, values, lists and mappings in a file, each as often as aliases and merges repeat it."""
 MOST_LEVELS: Final = 32
@@ -196,26 +195,24 @@ def read_yaml(path: Path, read: FileReader = read_anything) -> tuple[dict[str, A
         ConfigError: the file does not exist, is not UTF-8 or YAML, exceeds a limit, repeats a key, or is not a mapping.
 
     """
-    root = _composed(_text(path, read), path)
+    return parse_yaml(read_yaml_file(path, read), path)
+
+
+def parse_yaml(text: str, path: Path) -> tuple[dict[str, Any], dict[Location, int]]:
+    """Return what `read_yaml` does of a file's text.
+
+    Args:
+        text: of the file.
+        path: the file, for messages.
+
+    Raises:
+        ConfigError: as for `read_yaml`.
+    """
+    root = _composed(text, path)
     if not isinstance(root, MappingNode):
         raise ConfigError("expected a mapping with buses, ego and sensors", file=path, line=1)
     builder = _Builder(path)
     return builder.build(root, ()), builder.lines
-
-
-def _text(path: Path, read: FileReader) -> str:
-    """Return a file's text."""
-    try:
-        return read(path, LARGEST_FILE).decode("utf-8")
-    except FileNotFoundError:
-        raise ConfigError("no such configuration file; check the path", file=path) from None
-    except IsADirectoryError:
-        raise ConfigError("this is a folder; expected a YAML file", file=path) from None
-    except UnicodeDecodeError as error:
-        before = error.object[: error.start].count(b"\n")
-        raise ConfigError("the text is not UTF-8; save it as UTF-8", file=path, line=before + 1) from None
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", file=path) from None
 
 
 def _composed(text: str, path: Path) -> Node | None:

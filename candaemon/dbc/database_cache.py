@@ -1,19 +1,14 @@
-"""DBC files that were parsed before, kept as plain data in the user's cache folder.
+"""DBC files that were parsed before, kept in the user's cache folder.
 
 To parse a DBC takes most of the time that a command needs before it begins: importing the parser, then reading the
 file. What comes of it depends on the file's bytes and on the versions of the parsers alone, which together name the
-entry. An entry is JSON behind its own checksum: it cannot run code, one that is damaged is parsed anew, and a folder
-that others may write to is not used. Without a folder, or on a full disk, every file is parsed.
+entry.
 """
 
 from __future__ import annotations
 
-import json
-import logging
-import os
 from collections.abc import Mapping
 from dataclasses import fields
-from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -21,11 +16,9 @@ from typing import Any, Final
 from candaemon._version import __version__
 from candaemon.dbc.database_bytes import read_database
 from candaemon.dbc.types import Database, Diagnostic, MessageSpec, SignalSpec
-from candaemon.errors import InputError
+from candaemon.files import entry_cache
 from candaemon.files.bounded import FileReader, read_bounded
-from candaemon.files.own_folder import OwnFolder
-
-logger = logging.getLogger(__name__)
+from candaemon.files.entry_cache import EntryCache
 
 LONGEST_ENTRY: Final = 32 << 20
 """Bytes of an entry, at most; of a DBC that makes more, none is kept."""
@@ -35,26 +28,8 @@ MOST_ENTRIES: Final = 64
 
 _FORM: Final = "1"
 """Of an entry; another one's entries are not read."""
-_SUFFIX: Final = ".json"
-_DIGEST: Final = sha256().digest_size
 _SIGNAL: Final = tuple(each.name for each in fields(SignalSpec))
 _MESSAGE: Final = ("name", "can_id", "length", "is_fd", "cycle_time", "comment", "line")
-
-
-def cache_folder(environment: Mapping[str, str] = os.environ) -> Path | None:
-    """Return where parsed DBC files are kept: the service's cache directory, else the user's; None without either.
-
-    Args:
-        environment: with systemd's `CACHE_DIRECTORY`, `XDG_CACHE_HOME` or `HOME`.
-    """
-    first, *_ = environment.get("CACHE_DIRECTORY", "").split(":")
-    if first.startswith("/"):
-        return Path(first) / "dbc"
-    own = environment.get("XDG_CACHE_HOME", "")
-    if own.startswith("/"):
-        return Path(own) / "candaemon" / "dbc"
-    home = environment.get("HOME", "")
-    return Path(home) / ".cache" / "candaemon" / "dbc" if home.startswith("/") else None
 
 
 def load_cached(path: Path, read: FileReader = read_bounded, folder: Path | None = None) -> Database:
@@ -74,19 +49,18 @@ def load_cached(path: Path, read: FileReader = read_bounded, folder: Path | None
     content = read_database(path, read)
     if folder is None:
         return _parsed(content, path)
-    name = entry_name(content)
-    known = _find(folder, name, path)
+    cache, name = EntryCache(folder, LONGEST_ENTRY, MOST_ENTRIES), entry_name(content)
+    known = cache.find(name)
     if known is not None:
-        return known
+        return from_plain(known, path)
     database = _parsed(content, path)
-    _keep(folder, name, database)
+    cache.keep(name, to_plain(database))
     return database
 
 
 def entry_name(content: bytes) -> str:
     """Return the name of the entry of a DBC file's bytes, as these versions parse it."""
-    parsers = "\0".join((_FORM, __version__, version("cantools")))
-    return sha256(parsers.encode() + b"\0" + content).hexdigest() + _SUFFIX
+    return entry_cache.entry_name(content, _FORM, __version__, version("cantools"))
 
 
 def _parsed(content: bytes, path: Path) -> Database:
@@ -94,47 +68,6 @@ def _parsed(content: bytes, path: Path) -> Database:
     from candaemon.dbc.database import parse_database  # noqa: PLC0415  # its patterns take longer than reading an entry
 
     return parse_database(content, path)
-
-
-def _find(folder: Path, name: str, path: Path) -> Database | None:
-    """Return what was kept of a file; None where nothing was, or it is damaged."""
-    try:
-        with OwnFolder.at(folder) as own:
-            entry = _read(own, name)
-    except (OSError, InputError) as error:
-        if not isinstance(error, FileNotFoundError):
-            logger.debug("no cache of DBC files: %s", error)
-        return None
-    body = entry[_DIGEST:]
-    if sha256(body).digest() != entry[:_DIGEST]:
-        return None
-    return from_plain(json.loads(body), path)
-
-
-def _read(own: OwnFolder, name: str) -> bytes:
-    descriptor = os.open(name, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, dir_fd=own.descriptor)
-    with open(descriptor, "rb") as file:  # noqa: PTH123 - a descriptor
-        return file.read(_DIGEST + LONGEST_ENTRY) if own.is_own_file(os.fstat(descriptor)) else b""
-
-
-def _keep(folder: Path, name: str, database: Database) -> None:
-    """Keep what a file was parsed to, whole or not at all; where that cannot be, the next start parses it again."""
-    body = json.dumps(to_plain(database), separators=(",", ":")).encode()
-    if len(body) > LONGEST_ENTRY:
-        return
-    try:
-        with OwnFolder.at(folder) as own:
-            own.replace(name, sha256(body).digest() + body)
-            _make_room(own)
-    except (OSError, InputError) as error:
-        logger.debug("no cache of DBC files: %s", error)
-
-
-def _make_room(own: OwnFolder) -> None:
-    """Remove the entries beyond the limit, those that were written first."""
-    entries = sorted(own.entries(), key=lambda entry: entry.stat(follow_symlinks=False).st_mtime_ns)
-    for entry in entries[: max(len(entries) - MOST_ENTRIES, 0)]:
-        own.remove(entry.name)
 
 
 def to_plain(database: Database) -> dict[str, Any]:

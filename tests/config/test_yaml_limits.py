@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from candaemon.config.load import load_config
+from candaemon.config.yaml_file import LARGEST_FILE
 from candaemon.config.yaml_text import (
-    LARGEST_FILE,
     LONGEST_KEY,
     LONGEST_NUMBER,
     MOST_LEVELS,

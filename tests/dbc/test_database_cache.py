@@ -11,7 +11,7 @@ import pytest
 
 from candaemon.dbc import database_cache
 from candaemon.dbc.database import load_database, parse_database
-from candaemon.dbc.database_cache import MOST_ENTRIES, cache_folder, entry_name, from_plain, load_cached, to_plain
+from candaemon.dbc.database_cache import MOST_ENTRIES, entry_name, from_plain, load_cached, to_plain
 from candaemon.dbc.types import Database
 from candaemon.errors import DatabaseError
 from candaemon.files.bounded import FileReader
@@ -144,13 +144,6 @@ def test_what_cannot_be_read_says_so_with_a_cache_too(tmp_path: Path) -> None:
     reader: FileReader = fails
     with pytest.raises(DatabaseError, match="no medium"):
         load_cached(tmp_path / "a.dbc", reader, tmp_path / "cache")
-
-
-def test_where_the_cache_is() -> None:
-    assert cache_folder({"CACHE_DIRECTORY": "/c/a:/c/b", "XDG_CACHE_HOME": "/x", "HOME": "/h"}) == Path("/c/a/dbc")
-    assert cache_folder({"XDG_CACHE_HOME": "/x", "HOME": "/h"}) == Path("/x/candaemon/dbc")
-    assert cache_folder({"XDG_CACHE_HOME": "relative", "HOME": "/h"}) == Path("/h/.cache/candaemon/dbc")
-    assert cache_folder({}) is None
 
 
 def test_a_hit_imports_neither_the_parser_nor_python_can(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def fingerprint(binding: Binding) -> Fingerprint:
     Names of files and channels, bit rates and the service's own settings are left out: they may differ where a
     recording is replayed. A DBC file that is gone since it was loaded counts as one of its own.
     """
-    settings = binding.settings.model_dump(mode="json", by_alias=True)
+    settings = binding.settings.dumped()
     settings["buses"] = list(settings["buses"])
     found = {key: value for key, value in _flat(settings, ()) if key.split(".")[0] not in _ONLY_NAMED}
     for path in map(Path, binding.databases):
