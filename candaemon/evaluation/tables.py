@@ -42,15 +42,15 @@ import gzip
 import math
 import re
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from decimal import Decimal
 from functools import lru_cache
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, TextIO, TypeVar
+from typing import Any, Final, Self, TextIO, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -410,6 +410,8 @@ def _objects(text: str) -> str:
     return text
 
 
+Columns: TypeAlias = Mapping[str, Sequence[Any] | NDArray[Any]]
+"""Columns of a table by their names, each of length n."""
 _DECIMALS = 4
 _FORMS = {"latitude": 9, "longitude": 9, "sides": 0, "class": -1}
 """Decimals of the columns that have not `_DECIMALS`, 9 being a tenth of a millimetre; −1: the name of a class."""
@@ -454,31 +456,41 @@ class TrackWriter(_TableWriter):
         self._known = frozenset((*COLUMNS, *further)) - {"time"}
         self._parts = [tuple(names) for _, names in groupby(further, key=_FORMS.get)]
 
-    def write_cycle(self, time_ns: int, columns: Mapping[str, Sequence[Any] | NDArray[Any]]) -> None:
-        """Write the rows of one cycle.
+    def write_cycle(self, time_ns: int, columns: Columns) -> None:
+        """Write the rows of one cycle, as `write_cycles` does."""
+        self.write_cycles(((time_ns, columns),))
+
+    def write_cycles(self, cycles: Iterable[tuple[int, Columns]]) -> None:
+        """Write the rows of cycles, one after the other, all at once.
 
         Args:
-            time_ns: the time they are valid for.
-            columns: by column name, each of length n. `id` and `state` (codes or names) are required; a number's
-                column may be absent, and a value that is not finite becomes an empty cell. `objects` holds text;
-                `class` codes or names.
+            cycles: the time that the rows are valid for, and their columns by name, each of length n. `id` and `state`
+                (codes or names) are required; a number's column may be absent, and a value that is not finite becomes
+                an empty cell. `objects` holds text; `class` codes or names.
 
         Raises:
             ValueError: a column that the table does not have, or columns of different length.
         """
-        if not columns.keys() <= self._known:
-            raise ValueError(f"no such columns: {sorted(columns.keys() - self._known)}")
-        rows = len(columns["id"])
-        if not rows:
+        some = [(time_ns, columns) for time_ns, columns in cycles if self._rows(columns)]
+        if not some:
             return
+        columns = _below_one_another([each for _, each in some])
+        rows = len(columns["id"])
         parts = [
+            b"".join([f"{format_time(time_ns)}\n".encode() * len(each["id"]) for time_ns, each in some]),
             _whole_numbers(columns["id"]),
             text_lines([_STATE_NAMES[state] for state in _listed(columns["state"])]),
             number_lines(_table(columns, NUMBERS), _DECIMALS),
             text_lines(_listed(columns.get("objects", ("",) * rows))),
             *(_further_lines(columns, names) for names in self._parts),
         ]
-        self._target.write(joined_lines(format_time(time_ns) + ",", parts, rows))
+        self._target.write(joined_lines("", parts, rows))
+
+    def _rows(self, columns: Columns) -> int:
+        """Return how many rows some columns are; all must be the table's."""
+        if not columns.keys() <= self._known:
+            raise ValueError(f"no such columns: {sorted(columns.keys() - self._known)}")
+        return len(columns["id"])
 
 
 class PredictionWriter(_TableWriter):
@@ -494,30 +506,23 @@ class PredictionWriter(_TableWriter):
     def __init__(self, file: OutputFile) -> None:
         super().__init__(file, _PREDICTION_COLUMNS)
 
-    def write_cycle(
-        self,
-        time_ns: int,
-        horizon: float,
-        ids: Sequence[int] | Integers,
-        objects: Sequence[int] | Integers,
-        x: Sequence[float] | Floats,
-        y: Sequence[float] | Floats,
-    ) -> None:
-        """Write the predictions made at one time for one horizon, each argument of length n.
+    def write_cycles(self, predictions: Sequence[tuple[int, float, Integers, Integers, Floats]]) -> None:
+        """Write predictions, those of one time and horizon after the other, all at once.
 
         Args:
-            time_ns: the time they were made at.
-            horizon: s from then until they are due.
-            ids: obstacles.
-            objects: the sensor's object.
-            x: expected position, m forward in the vehicle axes of the due time.
-            y: the same, m to the left.
+            predictions: the time that they were made at; s from then until they are due; of each the obstacle (n,), the
+                sensor's object (n,), and the expected position in the vehicle axes of the due time, m (n, 2).
         """
-        if not len(ids):
+        if not predictions:
             return
-        places = np.column_stack((np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)))
-        parts = [_whole_numbers(ids), _whole_numbers(objects), number_lines(places, _DECIMALS)]
-        self._target.write(joined_lines(f"{format_time(time_ns)},{float(horizon)},", parts, len(ids)))
+        times, horizons, ids, objects, places = zip(*predictions, strict=True)
+        starts = [f"{format_time(time_ns)},{float(ahead)}\n" for time_ns, ahead in zip(times, horizons, strict=True)]
+        parts = [
+            b"".join([start.encode() * len(each) for start, each in zip(starts, ids, strict=True)]),
+            *(_whole_numbers(np.concatenate(each)) for each in (ids, objects)),
+            number_lines(np.concatenate(places), _DECIMALS),
+        ]
+        self._target.write(joined_lines("", parts, sum(map(len, ids))))
 
 
 class DetectionWriter(_TableWriter):
@@ -582,7 +587,19 @@ def _listed(values: Sequence[Any] | NDArray[Any]) -> Sequence[Any]:
     return values.tolist() if isinstance(values, np.ndarray) else values
 
 
-def _table(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[str]) -> Floats:
+def _below_one_another(cycles: Sequence[Columns]) -> Columns:
+    """Return the columns of cycles, each below those before it; NaN where a cycle has none of a name."""
+    if len(cycles) == 1:
+        return cycles[0]
+    joined: dict[str, Sequence[Any] | NDArray[Any]] = {}
+    for name in dict.fromkeys(chain.from_iterable(cycles)):
+        column = [each[name] if name in each else np.full(len(each["id"]), np.nan) for each in cycles]
+        arrays = all(isinstance(each, np.ndarray) for each in column)
+        joined[name] = np.concatenate(column) if arrays else list(chain.from_iterable(map(_listed, column)))
+    return joined
+
+
+def _table(columns: Columns, names: Sequence[str]) -> Floats:
     """Return the columns of some names side by side, NaN where there is none."""
     table = np.full((len(columns["id"]), len(names)), np.nan)
     for k, name in enumerate(names):
@@ -591,7 +608,7 @@ def _table(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[
     return table
 
 
-def _further_lines(columns: Mapping[str, Sequence[Any] | NDArray[Any]], names: Sequence[str]) -> bytes:
+def _further_lines(columns: Columns, names: Sequence[str]) -> bytes:
     """Return some of the columns that a table may have, one of texts or several of one form of numbers, as lines."""
     decimals = _FORMS.get(names[0], _DECIMALS)
     if decimals < 0:

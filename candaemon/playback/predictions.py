@@ -72,7 +72,7 @@ class PredictionQueue:
         self._waiting: deque[_Pending] = deque()
 
     def add(self, cycle: Cycle) -> list[Predicted]:
-        """Add one cycle's predictions, right after it; return those that are due, for `tell` once it is scored."""
+        """Add one cycle's predictions, right after it; return those due: to `write`, and to `tell` after its score."""
         tracker, detections, update = cycle.tracker, cycle.detections, cycle.update
         if tracker is not None and detections is not None and update is not None:
             obstacles = cycle.obstacles
@@ -101,13 +101,17 @@ class PredictionQueue:
         return due
 
     def tell(self, due: Iterable[Predicted]) -> None:
-        """Score and write predictions; the cycles up to the one that they came with are scored before."""
+        """Score predictions; the cycles up to the one that they came with are scored before."""
         for each in due:
             x, y = each.position.T
             self._score.add_predictions(each.sensor, each.time_ns, each.horizon, x, y)
-            if self._writer is not None:
-                horizon = self._horizons[each.horizon]
-                self._writer.write_cycle(each.time_ns, horizon, each.ids, each.objects, x, y)
+
+    def write(self, due: Iterable[Predicted]) -> None:
+        """Write predictions to the table, if there is one."""
+        if self._writer is not None:
+            self._writer.write_cycles(
+                [(each.time_ns, self._horizons[each.horizon], each.ids, each.objects, each.position) for each in due]
+            )
 
     def _placed(self, waiting: _Pending, known_ns: int) -> Iterator[Predicted]:
         """Yield the predictions of a cycle in the vehicle axes of their due times, as far as ego motion is known."""

@@ -355,15 +355,14 @@ class _CycleOutputs:
         """Count what writing and scoring take from here on."""
         if self._writers.log is not None:
             times.watch(self._writers.log, {"write": "write frames"})
-        for table in (self._writers.detections, self._writers.tracks, self._writers.predictions):
-            if table is not None:
-                times.watch(table, {"write_cycle": "write tables"})
+        if self._writers.detections is not None:
+            times.watch(self._writers.detections, {"write_cycle": "write tables"})
         for sink in self._writers.sinks:
             times.watch(sink, dict.fromkeys(("add_frames", "add_cycle", "add_obstacles"), "write tables"))
         times.watch(self, dict.fromkeys(("_followed", "_write_tracks"), "write tables"))
         times.watch(self._score, {"add": "scores"})
         if self._predictions is not None:
-            times.watch(self._predictions, {"add": "scores", "tell": "scores"})
+            times.watch(self._predictions, {"add": "scores", "tell": "scores", "write": "write tables"})
 
     def write(self, cycle: Cycle) -> None:
         """Write and score one cycle."""
@@ -383,7 +382,9 @@ class _CycleOutputs:
             self._told += self._smoother.finish()
         self._write_waiting()
         if self._predictions is not None:
-            self._predictions.tell(self._predictions.finish())
+            due = self._predictions.finish()
+            self._predictions.tell(due)
+            self._predictions.write(due)
 
     def _followed(self, cycle: Cycle) -> list[Cycle]:
         """Return the cycles that the tables of obstacles tell next."""
@@ -400,15 +401,21 @@ class _CycleOutputs:
             self._score.add(cycle)
             if self._predictions is not None:
                 self._predictions.tell(due)
+        if self._predictions is not None:
+            self._predictions.write([each for _, due in waiting for each in due])
 
     def _write_tracks(self, cycles: Iterable[Cycle]) -> None:
         """Write the cycles that an output follows to the tables of obstacles."""
-        for each in cycles:
-            if each.reported is None:
-                continue
-            cycle = each if each.reported is each.obstacles else replace(each, obstacles=each.reported)
-            for sink in self._writers.sinks:
+        told = [
+            each if each.reported is each.obstacles else replace(each, obstacles=each.reported)
+            for each in cycles
+            if each.reported is not None
+        ]
+        for sink in self._writers.sinks:
+            for cycle in told:
                 sink.add_obstacles(cycle)
-            if self._writers.tracks is not None:
-                columns = track_columns(cycle.obstacles, self._names, cycle.georeference)
-                self._writers.tracks.write_cycle(cycle.obstacles.time_ns, columns)
+        if self._writers.tracks is not None:
+            self._writers.tracks.write_cycles(
+                (cycle.obstacles.time_ns, track_columns(cycle.obstacles, self._names, cycle.georeference))
+                for cycle in told
+            )

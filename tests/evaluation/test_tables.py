@@ -18,6 +18,7 @@ from candaemon.errors import InputError
 from candaemon.evaluation.tables import (
     BODY_NUMBERS,
     COLUMNS,
+    EARTH_COLUMNS,
     LONGEST_ROW,
     STATES,
     TRACK_COLUMNS,
@@ -100,6 +101,31 @@ def test_written_tracks_are_read_back(tmp_path: Path, name: str) -> None:
     assert table.x.tolist() == [12.3457, 0.0, 1.0]
     assert np.isnan(table.vx).all()
     assert table.objects.tolist() == ["0:5;1:2", "", ""]
+
+
+def test_cycles_written_at_once_are_those_written_one_after_the_other(tmp_path: Path) -> None:
+    places = {"x": np.array([1.0, 2.0]), "y": np.array([-0.5, math.nan])}
+    columns: dict[str, Any] = {"id": np.array([4, 2**62]), "state": np.array([1, 2]), **places}
+    cycles: list[tuple[int, Mapping[str, Any]]] = [
+        (1_000_000_000, CYCLE),
+        (1_050_000_000, {"id": [], "state": []}),
+        (1_100_000_001, {**columns, "objects": ["0:5", ""], "latitude": np.array([48.1, 48.2])}),
+        (1_150_000_000, {**columns, "objects": ["", "1:7"]}),
+    ]
+    for name, at_once in (("a.csv", True), ("b.csv", False)):
+        with OutputFile(tmp_path / name) as file, TrackWriter(file, EARTH_COLUMNS) as writer:
+            for part in (cycles,) if at_once else ((cycle,) for cycle in cycles):
+                writer.write_cycles(part)
+    written_at_once = (tmp_path / "a.csv").read_bytes()
+    assert written_at_once == (tmp_path / "b.csv").read_bytes()
+    assert written_at_once.count(b"\n") == 7
+    assert b"1.100000001,4,confirmed,1.0000,-0.5000" in written_at_once
+    with (
+        OutputFile(tmp_path / "c.csv") as file,
+        TrackWriter(file) as writer,
+        pytest.raises(ValueError, match="latitude"),
+    ):
+        writer.write_cycles(cycles)
 
 
 def test_bytes_are_the_expected_ones_and_repeat(tmp_path: Path) -> None:
@@ -201,9 +227,15 @@ def test_an_unknown_column_or_a_wrong_length_is_refused(tmp_path: Path) -> None:
 def test_predictions_are_written(tmp_path: Path) -> None:
     path = tmp_path / "p.csv"
     with OutputFile(path) as file, PredictionWriter(file) as writer:
-        writer.write_cycle(2_000_000_000, 0.5, np.array([9]), np.array([4]), np.array([1.00004]), np.array([np.nan]))
-        writer.write_cycle(2_000_000_000, 1.0, [9], [14], [-1e-9], [2.0])
-        writer.write_cycle(2_000_000_000, 1.0, [], [], [], [])
+        none = np.zeros(0, dtype=np.int64)
+        writer.write_cycles(
+            [
+                (2_000_000_000, 0.5, np.array([9]), np.array([4]), np.array([[1.00004, np.nan]])),
+                (2_000_000_000, 1.0, none, none, np.zeros((0, 2))),
+                (2_000_000_000, 1.0, np.array([9]), np.array([14]), np.array([[-1e-9, 2.0]])),
+            ]
+        )
+        writer.write_cycles([])
     assert path.read_text().splitlines() == [
         "time,horizon,id,object,x,y",
         "2.000000,0.5,9,4,1.0000,",
