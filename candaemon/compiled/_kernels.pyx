@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 22
+REVISION = 40
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1553,6 +1553,51 @@ def near_pairs(const double[:] x, const double[:] y, double reach):
                     before[at] = earlier
                     at += 1
     return later_array, earlier_array
+
+
+def last_rows(const long long[:] known, const long long[:] wanted):
+    """Return the last row of known with each of the wanted numbers (n,), -1 where there is none, by a table of hashes."""
+    cdef Py_ssize_t n = wanted.shape[0], size = 8, at, row, shift = 61
+    cdef Py_ssize_t* table
+    rows_array = np.empty(n, np.intp)
+    cdef Py_ssize_t[::1] rows = rows_array
+    while size < 2 * known.shape[0]:
+        size, shift = 2 * size, shift - 1
+    table = <Py_ssize_t*>malloc(size * sizeof(Py_ssize_t))
+    with nogil:
+        for at in range(size):
+            table[at] = -1
+        for row in range(known.shape[0]):
+            at = hashed(known[row], shift)
+            while table[at] >= 0 and known[table[at]] != known[row]:
+                at = at + 1 & size - 1
+            table[at] = row
+        for row in range(n):
+            at = hashed(wanted[row], shift)
+            while table[at] >= 0 and known[table[at]] != wanted[row]:
+                at = at + 1 & size - 1
+            rows[row] = table[at]
+        free(table)
+    return rows_array
+
+
+cdef inline Py_ssize_t hashed(long long number, Py_ssize_t shift) noexcept nogil:
+    """Multiply by 2^64 over the golden ratio, and take the leading bits."""
+    return <Py_ssize_t>(<unsigned long long>number * <unsigned long long>0x9E3779B97F4A7C15 >> shift)
+
+
+def duplicated(const double[:] x, const double[:] y, const double[:] vx, double along, double across, double speed):
+    """Return which of some obstacles (n,) have another one close by at a similar speed."""
+    cdef Py_ssize_t n = x.shape[0], later, earlier
+    alike_array = np.zeros(n, np.bool_)
+    cdef unsigned char[::1] alike = alike_array.view(np.uint8)
+    with nogil:
+        for later in range(n):
+            for earlier in range(later):
+                if fabs(y[later] - y[earlier]) <= across and fabs(x[later] - x[earlier]) <= along:
+                    if fabs(vx[later] - vx[earlier]) <= speed:
+                        alike[later] = alike[earlier] = 1
+    return alike_array
 
 
 def mix_bodies(

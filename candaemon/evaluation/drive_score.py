@@ -17,7 +17,7 @@ import numpy as np
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.evaluation.chi_square import chi2_quantile
 from candaemon.evaluation.duplicates import DuplicateScore
-from candaemon.evaluation.object_runs import ObjectRuns, RunSums, RunTotals
+from candaemon.evaluation.object_runs import ObjectRuns, RunSums, RunTotals, last_rows
 from candaemon.pipeline.cycle import Cycle
 from candaemon.radar.detections import Detections
 from candaemon.tracking.obstacles import TENTATIVE, Obstacles
@@ -96,11 +96,9 @@ class DriveScore:
             return changed
         if np.array_equal(before[0], used) and np.array_equal(before[1], owner):  # as a rule
             return changed
-        known, known_owners = _last_of_each(*before)
-        objects, owners = _last_of_each(used, owner)
-        at = np.minimum(np.searchsorted(known, used), len(known) - 1)
-        owner = owners[np.searchsorted(objects, used)]
-        changed[update.detection] = (known[at] == used) & (known_owners[at] != owner)
+        known, known_owners = before
+        at = last_rows(known, used)
+        changed[update.detection] = (at >= 0) & (known_owners[at] != owner[last_rows(used, used)])
         return changed
 
     def add_predictions(self, sensor: int, time_ns: int, horizon: int, x: Floats, y: Floats) -> None:
@@ -108,14 +106,6 @@ class DriveScore:
         run = self._run_of.get((sensor, time_ns))
         if run is not None and len(run) == len(x):
             self.predictions.predict(sensor, time_ns, horizon, run, x, y)
-
-
-def _last_of_each(objects: Integers, owners: Integers) -> tuple[Integers, Integers]:
-    """Return the objects, each once and sorted, and the last owner of each."""
-    order = np.argsort(objects, kind="stable")
-    objects, owners = objects[order], owners[order]
-    last = np.append(objects[1:] != objects[:-1], True)
-    return objects[last], owners[last]
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,11 +284,9 @@ class PredictionScore:
         # one number for scan and run together
         many = int(max(run.max(initial=0), seen_run.max(initial=0))) + 1
         key = seen_run + many * np.repeat(np.arange(len(seen)), [len(scan[0]) for scan in seen])
-        order = np.argsort(key)
-        key, wanted = key[order], run + many * np.repeat(np.array(numbers) - first, sizes)
-        at = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
-        same = np.flatnonzero((key[at] == wanted) & np.isfinite(x) & np.isfinite(y))
-        at = order[at[same]]
+        at = last_rows(key, run + many * np.repeat(np.array(numbers) - first, sizes))
+        same = np.flatnonzero((at >= 0) & np.isfinite(x) & np.isfinite(y))
+        at = at[same]
         off_x, off_y = x[same] - seen_x[at], y[same] - seen_y[at]
         self._runs.add(run[same], 3 * horizon, np.stack((np.ones(len(same)), off_x**2, off_y**2), axis=1))
         if self.listener is None:

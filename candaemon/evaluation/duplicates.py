@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats
 from candaemon.tracking.reflections import near_pairs
 
@@ -21,6 +22,8 @@ def duplicated(
         across: greatest distance in y, m.
         speed: greatest difference in vx, m/s. The lateral velocity of a radar track is too uncertain to be compared.
     """
+    if compiled.in_use:
+        return compiled.kernels.duplicated(x, y, vx, along, across, speed)
     later, earlier = near_pairs(x, y, np.nextafter(max(along, across), np.inf))
     close = np.abs(x[later] - x[earlier]) <= along
     close &= np.abs(y[later] - y[earlier]) <= across

@@ -7,9 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from candaemon.arrays import Booleans, Floats, Integers
+from candaemon import compiled
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 
 _GAP_CYCLES = 1.5
+
+
+def last_rows(known: Integers, wanted: Integers) -> Indices:
+    """Return the last row of `known` (k,) with each of the wanted numbers, −1 where there is none, shape (n,)."""
+    if compiled.in_use:
+        return compiled.kernels.last_rows(known, wanted)
+    if not len(known):
+        return np.full(len(wanted), -1, dtype=np.intp)
+    order = np.argsort(known, kind="stable")
+    at = np.searchsorted(known, wanted, side="right", sorter=order) - 1
+    return np.where((at >= 0) & (known[order[at]] == wanted), order[at], -1)
 
 
 class ObjectRuns:
@@ -46,15 +58,11 @@ class ObjectRuns:
         if follows and not np.count_nonzero(starts) and np.array_equal(objects, known):
             self._last[sensor] = (time_ns, known, runs)  # as a rule, with the objects in the same order
             return runs.copy()
-        order = np.argsort(known)
-        known, runs, starts = known[order], runs[order], starts.copy()
-        run = np.empty(len(objects), dtype=np.int64)
-        if len(known) and follows:
-            at = np.minimum(np.searchsorted(known, objects), len(known) - 1)
-            starts |= known[at] != objects
-            run[:] = runs[at]
+        if follows and len(known):
+            at = last_rows(known, objects)
+            starts, run = starts | (at < 0), runs[at]
         else:
-            starts[:] = True
+            starts, run = np.ones(len(objects), dtype=np.bool_), np.empty(len(objects), dtype=np.int64)
         begun = int(starts.sum())
         run[starts] = np.arange(self._next, self._next + begun)
         self._next += begun

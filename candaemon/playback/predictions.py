@@ -82,7 +82,7 @@ class PredictionQueue:
                     detections.sensor,
                     obstacles.id[obstacles.used_row],
                     detections.object_id[update.detection],
-                    [tracker.expected_positions(horizon) for horizon in self._horizons],
+                    tracker.expected_positions(self._horizons),
                 )
             )
         known_ns = self._pipeline.ego.known_until_ns

@@ -192,12 +192,13 @@ class Tracker:
         used, travel = self._used(detections), self.settings.travel
         return report(self._tracks, motion, pose, used, self._slack_ns, travel.min_speed)
 
-    def expected_positions(self, horizon: float) -> Floats:
-        """Return where each detection of the latest update is expected after a time: (m, 2), local frame, m."""
+    def expected_positions(self, horizons: Sequence[float]) -> list[Floats]:
+        """Return where each detection of the latest update is expected after times: (m, 2) of each, local frame, m."""
         if self.update is None:
-            return np.zeros((0, 2))
+            return [np.zeros((0, 2)) for _ in horizons]
         rows = self.update.reflection
-        return self._tracks.estimator.expected_position(rows, horizon, self._tracks.direction[rows])
+        direction = self._tracks.direction[rows]
+        return [self._tracks.estimator.expected_position(rows, horizon, direction) for horizon in horizons]
 
     def mode_probabilities(self) -> tuple[Integers, Floats]:
         """Return the obstacles' identities (k,) and the weights of the models of their leading reflections (k, M)."""

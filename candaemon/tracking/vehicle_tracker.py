@@ -225,10 +225,10 @@ class VehicleTracker:
             reported_existence,
         )
 
-    def expected_positions(self, horizon: float) -> Floats:
-        """Return where each detection of the latest update is expected after a time: (m, 2), local frame, m."""
+    def expected_positions(self, horizons: Sequence[float]) -> list[Floats]:
+        """Return where each detection of the latest update is expected after times: (m, 2) of each, local frame, m."""
         if self.update is None:
-            return np.zeros((0, 2))
+            return [np.zeros((0, 2)) for _ in horizons]
         rows, bodies = self.update.reflection, self._bodies
         mean, axis = bodies.moments().mean, bodies.obstacles.axis
         settles = self._hidden()
@@ -236,9 +236,13 @@ class VehicleTracker:
             settles *= bodies.filter.unsteady(np.hypot(*mean[:, VELOCITY].T))
             settles *= 1.0 - bodies.filter.probability[:, MANOEUVRING]
         rate = np.maximum(settles / self._places.settling, _LEAST_RATE)
-        across, fade = -np.expm1(-rate * horizon) / (rate * horizon), np.exp(-horizon / self._bias_time())
-        leading = expected_places(mean, axis, across, fade, horizon)
-        return np.asarray(leading.take(bodies.reflections.body.take(rows), axis=0) + bodies.offsets(rows))
+        fading, owner, offsets = self._bias_time(), bodies.reflections.body.take(rows), bodies.offsets(rows)
+        found = []
+        for horizon in horizons:
+            across, fade = -np.expm1(-rate * horizon) / (rate * horizon), np.exp(-horizon / fading)
+            leading = expected_places(mean, axis, across, fade, horizon)
+            found.append(np.asarray(leading.take(owner, axis=0) + offsets))
+        return found
 
     def mode_probabilities(self) -> tuple[Integers, Floats]:
         """Return the obstacles' identities (k,) and the probabilities of their modes (k, M)."""

@@ -104,7 +104,7 @@ class FitObserver:
         obstacles = cycle.obstacles
         innovation: _Plane = np.full(len(obstacles), complex(np.nan, np.nan))
         now_ns, turn = obstacles.time_ns, exp(-1j * cycle.pose.heading)
-        expected = tracker.expected_positions(_SOON_S)
+        (expected,) = tracker.expected_positions((_SOON_S,))
         position = detections.measurement.position
         sums: dict[int, list[complex]] = {}
         fresh: dict[tuple[int, int, int], _NextPlace] = {}

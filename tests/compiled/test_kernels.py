@@ -27,7 +27,9 @@ from candaemon.estimation.kalman import propagate, symmetrise, update_position, 
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.estimation.motion_models import CurrentStatistical
 from candaemon.estimation.outline import facing_point
+from candaemon.evaluation.duplicates import duplicated
 from candaemon.evaluation.number_text import joined_lines, number_lines, text_lines
+from candaemon.evaluation.object_runs import last_rows
 from candaemon.frames.frame import EXTENDED
 from candaemon.frames.frame_batch import FrameBatch
 from candaemon.pipeline.saved_state import dump
@@ -340,6 +342,30 @@ def test_the_same_points_are_near_one_another(monkeypatch: pytest.MonkeyPatch) -
     assert (found[1] < found[0]).all()
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_the_same_obstacles_are_duplicates(monkeypatch: pytest.MonkeyPatch) -> None:
+    x, y, vx = np.random.default_rng(4).uniform(0.0, [[60.0], [8.0], [6.0]], (3, 80))
+    x[7], vx[9] = np.nan, np.inf
+    x[20], y[20], vx[20] = x[21] + 3.0, y[21] - 1.0, vx[21] + 1.0
+    found = duplicated(x, y, vx)
+    monkeypatch.setattr(compiled, "in_use", False)
+    assert 10 < np.count_nonzero(found) < 70
+    np.testing.assert_array_equal(found, duplicated(x, y, vx))
+    assert not len(duplicated(x[:0], y[:0], vx[:0]))
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 64, 1000])
+@pytest.mark.parametrize("spread", [5, 100, 2**62])
+def test_the_same_rows_have_a_number(count: int, spread: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(count)
+    known = rng.integers(-spread, spread, count)
+    wanted = rng.permutation(np.concatenate((known, rng.integers(-spread, spread, 9), [0, 2**63 - 1, -(2**63)])))
+    found = last_rows(known, wanted)
+    for row, number in zip(found.tolist(), wanted.tolist(), strict=True):
+        assert row == max(np.flatnonzero(known == number), default=-1)
+    monkeypatch.setattr(compiled, "in_use", False)
+    np.testing.assert_array_equal(found, last_rows(known, wanted))
 
 
 def test_travel_axes_and_the_points_that_face_us(monkeypatch: pytest.MonkeyPatch) -> None:

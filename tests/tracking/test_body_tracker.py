@@ -358,14 +358,14 @@ def test_predictions_are_where_things_will_be() -> None:
     fed = HandFedVehicles()
     for t in times(1, 80):
         fed.scan(t, lorry(t))
-    expected, update = fed.tracker.expected_positions(1.0), fed.tracker.update
+    (_, expected), update = fed.tracker.expected_positions((0.5, 1.0)), fed.tracker.update
     assert update is not None
     assert len(expected) == len(update.reflection) == 4
     truth = [each.x + SPEED for each in lorry(last_time(80))]
     np.testing.assert_allclose(expected[np.argsort(update.detection), 0], truth, atol=0.6)
     np.testing.assert_allclose(expected[:, 1], 0.0, atol=0.3)
     fed.coast(4.2)
-    assert fed.tracker.expected_positions(0.5).shape == (0, 2)
+    assert fed.tracker.expected_positions((0.5,))[0].shape == (0, 2)
 
 
 def test_a_scan_from_before_moves_back_and_forth_again() -> None:

@@ -237,11 +237,11 @@ def test_expected_positions_are_those_of_the_detections_used() -> None:
     fed = HandFed()
     for t in times(0, 40):
         fed.scan(t, [car(1, t, 40.0), car(2, t, 60.0, 3.5, 15.0)])
-    places = fed.tracker.expected_positions(0.5)
+    (places,) = fed.tracker.expected_positions((0.5,))
     update = fed.tracker.update
     assert update is not None
     exact = np.array([[40.0 + 20 * (t + 0.5), 0.0], [60.0 + 15 * (t + 0.5), 3.5]])
     np.testing.assert_allclose(places, exact[update.detection], atol=0.1)
     assert (update.degrees_of_freedom == 3).all()
     fed.coast(2.0)
-    assert fed.tracker.expected_positions(0.5).shape == (0, 2)
+    assert fed.tracker.expected_positions((0.5,))[0].shape == (0, 2)
