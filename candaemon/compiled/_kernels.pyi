@@ -189,7 +189,7 @@ def reflections_to_split(
     extent: float,
     across: float,
     speed: float,
-) -> Booleans: ...
+) -> Booleans | None: ...
 def mark_detected(
     row: Indices,
     body: Indices,
@@ -469,3 +469,46 @@ def fit_reflections(
     confirmed_gate: float,
     gate: float,
 ) -> tuple[Indices, Floats, int]: ...
+def longer_ago(last_ns: Integers, time_ns: int, longest: float) -> Booleans | None: ...
+def bodies_to_forget(
+    first_ns: Integers,
+    last_ns: Integers,
+    confirmed: Booleans,
+    covariance: Floats,
+    time_ns: int,
+    coast: float,
+    longest: float,
+    uncertainty: float,
+) -> Booleans | None: ...
+def bodies_to_confirm(
+    existence: Floats, last_ns: Integers, confirmed: Booleans, time_ns: int, sure: float
+) -> list[int]: ...
+def let_time_pass(
+    existence: Floats, unseen: Floats, in_sight: Floats, kept: float, dt: float, least: float
+) -> None: ...
+def note_detections(interval: Floats, last_ns: Integers, body: Indices, time_ns: int, longest: float) -> None: ...
+def experience_of_bodies(
+    sensors: Integers,
+    history: Integers,
+    existence: Floats,
+    confirmed: Booleans,
+    seen: Booleans,
+    sensor: int,
+    sure: float,
+) -> tuple[Booleans, Booleans, Indices]: ...
+def hand_over(leader: Integers, body: Integers, last_ns: Integers, time_ns: int, patience_ns: int) -> None: ...
+def stay_alongside(alongside_ns: Integers, older: Integers, needed: Floats, dt_ns: int) -> list[int]: ...
+def return_exponents(
+    first_ns: Integers, last_ns: Integers, interval: Floats, time_ns: int, longest: float, least: float
+) -> Floats: ...
+def step_references(body: Integers, offset: Floats, target: Floats, left: Floats, axis: Floats) -> Floats: ...
+def shift_bodies(mean: Floats, overall: Floats, shown: Floats, step: Floats) -> None: ...
+def standing_reflections(
+    velocity: Floats,
+    sight: Floats,
+    distance: Floats,
+    body: Indices,
+    confirmed: Booleans,
+    radial: float,
+    any_way: float,
+) -> Booleans: ...

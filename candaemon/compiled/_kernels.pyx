@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 40
+REVISION = 61
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -172,6 +172,26 @@ cdef inline bint adjacent(const Py_ssize_t* rows, Py_ssize_t lanes) noexcept nog
     return so
 
 
+cdef inline void fetch_rows(
+    double* own, const double* column, const Py_ssize_t* rows, Py_ssize_t lanes, bint together
+) noexcept nogil:
+    """Copy a component of some bodies by their rows, at once where those lie together."""
+    if together:
+        memcpy(own, &column[rows[0]], LANES * sizeof(double))
+    else:
+        gather(own, column, rows, lanes)
+
+
+cdef inline void put_rows(
+    double* column, const double* own, const Py_ssize_t* rows, Py_ssize_t lanes, bint together
+) noexcept nogil:
+    """Copy it back."""
+    if together:
+        memcpy(&column[rows[0]], own, LANES * sizeof(double))
+    else:
+        scatter(column, own, rows, lanes)
+
+
 cdef inline void fetch_tracks(
     double[29][LANES] own, const double[:, :] columns, const Py_ssize_t* rows, Py_ssize_t lanes
 ) noexcept nogil:
@@ -179,10 +199,7 @@ cdef inline void fetch_tracks(
     cdef Py_ssize_t entry
     cdef bint together = adjacent(rows, lanes)
     for entry in range(27):
-        if together:
-            memcpy(own[entry], &columns[entry, rows[0]], LANES * sizeof(double))
-        else:
-            gather(own[entry], &columns[entry, 0], rows, lanes)
+        fetch_rows(own[entry], &columns[entry, 0], rows, lanes, together)
 
 
 cdef inline void put_tracks(
@@ -192,10 +209,7 @@ cdef inline void put_tracks(
     cdef Py_ssize_t entry
     cdef bint together = adjacent(rows, lanes)
     for entry in range(27):
-        if together:
-            memcpy(&columns[entry, rows[0]], own[entry], LANES * sizeof(double))
-        else:
-            scatter(&columns[entry, 0], own[entry], rows, lanes)
+        put_rows(&columns[entry, 0], own[entry], rows, lanes, together)
 
 
 def drive_axes(double[:, ::1] columns, double limit, double floor):
@@ -1983,6 +1997,7 @@ cdef inline void narrow(
     Py_ssize_t i,
     const Py_ssize_t* rows,
     Py_ssize_t lanes,
+    bint together,
     double[8][8][LANES] p,
     double[8][LANES] cross,
     double[LANES] innovation,
@@ -1991,35 +2006,45 @@ cdef inline void narrow(
     cdef Py_ssize_t a, b, l
     cdef double value[LANES]
     for a in range(8):
-        gather(value, &mean[a, i, 0], rows, lanes)
+        fetch_rows(value, &mean[a, i, 0], rows, lanes, together)
         for l in range(LANES):
             value[l] = value[l] + cross[a][l] * innovation[l]
-        scatter(&mean[a, i, 0], value, rows, lanes)
+        put_rows(&mean[a, i, 0], value, rows, lanes, together)
         for b in range(a, 8):
             for l in range(LANES):
                 p[a][b][l] = p[a][b][l] - cross[a][l] * cross[b][l]
 
 
 cdef inline void gather_upper(
-    double[:, :, :, ::1] covariance, Py_ssize_t i, const Py_ssize_t* rows, Py_ssize_t lanes, double[8][8][LANES] p
+    double[:, :, :, ::1] covariance,
+    Py_ssize_t i,
+    const Py_ssize_t* rows,
+    Py_ssize_t lanes,
+    bint together,
+    double[8][8][LANES] p,
 ) noexcept nogil:
     """Copy the upper triangles of some bodies' covariances in a mode."""
     cdef Py_ssize_t a, b
     for a in range(8):
         for b in range(a, 8):
-            gather(p[a][b], &covariance[a, b, i, 0], rows, lanes)
+            fetch_rows(p[a][b], &covariance[a, b, i, 0], rows, lanes, together)
 
 
 cdef inline void scatter_upper(
-    double[:, :, :, ::1] covariance, Py_ssize_t i, const Py_ssize_t* rows, Py_ssize_t lanes, double[8][8][LANES] p
+    double[:, :, :, ::1] covariance,
+    Py_ssize_t i,
+    const Py_ssize_t* rows,
+    Py_ssize_t lanes,
+    bint together,
+    double[8][8][LANES] p,
 ) noexcept nogil:
     """Copy upper triangles back, to both triangles."""
     cdef Py_ssize_t a, b
     for a in range(8):
         for b in range(a, 8):
-            scatter(&covariance[a, b, i, 0], p[a][b], rows, lanes)
+            put_rows(&covariance[a, b, i, 0], p[a][b], rows, lanes, together)
             if a != b:
-                scatter(&covariance[b, a, i, 0], p[a][b], rows, lanes)
+                put_rows(&covariance[b, a, i, 0], p[a][b], rows, lanes, together)
 
 
 cdef void take_places(
@@ -2034,6 +2059,7 @@ cdef void take_places(
     """Update bodies with places (m, 2) and their noise (m, 2, 2); note NIS and determinant of S (M, m)."""
     cdef Py_ssize_t m = mean.shape[1], n = rows.shape[0], group, t, lanes, i, a, l, at
     cdef const Py_ssize_t* row
+    cdef bint together
     cdef double p[8][8][LANES]
     cdef double cross_x[8][LANES]
     cdef double cross_y[8][LANES]
@@ -2051,22 +2077,23 @@ cdef void take_places(
         t = group * LANES
         lanes = min(LANES, n - t)
         row = &rows[t]
+        together = adjacent(row, lanes)
         for l in range(LANES):
             at = t + (l if l < lanes else lanes - 1)
             xx[l], xy[l], yy[l] = noise[at, 0, 0], noise[at, 0, 1], noise[at, 1, 1]
         for i in range(m):
-            gather_upper(covariance, i, row, lanes, p)
+            gather_upper(covariance, i, row, lanes, together, p)
             for a in range(8):
                 for l in range(LANES):
                     cross_x[a][l] = p[0][a][l] + p[min(a, 6)][max(a, 6)][l]
                     cross_y[a][l] = p[min(a, 1)][max(a, 1)][l] + p[min(a, 7)][max(a, 7)][l]
-            gather(x, &mean[0, i, 0], row, lanes)
-            gather(bias, &mean[6, i, 0], row, lanes)
+            fetch_rows(x, &mean[0, i, 0], row, lanes, together)
+            fetch_rows(bias, &mean[6, i, 0], row, lanes, together)
             for l in range(LANES):
                 at = t + (l if l < lanes else lanes - 1)
                 x[l] = position[at, 0] - x[l] - bias[l]
-            gather(y, &mean[1, i, 0], row, lanes)
-            gather(bias, &mean[7, i, 0], row, lanes)
+            fetch_rows(y, &mean[1, i, 0], row, lanes, together)
+            fetch_rows(bias, &mean[7, i, 0], row, lanes, together)
             for l in range(LANES):
                 at = t + (l if l < lanes else lanes - 1)
                 y[l] = position[at, 1] - y[l] - bias[l]
@@ -2088,9 +2115,9 @@ cdef void take_places(
                 for l in range(LANES):
                     cross_x[a][l] = cross_x[a][l] * first[l]
                     cross_y[a][l] = (cross_y[a][l] - slope[l] * cross_x[a][l]) * second[l]
-            narrow(mean, covariance, i, row, lanes, p, cross_x, x)
-            narrow(mean, covariance, i, row, lanes, p, cross_y, y)
-            scatter_upper(covariance, i, row, lanes, p)
+            narrow(mean, covariance, i, row, lanes, together, p, cross_x, x)
+            narrow(mean, covariance, i, row, lanes, together, p, cross_y, y)
+            scatter_upper(covariance, i, row, lanes, together, p)
 
 
 cdef void take_speeds(
@@ -2112,6 +2139,7 @@ cdef void take_speeds(
     """
     cdef Py_ssize_t m = mean.shape[1], n = rows.shape[0], group, t, lanes, i, a, l, at, k, c
     cdef const Py_ssize_t* row
+    cdef bint together
     cdef double p[8][8][LANES]
     cdef double cross[8][LANES]
     cdef double h[6][LANES]
@@ -2120,13 +2148,14 @@ cdef void take_speeds(
     cdef double innovation[LANES]
     cdef double root[LANES]
     cdef double s[LANES]
-    cdef bint known[LANES]
+    cdef double known[LANES]
     cdef Py_ssize_t[6] component
     component[0], component[1], component[2], component[3], component[4], component[5] = 0, 1, 2, 3, 6, 7
     for group in range((n + LANES - 1) // LANES):
         t = group * LANES
         lanes = min(LANES, n - t)
         row = &rows[t]
+        together = adjacent(row, lanes)
         for l in range(LANES):
             at = t + (l if l < lanes else lanes - 1)
             h[0][l] = h[4][l] = 0.0 if slope is None else slope[at, 0]
@@ -2134,19 +2163,20 @@ cdef void take_speeds(
             h[2][l], h[3][l] = direction[at, 0], direction[at, 1]
         for i in range(m):
             for a in range(8):
-                gather(x[a], &mean[a, i, 0], row, lanes)
+                fetch_rows(x[a], &mean[a, i, 0], row, lanes, together)
             for l in range(LANES):
                 at = t + (l if l < lanes else lanes - 1)
                 innovation[l] = value[at] - (
                     h[0][l] * (x[0][l] + x[6][l]) + h[1][l] * (x[1][l] + x[7][l]) + h[2][l] * x[2][l] + h[3][l] * x[3][l]
                 )
-                known[l] = isfinite(innovation[l])
                 s[l] = variance[at]
-                if not known[l]:
-                    innovation[l] = 0.0
-                for k in range(6):
-                    own[k][l] = h[k][l] if known[l] else 0.0
-            gather_upper(covariance, i, row, lanes, p)
+            for k in range(6):
+                for l in range(LANES):
+                    own[k][l] = h[k][l] if fabs(innovation[l]) < INFINITY else 0.0
+            for l in range(LANES):
+                known[l] = 1.0 if fabs(innovation[l]) < INFINITY else 0.0
+                innovation[l] = innovation[l] if fabs(innovation[l]) < INFINITY else 0.0
+            gather_upper(covariance, i, row, lanes, together, p)
             for a in range(8):
                 for l in range(LANES):
                     cross[a][l] = p[0][a][l] * own[0][l]
@@ -2162,13 +2192,12 @@ cdef void take_speeds(
                 s[l] = larger(s[l], variance[at])
                 root[l] = 1.0 / sqrt(s[l])
                 innovation[l] = innovation[l] * root[l]
-                if not known[l]:
-                    s[l] = unmeasured
+                s[l] = s[l] if known[l] > 0.0 else unmeasured
             for a in range(8):
                 for l in range(LANES):
                     cross[a][l] = cross[a][l] * root[l]
-            narrow(mean, covariance, i, row, lanes, p, cross, innovation)
-            scatter_upper(covariance, i, row, lanes, p)
+            narrow(mean, covariance, i, row, lanes, together, p, cross, innovation)
+            scatter_upper(covariance, i, row, lanes, together, p)
             for l in range(LANES):
                 root[l] = innovation[l] * innovation[l]
             for l in range(lanes):
@@ -2418,48 +2447,72 @@ def from_travel_axes(const double[:, :] components, const double[:, :] direction
     return out_array
 
 
-cdef inline void face(
-    double ahead, double aside, double half_length, double half_width, int rounds, double least, double[2] point
+cdef void face(
+    double[2][LANES] observer, double[2][LANES] size, int rounds, double least, double[2][LANES] point
 ) noexcept nogil:
-    """Note the point of an ellipse that faces an observer ahead and aside of its centre, in its axes."""
-    cdef int a, turn
-    cdef double ratio, norm
-    cdef double axes[2]
-    cdef double eye[2]
-    cdef double evolute[2]
-    cdef double share[2]
-    cdef double centre[2]
-    cdef double away[2]
-    axes[0], axes[1] = larger(half_length, least), larger(half_width, least)
-    eye[0], eye[1] = fabs(ahead), fabs(aside)
+    """Note the points of ellipses with semi-axes that face observers, seen from their centres, in their axes."""
+    cdef int a, turn, l
+    cdef double ratio[LANES]
+    cdef double norm[LANES]
+    cdef double axes[2][LANES]
+    cdef double eye[2][LANES]
+    cdef double evolute[2][LANES]
+    cdef double share[2][LANES]
+    cdef double centre[2][LANES]
+    cdef double away[2][LANES]
     for a in range(2):
-        evolute[a] = (axes[a] * axes[a] - axes[1 - a] * axes[1 - a]) / axes[a]
-        share[a] = sqrt(0.5)
+        for l in range(LANES):
+            axes[a][l], eye[a][l] = larger(size[a][l], least), fabs(observer[a][l])
+    for a in range(2):
+        for l in range(LANES):
+            evolute[a][l] = (axes[a][l] * axes[a][l] - axes[1 - a][l] * axes[1 - a][l]) / axes[a][l]
+            share[a][l] = sqrt(0.5)
     for turn in range(rounds):
         for a in range(2):
-            centre[a] = evolute[a] * share[a] * share[a] * share[a]
-            away[a] = eye[a] - centre[a]
-            point[a] = axes[a] * share[a] - centre[a]
-        ratio = sqrt(point[0] * point[0] + point[1] * point[1])
-        ratio = ratio / larger(sqrt(away[0] * away[0] + away[1] * away[1]), least)
+            for l in range(LANES):
+                centre[a][l] = evolute[a][l] * share[a][l] * share[a][l] * share[a][l]
+                away[a][l] = eye[a][l] - centre[a][l]
+                point[a][l] = axes[a][l] * share[a][l] - centre[a][l]
+        for l in range(LANES):
+            ratio[l] = sqrt(point[0][l] * point[0][l] + point[1][l] * point[1][l])
+            norm[l] = sqrt(away[0][l] * away[0][l] + away[1][l] * away[1][l])
+            ratio[l] = ratio[l] / larger(norm[l], least)
         for a in range(2):
-            share[a] = smaller(larger((away[a] * ratio + centre[a]) / axes[a], 0.0), 1.0)
-        norm = larger(sqrt(share[0] * share[0] + share[1] * share[1]), least)
+            for l in range(LANES):
+                share[a][l] = (away[a][l] * ratio[l] + centre[a][l]) / axes[a][l]
+                share[a][l] = smaller(larger(share[a][l], 0.0), 1.0)
+        for l in range(LANES):
+            norm[l] = sqrt(share[0][l] * share[0][l] + share[1][l] * share[1][l])
+            norm[l] = larger(norm[l], least)
         for a in range(2):
-            share[a] = share[a] / norm
-    point[0], point[1] = copysign(axes[0] * share[0], ahead), copysign(axes[1] * share[1], aside)
+            for l in range(LANES):
+                share[a][l] = share[a][l] / norm[l]
+    for a in range(2):
+        for l in range(LANES):
+            point[a][l] = copysign(axes[a][l] * share[a][l], observer[a][l])
 
 
 def facing_points(
     const double[:, :] observer, const double[:] half_length, const double[:] half_width, int rounds, double least
 ):
     """Return the points (n, 2) of ellipses that face observers (n, 2), in their axes."""
-    cdef Py_ssize_t n = observer.shape[0], t
+    cdef Py_ssize_t n = observer.shape[0], group, t, lanes, l, at
+    cdef double eye[2][LANES]
+    cdef double size[2][LANES]
+    cdef double point[2][LANES]
     out_array = np.empty((n, 2))
     cdef double[:, ::1] out = out_array
     with nogil:
-        for t in range(n):
-            face(observer[t, 0], observer[t, 1], half_length[t], half_width[t], rounds, least, &out[t, 0])
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            for l in range(LANES):
+                at = t + (l if l < lanes else lanes - 1)
+                eye[0][l], eye[1][l] = observer[at, 0], observer[at, 1]
+                size[0][l], size[1][l] = half_length[at], half_width[at]
+            face(eye, size, rounds, least, point)
+            for l in range(lanes):
+                out[t + l, 0], out[t + l, 1] = point[0][l], point[1][l]
     return out_array
 
 
@@ -2475,18 +2528,28 @@ def facing_offsets(
     double least,
 ):
     """Return of bodies whose reference points were so far from their centres (n, 2) how far the points that face us are."""
-    cdef Py_ssize_t n = length.shape[0], t
+    cdef Py_ssize_t n = length.shape[0], group, t, lanes, l, at
     cdef double x, y, c, s
-    cdef double point[2]
+    cdef double eye[2][LANES]
+    cdef double size[2][LANES]
+    cdef double point[2][LANES]
     out_array = np.empty((n, 2))
     cdef double[:, ::1] out = out_array
     with nogil:
-        for t in range(n):
-            x, y = east - (mean[t, 0] - facing[t, 0]), north - (mean[t, 1] - facing[t, 1])
-            c, s = axis[t, 0], axis[t, 1]
-            face(x * c + y * s, y * c - x * s, length[t] / 2.0, width[t] / 2.0, rounds, least, point)
-            out[t, 0] = point[0] * c - point[1] * s
-            out[t, 1] = point[1] * c + point[0] * s
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            for l in range(LANES):
+                at = t + (l if l < lanes else lanes - 1)
+                x, y = east - (mean[at, 0] - facing[at, 0]), north - (mean[at, 1] - facing[at, 1])
+                c, s = axis[at, 0], axis[at, 1]
+                eye[0][l], eye[1][l] = x * c + y * s, y * c - x * s
+                size[0][l], size[1][l] = length[at] / 2.0, width[at] / 2.0
+            face(eye, size, rounds, least, point)
+            for l in range(lanes):
+                c, s = axis[t + l, 0], axis[t + l, 1]
+                out[t + l, 0] = point[0][l] * c - point[1][l] * s
+                out[t + l, 1] = point[1][l] * c + point[0][l] * s
     return out_array
 
 
@@ -2626,8 +2689,10 @@ def reflections_to_split(
     double across,
     double speed,
 ):
-    """Return which reflections that do not lead (n,) are too far away or of another speed for their bodies."""
+    """Return which reflections that do not lead (n,) are too far away or of another speed for their bodies; None:
+    there is none."""
     cdef Py_ssize_t n = offset.shape[0], i
+    cdef bint some = False
     out_array = np.empty(n, np.bool_)
     cdef unsigned char[::1] out = out_array
     with nogil:
@@ -2639,7 +2704,9 @@ def reflections_to_split(
             )
         for i in range(leader.shape[0]):
             out[leader[i]] = False
-    return out_array
+        for i in range(n):
+            some = some or out[i]
+    return out_array if some else None
 
 
 def mark_detected(
@@ -3407,3 +3474,220 @@ def fit_reflections(
             else:
                 jumps += 1
     return found_array, nis_array, jumps
+
+
+def longer_ago(const Py_ssize_t[:] last_ns, Py_ssize_t time_ns, double longest):
+    """Return of what the latest detection (n,) is longer ago than a time, s; None: of nothing."""
+    cdef Py_ssize_t n = last_ns.shape[0], i
+    cdef bint some = False
+    for i in range(n):
+        some = some or (time_ns - last_ns[i]) * 1e-9 > longest
+    if not some:
+        return None
+    out_array = np.empty(n, np.bool_)
+    cdef unsigned char[::1] out = out_array
+    for i in range(n):
+        out[i] = (time_ns - last_ns[i]) * 1e-9 > longest
+    return out_array
+
+
+def bodies_to_forget(
+    const Py_ssize_t[:] first_ns,
+    const Py_ssize_t[:] last_ns,
+    const unsigned char[:] confirmed,
+    const double[:, :, :] covariance,
+    Py_ssize_t time_ns,
+    double coast,
+    double longest,
+    double uncertainty,
+):
+    """Return which bodies (k,) that were not detected for a time, s, are not remembered any longer; None: there is none.
+
+    What is confirmed is remembered for as long as it was tracked, not for longer than the longest time, while its place
+    is known.
+    """
+    cdef Py_ssize_t k = last_ns.shape[0], t, count = 0
+    cdef double away, tracked
+    out_array = np.zeros(k, np.bool_)
+    cdef unsigned char[::1] out = out_array
+    for t in range(k):
+        away = (time_ns - last_ns[t]) * 1e-9
+        if away > coast:
+            tracked = (last_ns[t] - first_ns[t]) * 1e-9
+            if (
+                not confirmed[t]
+                or away > (longest if longest < tracked else tracked)
+                or sqrt(covariance[t, 0, 0] + covariance[t, 1, 1]) > uncertainty
+            ):
+                out[t] = True
+                count += 1
+    return out_array if count else None
+
+
+def bodies_to_confirm(
+    const double[:] existence, const Py_ssize_t[:] last_ns, const unsigned char[:] confirmed, Py_ssize_t time_ns, double sure
+):
+    """Return rows of the bodies detected at a time that exist surely and are not confirmed."""
+    cdef Py_ssize_t t
+    return [t for t in range(existence.shape[0]) if existence[t] >= sure and last_ns[t] == time_ns and not confirmed[t]]
+
+
+def let_time_pass(
+    double[:] existence, double[:] unseen, const double[:] in_sight, double kept, double dt, double least
+):
+    """Let in place probabilities of existence fade, and what could be seen wait longer."""
+    cdef Py_ssize_t t
+    with nogil:
+        for t in range(existence.shape[0]):
+            existence[t] = within(existence[t] * kept, least, 1.0 - least)
+            unseen[t] = unseen[t] + dt * in_sight[t]
+
+
+def note_detections(
+    double[:] interval, Py_ssize_t[:] last_ns, const Py_ssize_t[:] body, Py_ssize_t time_ns, double longest
+):
+    """Note in place that bodies (m,), some twice, are detected at a time, and how long after their detections before."""
+    cdef Py_ssize_t i
+    with nogil:
+        for i in range(body.shape[0]):
+            interval[body[i]] = smaller(larger((time_ns - last_ns[body[i]]) * 1e-9, 0.0), longest)
+        for i in range(body.shape[0]):
+            last_ns[body[i]] = time_ns
+
+
+def experience_of_bodies(
+    const Py_ssize_t[:] sensors,
+    const Py_ssize_t[:] history,
+    const double[:] existence,
+    const unsigned char[:] confirmed,
+    const unsigned char[:] seen,
+    Py_ssize_t sensor,
+    double sure,
+):
+    """Return which bodies (k,) were missed by the scan before, which surely exist and have been detected by a sensor, a
+    bit; and the rows of those detected by it before, and not seen now."""
+    cdef Py_ssize_t k = sensors.shape[0], t
+    missed_array, surely_array = np.empty(k, np.bool_), np.empty(k, np.bool_)
+    cdef unsigned char[::1] missed = missed_array, surely = surely_array
+    for t in range(k):
+        missed[t] = history[t] & 1 == 0
+        surely[t] = confirmed[t] and existence[t] > sure and sensors[t] & sensor != 0
+    unseen = [t for t in range(k) if sensors[t] & sensor and not seen[t]]
+    return missed_array, surely_array, np.array(unseen, np.intp)
+
+
+def hand_over(
+    Py_ssize_t[:] leader, const Py_ssize_t[:] body, const Py_ssize_t[:] last_ns, Py_ssize_t time_ns, Py_ssize_t patience_ns
+):
+    """Let in place the first reflection (n,) that is detected at a time lead bodies (k,) whose leading one is silent."""
+    cdef Py_ssize_t i
+    cdef bint some = False
+    for i in range(leader.shape[0]):
+        some = some or time_ns - last_ns[leader[i]] > patience_ns
+    if not some:
+        return
+    silent_array = np.empty(leader.shape[0], np.bool_)
+    cdef unsigned char[::1] silent = silent_array
+    for i in range(leader.shape[0]):
+        silent[i] = time_ns - last_ns[leader[i]] > patience_ns
+    for i in range(body.shape[0]):
+        if last_ns[i] == time_ns and silent[body[i]]:
+            leader[body[i]] = i
+            silent[body[i]] = False
+
+
+def stay_alongside(
+    Py_ssize_t[:] alongside_ns, const Py_ssize_t[:] older, const double[:] needed, Py_ssize_t dt_ns
+):
+    """Note in place for how long bodies (k,) have been beside older ones, −1: there is none; return the rows of those that
+    have been for the time needed, s."""
+    cdef Py_ssize_t t
+    merging = []
+    for t in range(older.shape[0]):
+        alongside_ns[t] = alongside_ns[t] + dt_ns if older[t] >= 0 else 0
+        if older[t] >= 0 and alongside_ns[t] >= <Py_ssize_t>(needed[t] * 1e9):
+            merging.append(t)
+    return merging
+
+
+def return_exponents(
+    const Py_ssize_t[:] first_ns,
+    const Py_ssize_t[:] last_ns,
+    const double[:] interval,
+    Py_ssize_t time_ns,
+    double longest,
+    double least,
+):
+    """Return by which powers of e the reference points of bodies (k,) keep away from where they belong: after the time
+    since the detection before, if there is one now, over a time constant that is their age, within limits."""
+    cdef Py_ssize_t k = last_ns.shape[0], t
+    cdef double time
+    out_array = np.empty(k)
+    cdef double[::1] out = out_array
+    with nogil:
+        for t in range(k):
+            time = larger(smaller((time_ns - first_ns[t]) * 1e-9, longest), least)
+            out[t] = -(interval[t] if last_ns[t] == time_ns else 0.0) / time
+    return out_array
+
+
+def step_references(
+    const Py_ssize_t[:] body, double[:, :] offset, const double[:, :] target, const double[:] left, const double[:, :] axis
+):
+    """Let reference points go to where they belong (k, 2), but for shares, 1 less, that are left; the offsets of their
+    reflections change in place. Return the steps in the local frame."""
+    cdef Py_ssize_t i, t
+    cdef double ahead, aside
+    out_array = np.empty((axis.shape[0], 2))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for t in range(axis.shape[0]):
+            out[t, 0], out[t, 1] = -left[t] * target[t, 0], -left[t] * target[t, 1]
+        for i in range(body.shape[0]):
+            offset[i, 0] = offset[i, 0] - out[body[i], 0]
+            offset[i, 1] = offset[i, 1] - out[body[i], 1]
+        for t in range(axis.shape[0]):
+            ahead, aside = out[t, 0], out[t, 1]
+            out[t, 0] = ahead * axis[t, 0] - aside * axis[t, 1]
+            out[t, 1] = aside * axis[t, 0] + ahead * axis[t, 1]
+    return out_array
+
+
+def shift_bodies(double[:, :, ::1] mean, double[:, :] overall, double[:, :] shown, const double[:, :] step):
+    """Move in place the places of bodies in all modes (8, M, n), over them (n, 8) and as seen (n, 4) by steps (n, 2)."""
+    cdef Py_ssize_t t, i, a
+    with nogil:
+        for a in range(2):
+            for i in range(mean.shape[1]):
+                for t in range(mean.shape[2]):
+                    mean[a, i, t] = mean[a, i, t] + step[t, a]
+            for t in range(mean.shape[2]):
+                overall[t, a] = overall[t, a] + step[t, a]
+                shown[t, a] = shown[t, a] + step[t, a]
+
+
+def standing_reflections(
+    const double[:, :] velocity,
+    const double[:, :] sight,
+    const double[:] distance,
+    const Py_ssize_t[:] body,
+    const unsigned char[:] confirmed,
+    double radial,
+    double any_way,
+):
+    """Return which reflections (m,) are of confirmed bodies (k,) that stand, by their speeds along lines of sight (m, 2),
+    which are not yet divided by distances, and any way."""
+    cdef Py_ssize_t m = body.shape[0], i, t
+    cdef double along, far
+    out_array = np.empty(m, np.bool_)
+    cdef unsigned char[::1] out = out_array
+    with nogil:
+        for i in range(m):
+            t, far = body[i], larger(distance[i], 1.0)
+            along = velocity[t, 0] * (sight[i, 0] / far) + velocity[t, 1] * (sight[i, 1] / far)
+            out[i] = (
+                fabs(along) < radial
+                and velocity[t, 0] * velocity[t, 0] + velocity[t, 1] * velocity[t, 1] < any_way
+                and confirmed[t] != 0
+            )
+    return out_array

@@ -12,7 +12,7 @@ from math import cos, log, sin, sqrt
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.tracker import LifecycleSettings
 from candaemon.ego.pose import EgoPose
@@ -76,6 +76,12 @@ class BodyExistence:
     def predict(self, bodies: Bodies, dt: float) -> None:
         """Let a time pass: what exists leaves some day, and what could be seen and was not waits longer."""
         obstacles = bodies.obstacles
+        if compiled.in_use:
+            kept = existence.kept(dt, self._settings.mean_life)
+            compiled.kernels.let_time_pass(
+                obstacles.existence, obstacles.unseen, obstacles.in_sight, kept, dt, existence.LEAST
+            )
+            return
         obstacles.existence = existence.predicted(obstacles.existence, dt, self._settings.mean_life)
         obstacles.unseen += dt * obstacles.in_sight
 
@@ -95,16 +101,15 @@ class BodyExistence:
         is_known = sensor in self._visibility.state.sensors
         density = self._visibility.clutter_density(sensor) if is_known else 0.0
         seen, ratio = _likelihood_ratios(bodies, association, detections, density)
-        familiar = obstacles.sensors & (1 << sensor) != 0  # another sensor may not see things of this kind
+        missed, surely, unseen = _experience(obstacles, seen, sensor)
         if is_known:
-            missed, surely = obstacles.history & 1 == 0, obstacles.confirmed & (obstacles.existence > _SURE) & familiar
             share, distance = self._visibility.in_sight(centre, place, axis, size[0], size[1], sensor, detections.look)
             probability = self._visibility.detection_probability(sensor, share, distance, missed)
             self._visibility.learn(sensor, share, seen, distance, missed, surely)
         else:
             share = self._looked_at(detections, place).astype(np.float64)
             probability = _UNKNOWN_PROBABILITY * share
-        expected, unseen = np.zeros(len(obstacles), dtype=np.bool_), (familiar & ~seen).nonzero()[0]
+        expected = np.zeros(len(obstacles), dtype=np.bool_)
         if len(unseen):
             expected[unseen] = self._looked_at(detections, place[unseen])
         self._weigh(obstacles, seen, expected, share, probability, ratio, sensor)
@@ -170,7 +175,7 @@ class BodyExistence:
             ended: histories of the bodies that have ended unconfirmed (m,).
         """
         if sensor in self._visibility.state.sensors:
-            hits = int(np.bitwise_count(ended).sum())
+            hits = int(np.bitwise_count(ended).sum()) if len(ended) else 0
             self._visibility.learn_clutter(sensor, len(ended), again=max(hits - len(ended), 0))
 
     def confirming(self, sensor: int) -> float:
@@ -229,6 +234,28 @@ def _boxes(bodies: Bodies, pose: EgoPose) -> tuple[Floats, Floats]:
     stood = (standing > _SURE) & (obstacles.length_variance > 1.0) & (obstacles.fastest < _MOVED)
     size = np.stack([obstacles.length, obstacles.width])
     return np.stack([place, centre, axis]), np.where(~obstacles.confirmed | stood, _POST, size)
+
+
+def _experience(obstacles: BodyTable, seen: Booleans, sensor: int) -> tuple[Booleans, Booleans, Indices]:
+    """Return what a sensor's detections of bodies were before.
+
+    Args:
+        obstacles: the bodies.
+        seen: which are detected now (k,).
+        sensor: its number.
+
+    Returns:
+        Which bodies the scan before missed; which surely exist and have been detected by this sensor, as another may
+        not see things of their kind; and the rows of those detected by it before and not now.
+    """
+    bit = 1 << sensor
+    if compiled.in_use:
+        return compiled.kernels.experience_of_bodies(
+            obstacles.sensors, obstacles.history, obstacles.existence, obstacles.confirmed, seen, bit, _SURE
+        )
+    familiar = obstacles.sensors & bit != 0
+    surely = obstacles.confirmed & (obstacles.existence > _SURE) & familiar
+    return obstacles.history & 1 == 0, surely, (familiar & ~seen).nonzero()[0]
 
 
 def _likelihood_ratios(

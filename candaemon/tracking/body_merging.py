@@ -94,18 +94,34 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
     return found, needed
 
 
-def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans:
-    """Return which reflections are none of their obstacle's (n,): too far away, or of another speed.
+def alongside_long(alongside_ns: Integers, older: Integers, needed: Floats, dt_ns: int) -> list[int]:
+    """Return the rows of the obstacles that have been alongside of an older one for long enough.
+
+    Args:
+        alongside_ns: for how long each has been (k,), ns; a step longer now, in place, or not at all.
+        older: row of the older one (k,), −1: there is none.
+        needed: time that is long enough (k,), s.
+        dt_ns: length of the step.
+    """
+    if compiled.in_use:
+        return compiled.kernels.stay_alongside(alongside_ns, older, needed, dt_ns)
+    alongside_ns[:] = np.where(older >= 0, alongside_ns + dt_ns, 0)
+    return np.flatnonzero((older >= 0) & (alongside_ns >= (needed * 1e9).astype(np.int64))).tolist()
+
+
+def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans | None:
+    """Return which reflections are none of their obstacle's (n,): too far away, or of another speed; None: none is.
 
     The bounds are twice those for joining, so that a reflection at the edge does not come and go; what lies far along
     the body may be another vehicle in a queue, and is to move as the body does.
     """
     reflections, leader = bodies.reflections, bodies.obstacles.leader
     if len(reflections) == len(bodies):
-        return np.zeros(len(reflections), dtype=np.bool_)
+        return None
     if compiled.in_use:
         limits = _COURSE_ALONG, settings.extent, 2 * settings.across, settings.speed
-        return compiled.kernels.reflections_to_split(reflections.offset, reflections.rate_difference, leader, *limits)
+        offset, difference = reflections.offset, reflections.rate_difference
+        return compiled.kernels.reflections_to_split(offset, difference, leader, *limits)
     far = np.abs(reflections.offset[:, 0]) > _COURSE_ALONG
     away = (
         (np.abs(reflections.offset[:, 0]) > settings.extent)
@@ -113,4 +129,4 @@ def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans:
         | (np.abs(reflections.rate_difference) > np.where(far, settings.speed, 2 * settings.speed))
     )
     away[leader] = False
-    return away
+    return away if away.any() else None

@@ -41,7 +41,7 @@ def report(
     used: Used,
     slack_ns: int,
     wander_time: float,
-    shown: Booleans,
+    shown: Booleans | None = None,
     existence: Floats | None = None,
 ) -> Obstacles:
     """Return the obstacles in vehicle axes and in the local frame.
@@ -52,7 +52,7 @@ def report(
         used: the detections of this cycle and the bodies they updated.
         slack_ns: how long an obstacle may be without a detection and not count as coasting.
         wander_time: within which reflections wander over their bodies, s.
-        shown: which obstacles are reported (k,).
+        shown: which obstacles are reported (k,); None: all.
         existence: their probabilities of existence (k,); None: the shares of recent scans in which they were seen.
     """
     obstacles, moments = bodies.obstacles, bodies.moments()
@@ -99,7 +99,7 @@ def report(
         used_sensor=np.full(len(used.objects), used.sensor, dtype=np.int64),
         used_object=used.objects,
     )
-    return found if shown.all() else _only(found, shown)
+    return found if shown is None or shown.all() else _only(found, shown)
 
 
 def _told(bodies: Bodies, pose: EgoPose, told: Floats, slack_ns: int) -> tuple[Floats, NDArray[np.int8]]:

@@ -396,6 +396,9 @@ class Bodies:
         sensors there are, whether they see the body or not.
         """
         obstacles = self.obstacles
+        if compiled.in_use:
+            compiled.kernels.note_detections(obstacles.interval, obstacles.last_ns, bodies, time_ns, _LONGEST_INTERVAL)
+            return
         interval = (time_ns - obstacles.last_ns[bodies]) * 1e-9
         obstacles.interval[bodies] = np.minimum(np.maximum(interval, 0.0), _LONGEST_INTERVAL)
         obstacles.last_ns[bodies] = time_ns
@@ -414,18 +417,45 @@ class Bodies:
             patience_ns: for which a reflection still counts.
         """
         obstacles, reflections = self.obstacles, self.reflections
-        dt = np.where(obstacles.last_ns == time_ns, obstacles.interval, 0.0)[:, None]
-        self._keep_bias_within(dt)
-        if not (dt.any() and reflections.offset.any()):
+        self._keep_bias_within(time_ns)
+        if not reflections.offset.any():
             return
-        age = (time_ns - obstacles.first_ns)[:, None] * 1e-9
-        time = np.maximum(np.minimum(age, return_time), _LEAST_TIME)
-        step = -np.expm1(-dt / time) * self._reference_targets(time_ns - patience_ns)
-        reflections.offset -= step.take(reflections.body, axis=0)
-        self._shift(from_travel_axes(step, obstacles.axis))
+        exponent = self._return_exponents(time_ns, return_time)
+        if not exponent.any():
+            return
+        left, target = np.expm1(exponent), self._reference_targets(time_ns - patience_ns)
+        if compiled.in_use:
+            step = compiled.kernels.step_references(reflections.body, reflections.offset, target, left, obstacles.axis)
+        else:
+            step = -left[:, None] * target
+            reflections.offset -= step.take(reflections.body, axis=0)
+            step = from_travel_axes(step, obstacles.axis)
+        self._shift(step)
+
+    def _return_exponents(self, time_ns: int, return_time: float) -> Floats:
+        """Return by which powers of e the reference points keep away from where they belong (k,).
+
+        That is minus the time since the detection before, where there is one now, over the time constant.
+        """
+        obstacles = self.obstacles
+        if compiled.in_use:
+            return compiled.kernels.return_exponents(
+                obstacles.first_ns, obstacles.last_ns, obstacles.interval, time_ns, return_time, _LEAST_TIME
+            )
+        age = (time_ns - obstacles.first_ns) * 1e-9
+        return np.asarray(-self._detected_after(time_ns) / np.maximum(np.minimum(age, return_time), _LEAST_TIME))
+
+    def _detected_after(self, time_ns: int) -> Floats:
+        """Return how long after the detection before bodies are detected at a time (k,), s; 0 where they are not."""
+        return np.where(self.obstacles.last_ns == time_ns, self.obstacles.interval, 0.0)
 
     def _shift(self, step: Floats) -> None:
         """Move the reference points by steps (k, 2), m; what the filter says moves along."""
+        if compiled.in_use and self._moments is not None:
+            mean = self.filter.state.mean.T
+            compiled.kernels.shift_bodies(mean, self._moments.mean, self._moments.shown, step)
+            self._shifted = True
+            return
         self.filter.shift(step)
         if self._moments is not None:
             self._moments.mean[:, POSITION] += step
@@ -477,8 +507,8 @@ class Bodies:
         target += nearer[:, None] * sight
         return target
 
-    def _keep_bias_within(self, dt: Floats) -> None:
-        """Let the reference points follow, for times (k, 1), s, reflections that would else lie beyond their bodies.
+    def _keep_bias_within(self, time_ns: int) -> None:
+        """Let the reference points of bodies detected follow reflections that would else lie beyond those.
 
         Those that slide over a body stay on it: where the point has to follow for long, the body moves, and its
         velocity is not what it seemed to be.
@@ -487,6 +517,7 @@ class Bodies:
         beyond, some = _beyond(self.moments().mean, obstacles.axis, obstacles.length, obstacles.width)
         if not some and not obstacles.drift.any():
             return
+        dt = self._detected_after(time_ns)[:, None]
         step = from_travel_axes(-np.expm1(-dt / _BEYOND_TIME) * beyond, obstacles.axis)
         speed = step / np.maximum(dt, _LEAST_TIME)
         drift = obstacles.drift - np.expm1(-dt / _DRIFT_TIME) * (speed - obstacles.drift)

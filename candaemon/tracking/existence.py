@@ -26,7 +26,12 @@ def predicted(existence: Floats, dt: float, mean_life: float) -> Floats:
         dt: s; nothing changes backwards in time.
         mean_life: s, after which an obstacle that nobody looks at is still there with a probability of 1/e.
     """
-    return bounded(existence * np.exp(-max(dt, 0.0) / mean_life))
+    return bounded(existence * kept(dt, mean_life))
+
+
+def kept(dt: float, mean_life: float) -> float:
+    """Return the factor of the probabilities of existence after a time without evidence, as in `predicted`."""
+    return float(np.exp(-max(dt, 0.0) / mean_life))
 
 
 def missed(existence: Floats, detection_probability: Floats) -> Floats:

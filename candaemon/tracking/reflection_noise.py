@@ -160,13 +160,15 @@ class SensorWalks:
         walk: along and across, m²/s (S, 2).
         growth: which share of that across grows with the square of the range; and the range it is told for, m (S, 2).
         surely: how surely they walk across, 0 to 1 (S,).
-        some: whether those of any may.
+        some: whether those of any walk.
+        surely_some: whether those of any surely do, as far as that is told.
     """
 
     walk: Floats
     growth: Floats
     surely: Floats
     some: bool
+    surely_some: bool
 
 
 class ReflectionNoise:
@@ -186,7 +188,7 @@ class ReflectionNoise:
         self._state = ReflectionNoiseState({number: StandingDisplacements() for number in sensors})
         # follow from the state
         self._learnt: dict[int, tuple[int, LearntNoise | None]] = {}
-        self._walks: tuple[list[int], SensorWalks] | None = None
+        self._walks: SensorWalks | None = None
 
     @property
     def state(self) -> ReflectionNoiseState:
@@ -268,11 +270,18 @@ class ReflectionNoise:
         returns = self._state.sensors[sensor]
         is_spaced = not returns.scans or time_ns - returns.scans[-1].time_ns >= _SPACING_NS
         rows = np.flatnonzero(standing & np.isfinite(position).all(axis=1))
-        key, first = np.unique(keys[rows], return_index=True)
-        rows, key = rows[first[:MOST_FOLLOWED]], key[:MOST_FOLLOWED]
+        rows = rows[keys[rows].argsort(kind="stable")]
+        key = keys[rows]
+        if (key[1:] == key[:-1]).any():
+            key, first = np.unique(key, return_index=True)
+            rows = rows[first]
+        rows, key = rows[:MOST_FOLLOWED], key[:MOST_FOLLOWED]
         scan = StandingScan(time_ns, key, position[rows])
         if returns.is_due:
+            known = returns.taken // _REFRESH
             _take(returns, scan, direction[rows], distance[rows])
+            if returns.taken // _REFRESH != known:
+                self._walks = None
         if is_spaced:
             kept = [each for each in returns.scans[1 - _MOST_KEPT :] if time_ns - each.time_ns <= _LONGEST_NS]
             returns.scans, returns.is_due = [*kept, scan], True
@@ -326,14 +335,13 @@ class ReflectionNoise:
 
     def walks(self) -> SensorWalks:
         """Return how the reflections of all sensors walk; those of a sensor without settings do not."""
-        taken = [each.taken // _REFRESH for each in self._state.sensors.values()]
-        if self._walks is None or self._walks[0] != taken:
+        if self._walks is None:
             walk, growth, surely = np.zeros((_NUMBERS, 2)), np.tile(_NO_GROWTH, (_NUMBERS, 1)), np.zeros(_NUMBERS)
             for number in self._stated:
                 walk[number], growth[number] = self.walk(number), self.growth(number)
                 surely[number] = self.walking(number)
-            self._walks = taken, SensorWalks(walk, growth, surely, bool(surely.any()))
-        return self._walks[1]
+            self._walks = SensorWalks(walk, growth, surely, bool(walk.any()), bool(surely.any()))
+        return self._walks
 
     def _estimate(self, sensor: int) -> LearntNoise | None:
         """Return what the displacements of a sensor's reflections show; None where they are too few."""

@@ -29,7 +29,7 @@ from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_images import images
 from candaemon.tracking.body_initiation import BodyInitiation
 from candaemon.tracking.body_measurement import of_bodies
-from candaemon.tracking.body_merging import merge_candidates, split_candidates
+from candaemon.tracking.body_merging import alongside_long, merge_candidates, split_candidates
 from candaemon.tracking.body_modes import MANOEUVRING
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies, BodiesState
@@ -313,7 +313,7 @@ class VehicleTracker:
     def _hidden(self) -> Floats:
         """Return how surely the walk of its bias hides how each body moves across (k,), 0 to 1."""
         walks = self._noise.walks()
-        if not walks.some:
+        if not walks.surely_some:
             return np.zeros(len(self))
         hidden = self._of_leaders(walks.surely)
         if hidden.any():
@@ -326,6 +326,8 @@ class VehicleTracker:
     def _walks(self, pose: EgoPose) -> Floats:
         """Return how the bodies' biases walk along and across (k, 2), m²/s."""
         walks = self._noise.walks()
+        if not walks.some:
+            return np.zeros((len(self), 2))
         walk = self._of_leaders(walks.walk)
         if walk.any():
             distance = pose.to_vehicle(self._bodies.moments().mean[:, POSITION])
@@ -339,8 +341,10 @@ class VehicleTracker:
 
     def _bias_time(self) -> Floats:
         """Return the time constants with which the bodies' biases fade (k,), s."""
-        places = self._places
-        walking = self._of_leaders(self._noise.walks().surely)
+        places, walks = self._places, self._noise.walks()
+        if not walks.surely_some:
+            return np.full(len(self), places.bias_time)
+        walking = self._of_leaders(walks.surely)
         return places.bias_time + walking * (places.walk_time - places.bias_time)
 
     def _alike(self, sensor: int) -> float:
@@ -368,22 +372,17 @@ class VehicleTracker:
             return
         bodies, rows = self._bodies, self.update.reflection
         body = bodies.reflections.body[rows]
-        velocity = bodies.moments().mean[body, VELOCITY]
-        sight = detections.measurement.position[self.update.detection] - detections.measurement.origin
+        position = detections.measurement.position[self.update.detection]
+        sight = position - detections.measurement.origin
         distance = np.hypot(sight[:, 0], sight[:, 1])
-        sight = sight / np.maximum(distance, 1.0)[:, None]
-        standing = (
-            (np.abs((velocity * sight).sum(axis=1)) < _STANDS)
-            & ((velocity * velocity).sum(axis=1) < (4.0 * _STANDS) ** 2)
-            & bodies.obstacles.confirmed[body]
-        )
+        standing = _standing(bodies.moments().mean[:, VELOCITY], sight, distance, body, bodies.obstacles.confirmed)
         ahead = np.array([cos(pose.heading), sin(pose.heading)])
         self._noise.observe(
             detections.sensor,
             detections.time_ns,
             bodies.reflections.serial[rows],
-            detections.measurement.position[self.update.detection],
-            np.broadcast_to(ahead, (len(rows), 2)),
+            position,
+            np.full((len(rows), 2), ahead),
             standing,
             own_speed,
             distance,
@@ -396,10 +395,8 @@ class VehicleTracker:
             reflections.variance = np.zeros(len(reflections))
             return
         keep = exp(-dt / places.spread_time)
-        follows = np.ones(len(reflections), dtype=np.bool_)
-        follows[self._bodies.obstacles.leader] = False
-        gained = places.spread**2 * (1.0 - keep * keep)
-        reflections.variance = np.where(follows, keep * keep * reflections.variance + gained, 0.0)
+        reflections.variance = keep * keep * reflections.variance + places.spread**2 * (1.0 - keep * keep)
+        reflections.variance[self._bodies.obstacles.leader] = 0.0
 
     def _associate(self, detections: Detections) -> Association:
         """Return which body and reflection each detection belongs to."""
@@ -421,11 +418,15 @@ class VehicleTracker:
         self.counts.detections += len(detections)
         bodies = self._bodies
         obstacles, reflections = bodies.obstacles, bodies.reflections
-        expected = obstacles.sensors & (1 << detections.sensor) != 0
-        if detections.look >= 0:
-            expected &= in_look(self._views, detections, pose.to_vehicle(bodies.moments().mean[:, POSITION]))
-        obstacles.history = obstacles.history << expected & _HISTORY
-        obstacles.scans += expected
+        sensor = 1 << detections.sensor
+        if compiled.in_use and detections.look < 0:
+            compiled.kernels.expect_detections(obstacles.history, obstacles.scans, obstacles.sensors, sensor, _HISTORY)
+        else:
+            expected = obstacles.sensors & sensor != 0
+            if detections.look >= 0:
+                expected &= in_look(self._views, detections, pose.to_vehicle(bodies.moments().mean[:, POSITION]))
+            obstacles.history = obstacles.history << expected & _HISTORY
+            obstacles.scans += expected
         rows = (association.reflection >= 0).nonzero()[0]
         if not len(rows):
             return
@@ -467,6 +468,8 @@ class VehicleTracker:
     def _initiate(self, association: Association, detections: Detections, pose: EgoPose) -> None:
         """Initiate a reflection for each detection beside a known body, and bodies for the rest."""
         left = (association.reflection < 0).nonzero()[0]
+        if not len(left):
+            return
         room = max(self.settings.max_tracks - len(self._bodies.reflections), 0)
         self.counts.crowded += max(len(left) - room, 0)
         before = len(self)
@@ -504,35 +507,46 @@ class VehicleTracker:
             if self._by_existence and detections is not None:
                 self._existence.learn_clutter(detections.sensor, obstacles.history)
             return
-        time_ns = self._state.time_ns
-        if self._by_existence:
-            promoted = (obstacles.existence >= lifecycle.sure) & (obstacles.last_ns == time_ns) & ~obstacles.confirmed
-            if detections is not None and promoted.any():
-                promoted[self._images(np.flatnonzero(promoted), detections)] = False
-        else:
-            hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
-            promoted = (hits >= lifecycle.confirm) & ~obstacles.confirmed
-        ended = np.zeros(len(self), dtype=np.bool_)
-        if promoted.any():
-            obstacles.confirmed |= promoted
-            self.counts.confirmed += int(np.count_nonzero(promoted))
+        promoted, ended = self._promoted(detections), np.zeros(len(self), dtype=np.bool_)
+        if len(promoted):
+            obstacles.confirmed[promoted] = True
+            self.counts.confirmed += len(promoted)
             if self._by_existence:
-                ended = self._taken_up(np.flatnonzero(promoted))
-        missed = self._silent(obstacles.last_ns, self._tentative_coast)
-        if missed is not None:
-            ended |= missed & (self._forgotten() if self._by_existence else self._ended_by_hits(pose))
+                ended = self._taken_up(promoted)
+        forgotten = self._forgotten() if self._by_existence else self._ended_by_hits(pose)
+        if forgotten is not None:
+            ended |= forgotten
+        some = bool(ended.any())
         if self._by_existence and detections is not None:
-            self._existence.learn_clutter(detections.sensor, obstacles.history[ended & ~obstacles.confirmed])
-        lost = ended.take(reflections.body)
+            clutter = ended & ~obstacles.confirmed if some else _NONE
+            self._existence.learn_clutter(detections.sensor, obstacles.history[clutter])
         silent = self._silent(reflections.last_ns, lifecycle.reflection_coast)
         if silent is not None:
             silent[obstacles.leader] = False
-            lost |= silent
-        if lost.any():
-            self._delete(lost, ended)
+        if some or (silent is not None and silent.any()):
+            lost = ended.take(reflections.body)
+            self._delete(lost if silent is None else lost | silent, ended)
+
+    def _promoted(self, detections: Detections | None) -> Indices:
+        """Return rows of the obstacles that are to be confirmed."""
+        obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
+        if not self._by_existence:
+            hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
+            return np.flatnonzero((hits >= lifecycle.confirm) & ~obstacles.confirmed)
+        existence, last_ns, time_ns = obstacles.existence, obstacles.last_ns, self._state.time_ns
+        if compiled.in_use:
+            rows = compiled.kernels.bodies_to_confirm(existence, last_ns, obstacles.confirmed, time_ns, lifecycle.sure)
+            promoted = np.array(rows, dtype=np.intp)
+        else:
+            promoted = np.flatnonzero((existence >= lifecycle.sure) & (last_ns == time_ns) & ~obstacles.confirmed)
+        if detections is not None and len(promoted):
+            promoted = promoted[~np.isin(promoted, self._images(promoted, detections))]
+        return promoted
 
     def _silent(self, last_ns: Integers, longest: float) -> Booleans | None:
         """Return of what the latest detection (n,) is longer ago than a time, s; None: of nothing."""
+        if compiled.in_use:
+            return compiled.kernels.longer_ago(last_ns, self._state.time_ns, longest)
         if not len(last_ns) or (self._state.time_ns - int(last_ns.min())) * 1e-9 <= longest:
             return None
         return np.asarray((self._state.time_ns - last_ns) * 1e-9 > longest)
@@ -543,31 +557,42 @@ class VehicleTracker:
         young = candidates[age < self.settings.lifecycle.image]
         return young[images(self._bodies, young, detections)]
 
-    def _ended_by_hits(self, pose: EgoPose) -> Booleans:
-        """Return which of the obstacles not detected are to be deleted, by the time without a detection."""
+    def _ended_by_hits(self, pose: EgoPose) -> Booleans | None:
+        """Return which obstacles not detected are to be deleted, by the time without a detection; None: none is."""
         obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
+        missed = self._silent(obstacles.last_ns, self._tentative_coast)
+        if missed is None:
+            return None
         coasted = (self._state.time_ns - obstacles.last_ns) * 1e-9
         tracked = (obstacles.last_ns - obstacles.first_ns) * 1e-9
         ended = ~obstacles.confirmed | (coasted > np.minimum(lifecycle.coast, tracked))
         ended |= self._uncertain() > lifecycle.uncertainty
-        return np.asarray(ended | ~self._in_view(pose))
+        return np.asarray(missed & (ended | ~self._in_view(pose)))
 
-    def _forgotten(self) -> Booleans:
-        """Return which of the obstacles not detected are to be deleted, by existence: not even remembered any more."""
+    def _forgotten(self) -> Booleans | None:
+        """Return which obstacles not detected are to be deleted, by existence: not even remembered; None: none is."""
         obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
-        tracked = (obstacles.last_ns - obstacles.first_ns) * 1e-9
-        away = (self._state.time_ns - obstacles.last_ns) * 1e-9
-        longest = np.minimum(np.maximum(lifecycle.hidden, lifecycle.coast), tracked)
-        too_uncertain = self._uncertain() > _REMEMBERED * lifecycle.uncertainty
-        return np.asarray(~obstacles.confirmed | (away > longest) | too_uncertain)
+        first_ns, last_ns, time_ns = obstacles.first_ns, obstacles.last_ns, self._state.time_ns
+        most, longest = _REMEMBERED * lifecycle.uncertainty, max(lifecycle.hidden, lifecycle.coast)
+        if compiled.in_use:
+            covariance, coast = self._bodies.moments().covariance, self._tentative_coast
+            return compiled.kernels.bodies_to_forget(
+                first_ns, last_ns, obstacles.confirmed, covariance, time_ns, coast, longest, most
+            )
+        missed = self._silent(last_ns, self._tentative_coast)
+        if missed is None:
+            return None
+        away, tracked = (time_ns - last_ns) * 1e-9, (last_ns - first_ns) * 1e-9
+        ended = ~obstacles.confirmed | (away > np.minimum(longest, tracked)) | (self._uncertain() > most)
+        return np.asarray(missed & ended)
 
     def _uncertain(self) -> Floats:
         """Return the standard deviations of the places of the obstacles, m."""
         covariance = self._bodies.moments().covariance
         return np.asarray(np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1]))
 
-    def _reported(self, pose: EgoPose) -> Booleans:
-        """Return which obstacles are reported: not those only remembered.
+    def _reported(self, pose: EgoPose) -> Booleans | None:
+        """Return which obstacles are reported, None: all; not those only remembered.
 
         What is not detected is reported while its existence is probable and its place known, not longer than it may
         coast in sight, and within a field of view.
@@ -575,7 +600,7 @@ class VehicleTracker:
         obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
         coasting = self._silent(obstacles.last_ns, self._tentative_coast)
         if not self._by_existence or coasting is None:
-            return np.ones(len(self), dtype=np.bool_)
+            return None
         in_view = self._in_view(pose)
         self._existence.leave(self._bodies, in_view)
         away, tracked = self._state.time_ns - obstacles.last_ns, obstacles.last_ns - obstacles.first_ns
@@ -626,6 +651,10 @@ class VehicleTracker:
         """Let another reflection lead where the leading one has not been detected for the hand-over delay."""
         bodies, patience_ns = self._bodies, int(self.settings.reflections.patience * 1e9)
         obstacles, reflections = bodies.obstacles, bodies.reflections
+        if compiled.in_use:
+            last_ns, time_ns = reflections.last_ns, self._state.time_ns
+            compiled.kernels.hand_over(obstacles.leader, reflections.body, last_ns, time_ns, patience_ns)
+            return
         silent = self._state.time_ns - reflections.last_ns[obstacles.leader] > patience_ns
         if not silent.any():
             return
@@ -640,7 +669,7 @@ class VehicleTracker:
         """Split off reflections that move apart, merge bodies that move together."""
         bodies, settings = self._bodies, self.settings.reflections
         splitting = split_candidates(bodies, settings)
-        if splitting.any():
+        if splitting is not None:
             detected = bodies.reflections.last_ns == self._state.time_ns
             rows = np.flatnonzero(splitting & detected)
             bodies.split(rows)
@@ -654,13 +683,11 @@ class VehicleTracker:
         bodies, settings = self._bodies, self.settings.reflections
         obstacles = bodies.obstacles
         older, needed = merge_candidates(bodies, settings)
-        if older.max() < 0:
-            obstacles.alongside_ns = np.zeros_like(obstacles.alongside_ns)
+        merging = alongside_long(obstacles.alongside_ns, older, needed, int(self._dt * 1e9))
+        if not merging:
             return
-        obstacles.alongside_ns = np.where(older >= 0, obstacles.alongside_ns + int(self._dt * 1e9), 0)
-        merging = np.flatnonzero((older >= 0) & (obstacles.alongside_ns >= (needed * 1e9).astype(np.int64)))
         merged = np.zeros(len(obstacles), dtype=np.bool_)
-        for young, old in zip(merging.tolist(), older[merging].tolist(), strict=True):
+        for young, old in zip(merging, older[merging].tolist(), strict=True):
             if not merged[old]:
                 bodies.merge(young, old)
                 merged[young] = True
@@ -679,6 +706,25 @@ class VehicleTracker:
                 self.update.nis[kept],
                 self.update.degrees_of_freedom[kept],
             )
+
+
+def _standing(velocity: Floats, sight: Floats, distance: Floats, body: Indices, confirmed: Booleans) -> Booleans:
+    """Return which reflections (m,) are of confirmed bodies that stand, as far as their lines of sight tell.
+
+    Args:
+        velocity: of the bodies (k, 2), m/s.
+        sight: from the sensor to each reflection (m, 2), m.
+        distance: that is (m,), m.
+        body: row of each one's body (m,).
+        confirmed: which bodies are (k,).
+    """
+    fastest = (4.0 * _STANDS) ** 2
+    if compiled.in_use:
+        return compiled.kernels.standing_reflections(velocity, sight, distance, body, confirmed, _STANDS, fastest)
+    velocity = velocity[body]
+    along = (velocity * (sight / np.maximum(distance, 1.0)[:, None])).sum(axis=1)
+    slow = (np.abs(along) < _STANDS) & ((velocity * velocity).sum(axis=1) < fastest)
+    return np.asarray(slow & confirmed[body])
 
 
 def expected_places(mean: Floats, axis: Floats, across: Floats, fade: Floats, horizon: float) -> Floats:

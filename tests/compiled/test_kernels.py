@@ -15,7 +15,7 @@ from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
 from candaemon.config.sensors import FieldOfView
-from candaemon.config.tracker import AssociationSettings, LifecycleSettings, ReflectionSettings
+from candaemon.config.tracker import AssociationSettings, LifecycleSettings, ReflectionSettings, TrackerSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
@@ -42,7 +42,7 @@ from candaemon.tracking.body_association import Association, associate
 from candaemon.tracking.body_axes import turned_axes
 from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_measurement import of_bodies
-from candaemon.tracking.body_merging import merge_candidates, split_candidates
+from candaemon.tracking.body_merging import alongside_long, merge_candidates, split_candidates
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies
@@ -51,7 +51,7 @@ from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
 from candaemon.tracking.sensor_visibility import Visibility
 from candaemon.tracking.update import Used
-from candaemon.tracking.vehicle_tracker import expected_places
+from candaemon.tracking.vehicle_tracker import VehicleTracker, _standing, expected_places
 from tests.benchmarks.chains import full_binding, imm_binding, reduced_binding, simulated_log
 
 pytestmark = pytest.mark.skipif(not compiled.in_use, reason="the kernels are not compiled: no compiler or no Cython")
@@ -458,7 +458,11 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         bodies.obstacles.confirmed |= confirmed
         older, needed = merge_candidates(bodies, ReflectionSettings())
         assert 3 < np.count_nonzero(older >= 0) < 50
-        return [older.astype(np.float64), needed]
+        alongside_ns = np.arange(60) * 10**7
+        merging = alongside_long(alongside_ns, older, needed, 5 * 10**7)
+        assert 0 < len(merging) < np.count_nonzero(older >= 0)
+        assert not alongside_ns[older < 0].any()
+        return [older.astype(np.float64), needed, alongside_ns.astype(np.float64), np.array(merging, np.float64)]
 
     both(monkeypatch, computed)
 
@@ -469,12 +473,51 @@ def test_reflections_to_split_and_places_expected(monkeypatch: pytest.MonkeyPatc
 
     def computed() -> list[Floats]:
         bodies = bodies_on_road(20, 9)
+        assert split_candidates(bodies, ReflectionSettings(across=5.0)) is None
         bodies.reflections.offset *= 6.0
         bodies.reflections.rate_difference = difference
         splitting = split_candidates(bodies, ReflectionSettings())
+        assert splitting is not None
         assert 0 < np.count_nonzero(splitting) < 9
         expected = expected_places(bodies.moments().mean, bodies.obstacles.axis, across, fade, 0.7)
         return [splitting.astype(np.float64), expected]
+
+    both(monkeypatch, computed)
+
+
+def test_what_leads_is_confirmed_forgotten_and_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(9)
+    first, last = random.integers(0, 10**9, 20), random.choice([10**9, 19 * 10**8, 2 * 10**9, 3 * 10**9], 20)
+    sight, body = random.normal(size=(30, 2)) * 20.0, random.integers(0, 20, 30)
+
+    def computed() -> list[Floats]:
+        tracker = VehicleTracker(TrackerSettings(estimator=VehicleEstimatorSettings(kind="vehicle")), {})
+        tracker._bodies = bodies = bodies_on_road(20, 9)
+        tracker._state.time_ns = 3 * 10**9
+        obstacles = bodies.obstacles
+        obstacles.first_ns, obstacles.last_ns, obstacles.existence = (
+            first.copy(),
+            last.copy(),
+            np.linspace(0.8, 1.0, 20),
+        )
+        bodies.reflections.last_ns = np.where(bodies.reflections.last_ns > 0, 3 * 10**9, 10**9)
+        bodies.filter.state.covariance[3, :, 0, 0] = 1e4
+        bodies.changed()
+        before = obstacles.leader.copy()
+        tracker._hand_over()
+        assert 0 < np.count_nonzero(obstacles.leader != before) < 9
+        silent, forgotten, promoted = tracker._silent(last, 1.05), tracker._forgotten(), tracker._promoted(None)
+        assert tracker._silent(last, 2.5) is None
+        assert silent is not None
+        assert forgotten is not None
+        assert 0 < np.count_nonzero(forgotten) < np.count_nonzero(last < 3 * 10**9)
+        assert 0 < len(promoted) < np.count_nonzero(last == 3 * 10**9)
+        velocity = bodies.moments().mean[:, 2:4] * 0.2
+        standing = _standing(velocity, sight, np.hypot(sight[:, 0], sight[:, 1]), body, obstacles.confirmed)
+        assert 0 < np.count_nonzero(standing) < 30
+        bodies.note_detections(np.array([3, 7, 3, 12]), 31 * 10**8)
+        found = (obstacles.leader, silent, forgotten, promoted, standing, obstacles.last_ns, obstacles.interval)
+        return [each.astype(np.float64) for each in found]
 
     both(monkeypatch, computed)
 
@@ -563,6 +606,7 @@ def test_where_reflections_are_and_what_a_scan_says_of_existence(extra: int, mon
         existence.observe(bodies, Association(body, reflection, nis), scan_of(15, speeds=False), POSE)
         assert 0 < np.count_nonzero(obstacles.existence > first) < 15
         assert (obstacles.existence < first).any()
+        existence.predict(bodies, 0.3)
         states = (*bodies.reflection_states(), *bodies.reflection_states(np.arange(5, 12)))
         return [obstacles.existence, obstacles.in_sight, obstacles.unseen, *states]
 
