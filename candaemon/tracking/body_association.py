@@ -11,13 +11,15 @@ from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.tracker import AssociationSettings, ReflectionSettings
 from candaemon.estimation.body_filter import POSITION
-from candaemon.estimation.measurement import Measurement, line_of_sight
+from candaemon.estimation.measurement import Measurement
 from candaemon.radar.detections import Detections
 from candaemon.tracking.association import best_pairs, gated_pairs, pair_nis
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.box import size_known
 from candaemon.tracking.joint_association import doubts, likelihood_ratios
 from candaemon.tracking.reflections import to_travel_axes
+
+_NEAREST = 1e-3  # m, nearer than which there is no line of sight
 
 
 @dataclass(slots=True)
@@ -234,12 +236,18 @@ def beside(
 
 
 def _as_fast(mean: Floats, measurement: Measurement, left: Indices, speed: float) -> Booleans:
-    """Return which of the detections (m,) have the speeds of which reflections (n,), as far as they are measured."""
+    """Return which of the detections (m,) have the speeds of which reflections (n,), as far as they are measured.
+
+    A range rate is that of the body along the detection's own line of sight: metres away on what passes close by,
+    a reflection of the same body is seen at another angle.
+    """
     alike = np.ones((len(left), len(mean)), dtype=np.bool_)
     if measurement.range_rate is not None:
-        rate, _ = line_of_sight(mean, measurement.origin, measurement.velocity)
+        sight = measurement.position[left] - measurement.origin
+        sight /= np.maximum(np.sqrt((sight * sight).sum(axis=1)), _NEAREST)[:, None]
+        rate = sight @ (mean[:, 2:4] - measurement.velocity).T
         measured = measurement.range_rate[left, None]
-        alike &= (np.abs(rate[None] - measured) < speed) | ~np.isfinite(measured)
+        alike &= (np.abs(rate - measured) < speed) | ~np.isfinite(measured)
     for part in measurement.projections:
         value = part.value[left, None]
         differs = np.abs(part.direction[left] @ mean[:, 2:4].T - value)

@@ -149,6 +149,16 @@ def test_a_detection_within_the_box_of_a_lorry_is_of_the_lorry() -> None:
     assert len(told.used_row) == 2
 
 
+def test_a_reflection_seen_at_another_angle_is_of_the_body_that_passes() -> None:
+    """Beside us one end of a car still comes nearer while the other goes away: both rates are of one velocity."""
+    fed = HandFedVehicles()
+    for t in times(1, 40):
+        front = Seen(0, 12.0 * t - 21.0, 3.0, 12.0)
+        told = fed.scan(t, [front] if front.x < 1.0 else [front, Seen(1, front.x - 3.0, 3.0, 12.0)])
+        assert len(told) == 1
+    assert len(told.used_row) == 2
+
+
 def test_what_stands_is_where_it_is_nearest_to_us() -> None:
     """A lorry that stands is seen at its rear and along its side: its axis is not known."""
     fed, rng = HandFedVehicles(), np.random.default_rng(4)
