@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from difflib import get_close_matches
 from itertools import islice
 from typing import Final
 
@@ -23,6 +22,8 @@ def similar_names(name: str, known: Sequence[str], count: int = 1) -> list[str]:
         known: from which to choose.
         count: most names.
     """
+    from difflib import get_close_matches  # noqa: PLC0415  # only what is wrong needs it
+
     if len(name) > LONGEST_COMPARED:
         return []
     likely = known if len(known) <= MOST_COMPARED else sorted(known, key=lambda each: abs(len(each) - len(name)))

@@ -15,7 +15,7 @@ from candaemon.pipeline.pipeline import Pipeline
 _LONGEST_WAIT_NS = 2_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class _Pending:
     """Predictions of one cycle: (m, 2) positions in the local frame for each horizon."""
 
@@ -26,7 +26,7 @@ class _Pending:
     positions: list[Floats]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class Predicted:
     """Predictions of one cycle for one horizon, of which ego motion covers the due time.
 

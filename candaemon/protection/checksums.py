@@ -210,14 +210,11 @@ class Protector:
         A CRC of a fixed length is affine in its bits, so the bytes' shares are looked up at once and XORed.
         """
         count = self._length - 1
-        start = crc8_sae_j1850(bytes(count))
-        tables = np.zeros((count, 256), np.uint8)
-        for byte in range(count):
-            for value in range(256):
-                message = bytearray(count)
-                message[byte] = value
-                tables[byte, value] = crc8_sae_j1850(bytes(message)) ^ start
-        return tables, np.uint8(start)
+        tables, table = np.empty((count, 256), np.uint8), np.frombuffer(CRC_TABLE, np.uint8)
+        share: Bytes = np.arange(256, dtype=np.uint8)
+        for byte in reversed(range(count)):
+            tables[byte] = share = table[share]  # each further byte after it is one more step of the remainder
+        return tables, np.uint8(crc8_sae_j1850(bytes(count)))
 
 
 def _place(kind: Kind, message: MessageSpec, signal: str) -> _Place:
