@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 from importlib import import_module
 from typing import Final
 
@@ -36,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> None:
     """Serve the configured buses."""
+    gc.disable()  # until it serves: what is loaded until then stays
     service = import_module("candaemon.cli.serve")  # takes a second, in which a signal may come
     request = service.ServeRequest(
         find_config(arguments.config), arguments.record, arguments.status, arguments.log, arguments.shadow

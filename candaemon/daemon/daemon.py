@@ -253,6 +253,7 @@ def _clock_step_ns(binding: Binding) -> int:
 
 
 def _freeze() -> None:
-    """Exempt what has been loaded from garbage collection: traversing it would hold up frames."""
+    """Exempt what has been loaded from garbage collection, which goes on: traversing it would hold up frames."""
     gc.collect()
     gc.freeze()
+    gc.enable()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -190,6 +191,16 @@ def test_the_last_cycle_is_sent_before_the_observers_hear_of_the_end(vehicle: Ve
     vehicle.daemon.run()
     assert vehicle.diary.stopped_after == told + 1
     assert vehicle.daemon.buses[2].counts.sent > sent
+
+
+def test_garbage_is_collected_while_it_serves(vehicle: Vehicle) -> None:
+    gc.disable()  # as `candaemon run` does until then
+    try:
+        vehicle.daemon.stop()
+        vehicle.daemon.run()
+        assert gc.isenabled()
+    finally:
+        gc.enable()
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
