@@ -366,8 +366,18 @@ def boxes_in_vehicle_axes(
     post: float,
 ) -> tuple[Floats, Floats]: ...
 def detection_probabilities(
-    share: Floats, distance: Floats, missed: Booleans, rates: Floats, part: float, least: float, most: float
+    share: Floats,
+    distance: Floats,
+    missed: Booleans,
+    detected: Floats,
+    expected: Floats,
+    prior: Floats,
+    weight: float,
+    part: float,
+    least: float,
+    most: float,
 ) -> Floats: ...
+def learn_rates(expected: Floats, detected: Floats, counts: Floats, fading: Floats, most: float) -> None: ...
 def likelihood_ratios(
     spread: Floats,
     variance: Floats,
@@ -512,3 +522,14 @@ def standing_reflections(
     radial: float,
     any_way: float,
 ) -> Booleans: ...
+def look_up(table: Indices, ids: Integers) -> tuple[Indices, bool]: ...
+def within_field(
+    bearing: Floats,
+    distance: Floats,
+    yaw: float,
+    opening: float,
+    least_range: float,
+    most_range: float,
+    half_turn: float,
+) -> Booleans: ...
+def drive_modes(driven: Floats, standing: Floats, turning: Floats, times: list[float]) -> Floats: ...

@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 61
+REVISION = 62
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2647,11 +2647,12 @@ def bodies_to_merge(
     cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond
     cdef double reach = larger(larger(along, course_along), extent) + larger(across, course_across)
     cdef bint moving, by_course, by_box
-    found_array, needed_array = np.full(n, -1, np.int64), np.full(n, merge_time)
+    found_array, needed_array = np.empty(n, np.int64), np.empty(n)
     cdef Py_ssize_t[::1] found = found_array
     cdef double[::1] needed = needed_array
     with nogil:
         for young in range(n):
+            found[young], needed[young] = -1, merge_time
             for old in range(young):
                 x, y = shown[young, 0] - shown[old, 0], shown[young, 1] - shown[old, 1]
                 if not (fabs(x) < reach and fabs(y) < reach):
@@ -2777,7 +2778,7 @@ def reference_targets(
     """Return where on bodies (k, 2) their reference points belong, along and across, from those of their reflections."""
     cdef Py_ssize_t n = body.shape[0], k = axis.shape[0], i, t
     cdef double ahead, aside, towards, first, second, away, seen_end, from_end, share, nearer
-    out_array, end_array, count_array = np.zeros((k, 2)), np.full((2, k), -INFINITY), np.zeros(k, np.intp)
+    out_array, end_array, count_array = np.zeros((k, 2)), np.empty((2, k)), np.zeros(k, np.intp)
     sight_array = np.empty((k, 2))
     cdef double[:, ::1] out = out_array, end = end_array, sight = sight_array
     cdef Py_ssize_t[::1] count = count_array
@@ -2788,6 +2789,7 @@ def reference_targets(
             first, second = ahead / (length[t] * length[t]), aside / (width[t] * width[t])
             away = larger(sqrt(first * first + second * second), least_normal)
             sight[t, 0], sight[t, 1] = first / away, second / away
+            end[0, t] = end[1, t] = -INFINITY
         for i in range(n):
             t = body[i]
             if last_ns[i] >= since_ns:
@@ -2833,8 +2835,10 @@ def measure_bodies(
     cdef Py_ssize_t most = -1
     for i in range(n):
         most = max(most, body[i])
-    slot_array, group_array = np.full(most + 1, -1, np.intp), np.empty(n, np.intp)
+    slot_array, group_array = np.empty(most + 1, np.intp), np.empty(n, np.intp)
     cdef Py_ssize_t[::1] slot = slot_array, group = group_array
+    for t in range(most + 1):
+        slot[t] = -1
     for i in range(n):
         if slot[body[i]] < 0:
             m += 1
@@ -3153,16 +3157,20 @@ def detection_probabilities(
     const double[:] share,
     const double[:] distance,
     const unsigned char[:] missed,
-    const double[:, ::1] rates,
+    const double[:, :] detected,
+    const double[:, :] expected,
+    const double[:, :] prior,
+    double weight,
     double part,
     double least,
     double most,
 ):
-    """Return with which probability bodies are detected (k,): linear between the middles of the parts of the range, whose
-    rates (2, R) are those of what was detected and missed before."""
-    cdef Py_ssize_t k = share.shape[0], last = rates.shape[1] - 1, t, lower
+    """Return with which probability bodies are detected (k,): linear between the middles of the parts of the range, of
+    which is given how often what was detected and missed before has been detected and expected (2, R), beside what is
+    known of it first (2, 1), with a weight."""
+    cdef Py_ssize_t k = share.shape[0], last = detected.shape[1] - 1, t, lower
     cdef int row
-    cdef double at
+    cdef double at, nearer, farther
     out_array = np.empty(k)
     cdef double[::1] out = out_array
     with nogil:
@@ -3170,7 +3178,9 @@ def detection_probabilities(
             at = within(distance[t] / part - 0.5, 0.0, <double>last)
             lower = min(<Py_ssize_t>at, last - 1)
             row = 1 if missed[t] else 0
-            at = rates[row, lower] + (at - lower) * (rates[row, lower + 1] - rates[row, lower])
+            nearer = (detected[row, lower] + prior[row, 0]) / (expected[row, lower] + weight)
+            farther = (detected[row, lower + 1] + prior[row, 0]) / (expected[row, lower + 1] + weight)
+            at = nearer + (at - lower) * (farther - nearer)
             out[t] = smaller(larger(share[t] * at, least), most)
     return out_array
 
@@ -3351,6 +3361,21 @@ def opportunities(
     return out_array
 
 
+def learn_rates(
+    double[:, :] expected, double[:, :] detected, const double[:, :, :] counts, const double[:, :] fading, double most
+):
+    """Let in place how often what was detected and missed before was expected and detected (2, R) fade, and count for how
+    often it was now (2, 2, R), at most as often."""
+    cdef Py_ssize_t row, part
+    cdef double count, share
+    for row in range(2):
+        for part in range(expected.shape[1]):
+            count = counts[0, row, part]
+            share = smaller(1.0, most / larger(count, 1.0))
+            expected[row, part] = expected[row, part] * fading[row, part] + smaller(count, most)
+            detected[row, part] = detected[row, part] * fading[row, part] + counts[1, row, part] * share
+
+
 def tell_bodies(
     const double[:, :] told,
     const double[:, :] mean,
@@ -3442,12 +3467,12 @@ def fit_reflections(
     cdef double state[4]
     cdef double p[4][4]
     cdef double h[4]
-    found_array, nis_array = np.full(m, -1, np.intp), np.full(m, NAN)
+    found_array, nis_array = np.empty(m, np.intp), np.empty(m)
     cdef Py_ssize_t[::1] found = found_array
     cdef double[::1] nis = nis_array
     with nogil:
         for i in range(m):
-            r = rows[i]
+            r, found[i], nis[i] = rows[i], -1, NAN
             if r < 0 or new[i] or vague[body[r]]:
                 continue
             t = body[r]
@@ -3690,4 +3715,58 @@ def standing_reflections(
                 and velocity[t, 0] * velocity[t, 0] + velocity[t, 1] * velocity[t, 1] < any_way
                 and confirmed[t] != 0
             )
+    return out_array
+
+
+def look_up(const Py_ssize_t[:] table, const Py_ssize_t[:] ids):
+    """Return what a table tells of ids (n,), one place further, and at its ends of what lies beyond; and whether they
+    ascend."""
+    cdef Py_ssize_t i, last = table.shape[0] - 1
+    cdef bint ascend = True
+    rows_array = np.empty(ids.shape[0], np.intp)
+    cdef Py_ssize_t[::1] rows = rows_array
+    for i in range(ids.shape[0]):
+        rows[i] = table[min(max(ids[i] + 1, 0), last)]
+        ascend = ascend and (i == 0 or ids[i] > ids[i - 1])
+    return rows_array, ascend
+
+
+def within_field(
+    const double[:] bearing,
+    const double[:] distance,
+    double yaw,
+    double opening,
+    double least_range,
+    double most_range,
+    double half_turn,
+):
+    """Return which points (n,) lie in a field of view that opens to both sides of a direction."""
+    cdef Py_ssize_t i
+    cdef double azimuth
+    out_array = np.empty(bearing.shape[0], np.bool_)
+    cdef unsigned char[::1] out = out_array
+    for i in range(bearing.shape[0]):
+        azimuth = fmod(bearing[i] - yaw + half_turn, 2.0 * half_turn)
+        if azimuth < 0.0:
+            azimuth = azimuth + 2.0 * half_turn
+        out[i] = least_range < distance[i] < most_range and fabs(azimuth - half_turn) < opening
+    return out_array
+
+
+def drive_modes(
+    const double[:, :, ::1] driven, const double[:, :] standing, const double[:, :] turning, list times
+):
+    """Return what drives modes in a step (7, M, 1): what drives them in general, times those of the step; standing speeds
+    (M, 1) are added to those, and the share of the turn rates (M, 1) is as given."""
+    cdef Py_ssize_t a, i
+    cdef double time
+    out_array = np.empty((7, driven.shape[1], 1))
+    cdef double[:, :, ::1] out = out_array
+    for a in range(7):
+        time = times[a]
+        for i in range(driven.shape[1]):
+            out[a, i, 0] = driven[a, i, 0] * time
+    for i in range(driven.shape[1]):
+        out[2, i, 0] = out[2, i, 0] + standing[i, 0]
+        out[4, i, 0] = turning[i, 0]
     return out_array

@@ -110,7 +110,7 @@ class BodyFilterState:
     probability: Floats
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class _StepConstants:
     """What a step has the same for all bodies in M modes.
 
@@ -150,7 +150,9 @@ class BodyFilter:
         self._settles = _column([mode.settles for mode in modes])
         self._dwell = _column([mode.dwell for mode in modes])
         self._others = self._dwell.sum() - self._dwell
+        self._has_room = len(modes) <= compiled.WIDEST
         self._turn_time = _column([mode.turn_time for mode in modes])
+        self._fading = np.stack([self._dwell, 0.5 * self._turn_time])
         self._memory = np.vstack([self._turn_time.T, np.full((1, len(modes)), dynamics.acceleration_time)])
         self._modes = np.hstack([self._moves, self._lateral_acceleration, self._settles]).T.copy()
         none, variance = np.zeros_like(white), self._acceleration**2
@@ -168,7 +170,7 @@ class BodyFilter:
     @property
     def _compiled(self) -> bool:
         """Whether the kernels compute, which have room for so many modes."""
-        return compiled.in_use and len(self._dwell) <= compiled.WIDEST
+        return self._has_room and compiled.in_use
 
     @property
     def state(self) -> BodyFilterState:
@@ -398,21 +400,23 @@ class BodyFilter:
     def _constants(self, dt: float) -> _StepConstants:
         """Return what a step of dt, s, has the same for all bodies."""
         if dt != self._step_constants.dt:
-            leave, decay = -np.expm1(-dt / self._dwell), np.exp(-dt / self._memory)
-            self._step_constants = _StepConstants(dt, leave, decay, self._drive(dt))
+            (leave, turning), decay = -np.expm1(-dt / self._fading), np.exp(-dt / self._memory)
+            self._step_constants = _StepConstants(dt, leave, decay, self._drive(dt, turning))
         return self._step_constants
 
-    def _drive(self, dt: float) -> Floats:
-        """Return what drives each mode in a step of dt, s: (7, M, 1).
+    def _drive(self, dt: float, turning: Floats) -> Floats:
+        """Return what drives each mode in a step of dt, s: (7, M, 1); the share of the variance of ω is given (M, 1).
 
         Added to the variance of a place, to that of place with speed, of a speed and of the bias; the share of the
         variance of ω that is added; added to the variance of a; and dt, if it steers.
         """
         gained = -expm1(-2.0 * dt / self._dynamics.acceleration_time)
-        times = np.array([dt**3 / 3.0, dt**2 / 2.0, dt, dt, 0.0, gained, dt])
-        drive = self._driven * times[:, None, None]
+        times = [dt**3 / 3.0, dt**2 / 2.0, dt, dt, 0.0, gained, dt]
+        if compiled.in_use:
+            return compiled.kernels.drive_modes(self._driven, self._standing, turning, times)
+        drive = self._driven * np.array(times)[:, None, None]
         drive[2] += self._standing
-        drive[4] = -np.expm1(-2.0 * dt / self._turn_time)
+        drive[4] = turning
         return np.asarray(drive)
 
     def _transition(

@@ -60,8 +60,10 @@ class Measurement:
         speeds = [part.value for part in self.projections]
         if self.range_rate is not None:
             speeds.append(self.range_rate)
-        count = np.full(len(self.position), 2, dtype=np.int64)
-        for speed in speeds:
+        if not speeds:
+            return np.full(len(self.position), 2, dtype=np.int64)
+        count: Integers = np.isfinite(speeds[0]) + np.int64(2)
+        for speed in speeds[1:]:
             count += np.isfinite(speed)
         return count
 

@@ -58,10 +58,14 @@ class SensorView:
     def sees(self, points: Floats) -> Booleans:
         """Return which points in vehicle axes (n, 2) it sees."""
         x, y = points[:, 0] - self.mount.x, points[:, 1] - self.mount.y
-        azimuth = np.remainder(np.arctan2(y, x) - self.yaw + np.pi, 2 * np.pi) - np.pi
-        distance = np.hypot(x, y)
-        near_enough = (distance > self.field.min_range) & (distance < self.field.range)
-        return np.asarray(near_enough & (np.abs(azimuth) < radians(self.field.azimuth_deg)))
+        bearing, distance, field = np.arctan2(y, x), np.hypot(x, y), self.field
+        opening = radians(field.azimuth_deg)
+        if compiled.in_use:
+            limits = opening, field.min_range, field.range
+            return compiled.kernels.within_field(bearing, distance, self.yaw, *limits, np.pi)
+        azimuth = np.remainder(bearing - self.yaw + np.pi, 2 * np.pi) - np.pi
+        near_enough = (distance > field.min_range) & (distance < field.range)
+        return np.asarray(near_enough & (np.abs(azimuth) < opening))
 
 
 def sensor_views(settings: SensorSettings, sensor: int = -1) -> dict[int, SensorView]:

@@ -77,11 +77,12 @@ def associate(
         detecting: tells how the sensor detects; None, also if told: nothing is in doubt.
     """
     n, measurement = len(detections), detections.measurement
-    found = Association(np.full(n, -1, np.intp), np.full(n, -1, np.intp), np.full(n, np.nan))
+    if not len(bodies) or not n or not detections.identified:
+        found = _nothing(n)
+    else:
+        found = _by_id(bodies, detections, settings, vague)
     if not len(bodies) or not n:
         return found
-    if detections.identified:
-        _by_id(found, bodies, detections, settings, vague)
     left = (found.reflection < 0).nonzero()[0]
     if not len(left):
         found.body = bodies.reflections.body.take(found.reflection)
@@ -98,22 +99,25 @@ def associate(
     return found
 
 
-def _by_id(
-    found: Association, bodies: Bodies, detections: Detections, settings: AssociationSettings, vague: Booleans
-) -> None:
+def _nothing(n: int) -> Association:
+    """Return that n detections are of nothing known."""
+    return Association(np.full(n, -1, np.intp), np.full(n, -1, np.intp), np.full(n, np.nan))
+
+
+def _by_id(bodies: Bodies, detections: Detections, settings: AssociationSettings, vague: Booleans) -> Association:
     """Associate by ids; one that comes twice in a scan stands for nothing, nor does that of an object called new."""
     keys = detections.object_id
     rows, distinct = bodies.rows_of(detections.sensor, keys)
     if compiled.in_use and distinct and settings.method != "id" and not detections.measurement.projections:
-        _fit(found, bodies, detections, settings, vague, rows)
-        return
+        return _fit(bodies, detections, settings, vague, rows)
+    found = _nothing(len(keys))
     row = np.where(detections.new | vague.take(bodies.reflections.body.take(rows)), -1, rows)
     if not distinct:
         _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
         row[counts[inverse] > 1] = -1
     known = np.flatnonzero(row >= 0)
     if not len(known):
-        return
+        return found
     row = row.take(known)
     nis = pair_nis(*bodies.reflection_states(row), detections.measurement.take(known))
     if settings.method == "id":
@@ -129,23 +133,23 @@ def _by_id(
         chosen = order[first]
     found.reflection[known[chosen]] = row[chosen]
     found.nis[known[chosen]] = nis[chosen]
+    return found
 
 
 def _fit(
-    found: Association,
     bodies: Bodies,
     detections: Detections,
     settings: AssociationSettings,
     vague: Booleans,
     rows: Indices,
-) -> None:
+) -> Association:
     """Do that with a kernel, where no id comes twice and all are gated."""
     moments, reflections, measurement = bodies.moments(), bodies.reflections, detections.measurement
     rate, variance = measurement.range_rate, measurement.range_rate_variance
     if rate is None or variance is None:
         rate = variance = np.full(len(rows), np.nan)
     (x0, y0), (vx0, vy0) = measurement.origin.tolist(), measurement.velocity.tolist()
-    found.reflection, found.nis, found.slot_jumps = compiled.kernels.fit_reflections(
+    reflection, nis, slot_jumps = compiled.kernels.fit_reflections(
         rows,
         detections.new,
         vague,
@@ -167,6 +171,7 @@ def _fit(
         settings.id_gate,
         settings.gate,
     )
+    return Association(np.full(len(rows), -1, np.intp), reflection, nis, slot_jumps=slot_jumps)
 
 
 def _by_place(

@@ -51,11 +51,11 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
         reflections: rows of those (m,).
         detections: the scan.
     """
-    obstacles, body = bodies.obstacles, bodies.reflections.body[reflections]
+    obstacles, body = bodies.obstacles, bodies.reflections.body.take(reflections)
     if detections.length is not None:
-        _average(obstacles.length, obstacles.length_variance, body, detections.length[rows], obstacles.interval)
+        _average(obstacles.length, obstacles.length_variance, body, detections.length.take(rows), obstacles.interval)
     if detections.width is not None:
-        _average(obstacles.width, obstacles.width_variance, body, detections.width[rows], obstacles.interval)
+        _average(obstacles.width, obstacles.width_variance, body, detections.width.take(rows), obstacles.interval)
     if detections.heading is not None:
         _turn(bodies, body, detections.heading[rows])
     _note_size(bodies, body, detections, rows)
@@ -91,7 +91,7 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
 
 def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices) -> None:
     """Take what stays a single reflection close by for something small: a walker, or a rider where it was faster."""
-    obstacles, mean, x, y = bodies.obstacles, bodies.moments().mean, detections.x[rows], detections.y[rows]
+    obstacles, mean, x, y = bodies.obstacles, bodies.moments().mean, detections.x.take(rows), detections.y.take(rows)
     size_variance = np.minimum(obstacles.length_variance, obstacles.width_variance)
     if compiled.in_use:
         compiled.kernels.note_sizes(

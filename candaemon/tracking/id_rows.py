@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Indices, Integers
 
 _LARGEST_ID = 4096  # up to which the rows of a sensor's ids stand in a table
@@ -26,11 +27,15 @@ class IdRows:
             object_id: of a scan (n,).
         """
         table, apart = self._tables.get(sensor) or self._table(row_of, sensor)
-        if len(table):
-            rows = table.take(object_id + 1, mode="clip")
+        if compiled.in_use and len(table):
+            rows, distinct = compiled.kernels.look_up(table, object_id)
         else:
-            rows = np.array([row_of.get((sensor, key), -1) for key in object_id.tolist()], dtype=np.intp)
-        distinct = bool((object_id[1:] > object_id[:-1]).all()) or len(set(object_id.tolist())) == len(object_id)
+            if len(table):
+                rows = table.take(object_id + 1, mode="clip")
+            else:
+                rows = np.array([row_of.get((sensor, key), -1) for key in object_id.tolist()], dtype=np.intp)
+            distinct = bool((object_id[1:] > object_id[:-1]).all())
+        distinct = distinct or len(set(object_id.tolist())) == len(object_id)
         if distinct and not apart:
             found = rows[rows >= 0].tolist()
             distinct = len(set(found)) == len(found)

@@ -182,11 +182,15 @@ class Visibility:
         """
         missed = np.zeros(len(expected), dtype=np.bool_) if missed is None else missed
         surely = np.ones(len(expected), dtype=np.bool_) if surely is None else surely
-        opportunities, taken = self._models[sensor].opportunities(expected, detected, distance, missed, surely)
+        counts = self._models[sensor].opportunities(expected, detected, distance, missed, surely)
+        opportunities, taken = counts
         if not opportunities.any():
             return
         learnt = self._state.sensors[sensor]
         fading = np.exp(-opportunities / _MEMORY)
+        if compiled.in_use:
+            compiled.kernels.learn_rates(learnt.expected, learnt.detected, counts, fading, _MEMORY / 2)
+            return
         learnt.expected *= fading
         learnt.detected *= fading
         learnt.expected += np.minimum(opportunities, _MEMORY / 2)
@@ -265,25 +269,24 @@ class _DetectionModel:
 
     def opportunities(
         self, share: Floats, seen: Booleans, distance: Floats, missed: Booleans, surely: Booleans
-    ) -> tuple[Floats, Floats]:
-        """Return how often what surely exists was clearly in sight, and how often of that seen (2, `RANGE_BINS`)."""
+    ) -> Floats:
+        """Return how often what surely exists was clearly in sight, and how often of that seen (2, 2, `RANGE_BINS`)."""
         if compiled.in_use:
-            opportunities, taken = compiled.kernels.opportunities(
-                share, distance, seen, missed, surely, _CLEAR, self._bin, RANGE_BINS
-            )
-            return opportunities, taken
+            return compiled.kernels.opportunities(share, distance, seen, missed, surely, _CLEAR, self._bin, RANGE_BINS)
         clear = (share > _CLEAR) & np.isfinite(distance) & surely
         part = np.minimum(distance[clear] // self._bin, RANGE_BINS - 1).astype(np.intp)
         cell, shape = missed[clear] * RANGE_BINS + part, (2, RANGE_BINS)
         expected = np.bincount(cell, minlength=2 * RANGE_BINS).astype(np.float64)
         taken = np.bincount(cell, weights=seen[clear], minlength=2 * RANGE_BINS).astype(np.float64)
-        return expected.reshape(shape), taken.reshape(shape)
+        return np.stack([expected.reshape(shape), taken.reshape(shape)])
 
     def probability(self, learnt: LearntDetection, share: Floats, distance: Floats, missed: Booleans) -> Floats:
         """Return with which probability obstacles are detected (k,), linear between the middles of parts."""
-        rates, limits = (learnt.detected + self._prior) / (learnt.expected + _PRIOR_WEIGHT), _PROBABILITIES
+        limits = _PROBABILITIES
         if compiled.in_use:
-            return compiled.kernels.detection_probabilities(share, distance, missed, rates, self._bin, *limits)
+            counts = learnt.detected, learnt.expected, self._prior, _PRIOR_WEIGHT
+            return compiled.kernels.detection_probabilities(share, distance, missed, *counts, self._bin, *limits)
+        rates = (learnt.detected + self._prior) / (learnt.expected + _PRIOR_WEIGHT)
         at = np.fmin(np.fmax(distance / self._bin - 0.5, 0.0), RANGE_BINS - 1)
         lower, row = np.minimum(at.astype(np.intp), RANGE_BINS - 2), missed.astype(np.intp)
         rate = rates[row, lower] + (at - lower) * (rates[row, lower + 1] - rates[row, lower])

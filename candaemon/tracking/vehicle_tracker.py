@@ -274,8 +274,8 @@ class VehicleTracker:
         """Return what this cycle's detections updated."""
         if self.update is None or detections is None:
             return Used(_NONE, 0, np.empty(0, dtype=np.int64))
-        body = self._bodies.reflections.body[self.update.reflection]
-        return Used(body, detections.sensor, detections.object_id[self.update.detection])
+        body = self._bodies.reflections.body.take(self.update.reflection)
+        return Used(body, detections.sensor, detections.object_id.take(self.update.detection))
 
     def _predict(self, pose: EgoPose) -> None:
         """Predict all bodies, and let the places of their reflections become uncertain again."""
@@ -371,8 +371,8 @@ class VehicleTracker:
         if not self._noise.expects(detections.sensor, detections.time_ns, own_speed):
             return
         bodies, rows = self._bodies, self.update.reflection
-        body = bodies.reflections.body[rows]
-        position = detections.measurement.position[self.update.detection]
+        body = bodies.reflections.body.take(rows)
+        position = detections.measurement.position.take(self.update.detection, axis=0)
         sight = position - detections.measurement.origin
         distance = np.hypot(sight[:, 0], sight[:, 1])
         standing = _standing(bodies.moments().mean[:, VELOCITY], sight, distance, body, bodies.obstacles.confirmed)
@@ -380,7 +380,7 @@ class VehicleTracker:
         self._noise.observe(
             detections.sensor,
             detections.time_ns,
-            bodies.reflections.serial[rows],
+            bodies.reflections.serial.take(rows),
             position,
             np.full((len(rows), 2), ahead),
             standing,
@@ -430,8 +430,9 @@ class VehicleTracker:
         rows = (association.reflection >= 0).nonzero()[0]
         if not len(rows):
             return
-        row = association.reflection[rows]
-        body, measurement = association.body[rows], detections.measurement.take(rows)
+        row, body, measurement = association.reflection, association.body, detections.measurement
+        if len(rows) < len(row):
+            row, body, measurement = row.take(rows), body.take(rows), measurement.take(rows)
         if association.doubt is not None:
             measurement = measurement.weakened(association.doubt[rows])
         offset = bodies.offsets(row)
@@ -439,11 +440,11 @@ class VehicleTracker:
         self._note_rates(row, body, offset, detections, rows)
         alike = self._alike(detections.sensor)
         speed_share = 1.0 + alike * (self._places.speed_noise**2 - 1.0)
-        seen, combined, rates = of_bodies(measurement, body, offset, reflections.variance[row], speed_share)
+        seen, combined, rates = of_bodies(measurement, body, offset, reflections.variance.take(row), speed_share)
         bodies.filter.update(seen, combined, alike, rates)
         bodies.changed()
         bodies.learn_offsets(row, measurement.position, measurement.noise, offset)
-        keys = detections.object_id[rows] if detections.identified else None
+        keys = detections.object_id.take(rows) if detections.identified else None
         bodies.mark_detected(row, keys, detections.sensor, detections.time_ns)
         box.learn(bodies, rows, row, detections)
 
@@ -480,9 +481,8 @@ class VehicleTracker:
         """Keep what the scan's detections updated or initiated, for those who ask after the step."""
         rows = (association.reflection >= 0).nonzero()[0]
         self.counts.used += len(rows)
-        self.update = Update(
-            rows, association.reflection[rows], association.nis[rows], detections.measurement.measured[rows]
-        )
+        measured = detections.measurement.measured
+        self.update = Update(rows, association.reflection.take(rows), association.nis.take(rows), measured.take(rows))
 
     def _turn_axes(self) -> None:
         """Turn the axes of what moves towards its course, the faster the better the course is known."""
@@ -490,8 +490,11 @@ class VehicleTracker:
         if self._dt == 0.0 or not len(self):
             return
         moments = self._bodies.moments()
-        time = _AXIS_TIME + self._hidden() * (self.settings.travel.time_constant - _AXIS_TIME)
-        part = -np.expm1(-self._dt / time)
+        if self._noise.walks().surely_some:
+            time = _AXIS_TIME + self._hidden() * (self.settings.travel.time_constant - _AXIS_TIME)
+            part = -np.expm1(-self._dt / time)
+        else:
+            part = np.full(len(self), -np.expm1(-self._dt / _AXIS_TIME))
         obstacles.axis = turned_axes(moments.mean, moments.covariance, obstacles.axis, obstacles.directed, part)
 
     def _confirm_and_delete(self, pose: EgoPose, detections: Detections | None) -> None:

@@ -629,7 +629,10 @@ def test_what_hides_what(azimuth: float, monkeypatch: pytest.MonkeyPatch) -> Non
         visibility.learn(0, share, np.arange(40) % 4 > 0, distance, missed, surely)
         learnt = visibility.state.sensors[0]
         assert learnt.expected.sum() >= learnt.detected.sum() > 0.0
-        return [share, distance, learnt.expected, learnt.detected]
+        probability = visibility.detection_probability(0, share, distance, missed)
+        seen = sensor_views(settings)[-1].sees(np.concatenate([centre, 4.0 * centre]))
+        assert 0 < np.count_nonzero(seen) < 80
+        return [share, distance, learnt.expected, learnt.detected, probability, seen.astype(np.float64)]
 
     both(monkeypatch, computed)
 
