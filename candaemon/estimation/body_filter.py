@@ -365,7 +365,7 @@ class BodyFilter:
         np.cos(turn, out=turned[0])
         np.sin(turn, out=turned[1])
         settling = None
-        if hidden.any():
+        if np.count_nonzero(hidden):
             settling = -np.expm1(-dt / self._dynamics.settling * hidden * self._settles * self.unsteady(_speed(mean)))
         if not self._compiled:
             transition = self._transition(dt, axis, turned, drive[6], decay, fade, settling)

@@ -188,7 +188,7 @@ class Bodies:
         self.first_existence = 0.5
 
     def __len__(self) -> int:
-        return len(self.obstacles)
+        return len(self.obstacles.id)
 
     @property
     def state(self) -> BodiesState:
@@ -418,10 +418,10 @@ class Bodies:
         """
         obstacles, reflections = self.obstacles, self.reflections
         self._keep_bias_within(time_ns)
-        if not reflections.offset.any():
+        if not np.count_nonzero(reflections.offset):  # faster than any()
             return
         exponent = self._return_exponents(time_ns, return_time)
-        if not exponent.any():
+        if not np.count_nonzero(exponent):
             return
         left, target = np.expm1(exponent), self._reference_targets(time_ns - patience_ns)
         if compiled.in_use:

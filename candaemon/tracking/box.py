@@ -67,7 +67,7 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
 def _average(size: Floats, variance: Floats, body: Indices, told: Floats, interval: Floats) -> None:
     """Average sizes (k,) with those told (m,) of their bodies after an interval, as a Kalman filter does."""
     known = np.isfinite(told)
-    if not known.any():
+    if not np.count_nonzero(known):
         return
     body, told = body[known], told[known]
     count = np.bincount(body, minlength=len(size))

@@ -269,7 +269,7 @@ class ReflectionNoise:
             return
         returns = self._state.sensors[sensor]
         is_spaced = not returns.scans or time_ns - returns.scans[-1].time_ns >= _SPACING_NS
-        rows = np.flatnonzero(standing & np.isfinite(position).all(axis=1))
+        rows = np.flatnonzero(standing & np.isfinite(position[:, 0]) & np.isfinite(position[:, 1]))
         rows = rows[keys[rows].argsort(kind="stable")]
         key = keys[rows]
         if (key[1:] == key[:-1]).any():

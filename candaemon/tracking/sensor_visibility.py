@@ -184,7 +184,7 @@ class Visibility:
         surely = np.ones(len(expected), dtype=np.bool_) if surely is None else surely
         counts = self._models[sensor].opportunities(expected, detected, distance, missed, surely)
         opportunities, taken = counts
-        if not opportunities.any():
+        if not np.count_nonzero(opportunities):
             return
         learnt = self._state.sensors[sensor]
         fading = np.exp(-opportunities / _MEMORY)

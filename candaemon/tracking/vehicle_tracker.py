@@ -137,7 +137,7 @@ class VehicleTracker:
         self.smoother_history: SmootherHistory | None = None
 
     def __len__(self) -> int:
-        return len(self._bodies)
+        return len(self._bodies.obstacles.id)
 
     @property
     def state(self) -> VehicleTrackerState:
@@ -519,7 +519,7 @@ class VehicleTracker:
         forgotten = self._forgotten() if self._by_existence else self._ended_by_hits(pose)
         if forgotten is not None:
             ended |= forgotten
-        some = bool(ended.any())
+        some = np.count_nonzero(ended) > 0
         if self._by_existence and detections is not None:
             clutter = ended & ~obstacles.confirmed if some else _NONE
             self._existence.learn_clutter(detections.sensor, obstacles.history[clutter])
