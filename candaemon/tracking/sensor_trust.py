@@ -5,7 +5,8 @@ corrected by anything that the sensor itself is found to be. They are compared w
 that neither a badly stated noise nor reflections that slide on a body make a fault.
 
 Noise is what makes the innovations of an obstacle greater than they were, and other ones from scan to scan. Greater
-alone they are, too, where other sensors have led the tracks to another end of the body.
+alone they are, too, where other sensors have led the tracks to another end of the body. The fewer obstacles there are,
+the greater it has to be: of a single one that passes close by, a sensor sees now this part and now that.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ _NO_OBSTACLES = np.empty(0, dtype=np.int64)
 _GREATEST = log(4.0 * MOST)  # of the variance; more would take longer to fade
 _LEAST_RATIO = 0.1  # of the innovations' variance to the stated one; less says nothing of a sensor
 _BODY = 2.5  # m from the middle of a car to its end
+_FEW = 0.5  # obstacles, of which the noise has to be twice as great as of many
 _DEVIATIONS = 4.0  # of the noise, by which a single object may be off
 _FORGET = 2.0  # s, with which noise is forgotten that cannot be compared
 _FORGIVEN = 5.0  # s without a comparison, after which a sensor that was biased is used again
@@ -302,8 +304,9 @@ class SensorTrust:
         if levels is None:
             self._forget_noise(state, dt, now_ns)
             return
-        innovation, deviation = levels
-        excess = min(innovation - state.innovation, deviation - state.deviation, _GREATEST)
+        innovation, deviation, obstacles = levels
+        excess = min(innovation - state.innovation, deviation - state.deviation) - log(1.0 + _FEW / obstacles)
+        excess = min(excess, _GREATEST)
         if state.judged >= _LEARNING and excess >= log(self._settings.burst):
             state.burst = max(state.burst, exp(excess))
         if excess >= log(self._settings.noise):
@@ -318,10 +321,10 @@ class SensorTrust:
 
     def _levels(
         self, state: SensorTrustState, found: _Matches, detections: Detections, expected: PredictedReflections
-    ) -> tuple[float, float] | None:
+    ) -> tuple[float, float, int] | None:
         """Return the logarithms of the normalised squares of the innovations, and of these less their late mean.
 
-        None: there is no mean yet of any of these obstacles.
+        And how many obstacles those are of. None: there is no mean yet of any of these obstacles.
         """
         obstacles, of = np.unique(expected.obstacle[found.tracks], return_inverse=True)
         share = 1.0 / np.bincount(of)
@@ -332,7 +335,7 @@ class SensorTrust:
             return None
         stated = (share * np.bincount(of, noise))[rows]
         greater = (found.innovation * found.innovation).sum(axis=1) - expected.variance[found.tracks]
-        return _logarithm(np.maximum(greater, 0.0) / noise), _logarithm((deviations**2).sum(axis=1) / stated)
+        return _logarithm(np.maximum(greater, 0.0) / noise), _logarithm((deviations**2).sum(axis=1) / stated), len(rows)
 
     def _deviations(
         self, state: SensorTrustState, obstacles: Integers, innovations: Floats, time_ns: int
