@@ -415,6 +415,8 @@ Columns: TypeAlias = Mapping[str, Sequence[Any] | NDArray[Any]]
 _DECIMALS = 4
 _FORMS = {"latitude": 9, "longitude": 9, "sides": 0, "class": -1}
 """Decimals of the columns that have not `_DECIMALS`, 9 being a tenth of a millimetre; −1: the name of a class."""
+_ABSENT: Final[Mapping[str, Any]] = {"objects": "", "class": 0}
+"""What stands for nothing in columns that are no numbers."""
 _STATE_NAMES: Mapping[int | str, str] = {**dict(enumerate(STATES)), **{name: name for name in STATES}}
 _CLASS_NAMES: Mapping[int | str, str] = {**dict(enumerate(CLASSES)), **{name: name for name in CLASSES}}
 _ORIGIN_COLUMNS = ("time", "measured", "sensor", "object", "source")
@@ -490,7 +492,10 @@ class TrackWriter(_TableWriter):
         """Return how many rows some columns are; all must be the table's."""
         if not columns.keys() <= self._known:
             raise ValueError(f"no such columns: {sorted(columns.keys() - self._known)}")
-        return len(columns["id"])
+        rows = len(columns["id"])
+        if any(len(each) != rows for each in columns.values()):
+            raise ValueError("columns of different length")
+        return rows
 
 
 class PredictionWriter(_TableWriter):
@@ -588,12 +593,12 @@ def _listed(values: Sequence[Any] | NDArray[Any]) -> Sequence[Any]:
 
 
 def _below_one_another(cycles: Sequence[Columns]) -> Columns:
-    """Return the columns of cycles, each below those before it; NaN where a cycle has none of a name."""
+    """Return the columns of cycles, each below those before it, with what stands for nothing where one has none."""
     if len(cycles) == 1:
         return cycles[0]
     joined: dict[str, Sequence[Any] | NDArray[Any]] = {}
     for name in dict.fromkeys(chain.from_iterable(cycles)):
-        column = [each[name] if name in each else np.full(len(each["id"]), np.nan) for each in cycles]
+        column = [each.get(name, (_ABSENT.get(name, math.nan),) * len(each["id"])) for each in cycles]
         arrays = all(isinstance(each, np.ndarray) for each in column)
         joined[name] = np.concatenate(column) if arrays else list(chain.from_iterable(map(_listed, column)))
     return joined

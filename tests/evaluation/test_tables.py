@@ -111,14 +111,16 @@ def test_cycles_written_at_once_are_those_written_one_after_the_other(tmp_path: 
         (1_050_000_000, {"id": [], "state": []}),
         (1_100_000_001, {**columns, "objects": ["0:5", ""], "latitude": np.array([48.1, 48.2])}),
         (1_150_000_000, {**columns, "objects": ["", "1:7"]}),
+        (1_200_000_000, {**columns, "class": np.array([1, 2])}),
+        (1_250_000_000, columns),
     ]
     for name, at_once in (("a.csv", True), ("b.csv", False)):
-        with OutputFile(tmp_path / name) as file, TrackWriter(file, EARTH_COLUMNS) as writer:
+        with OutputFile(tmp_path / name) as file, TrackWriter(file, (*EARTH_COLUMNS, "class")) as writer:
             for part in (cycles,) if at_once else ((cycle,) for cycle in cycles):
                 writer.write_cycles(part)
     written_at_once = (tmp_path / "a.csv").read_bytes()
     assert written_at_once == (tmp_path / "b.csv").read_bytes()
-    assert written_at_once.count(b"\n") == 7
+    assert written_at_once.count(b"\n") == 11
     assert b"1.100000001,4,confirmed,1.0000,-0.5000" in written_at_once
     with (
         OutputFile(tmp_path / "c.csv") as file,
@@ -222,6 +224,9 @@ def test_an_unknown_column_or_a_wrong_length_is_refused(tmp_path: Path) -> None:
             writer.write_cycle(0, {"id": [1], "state": [1], "existence": [1.0]})
         with pytest.raises(ValueError, match="different length"):
             writer.write_cycle(0, {"id": [1, 2], "state": [1], "x": [0.0, 0.0]})
+        shifted = [(0, {"id": [1, 2], "state": [1, 1], "x": [7.0]}), (1, {"id": [3], "state": [1], "x": [8.0, 9.0]})]
+        with pytest.raises(ValueError, match="different length"):
+            writer.write_cycles(shifted)
 
 
 def test_predictions_are_written(tmp_path: Path) -> None:
