@@ -38,8 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> None:
     """Serve the configured buses."""
     gc.disable()  # until it serves: what is loaded until then stays
-    service = import_module("candaemon.cli.serve")  # takes a second, in which a signal may come
-    request = service.ServeRequest(
-        find_config(arguments.config), arguments.record, arguments.status, arguments.log, arguments.shadow
-    )
-    service.serve(request, arguments.signals)
+    try:
+        service = import_module("candaemon.cli.serve")  # takes a second, in which a signal may come
+        request = service.ServeRequest(
+            find_config(arguments.config), arguments.record, arguments.status, arguments.log, arguments.shadow
+        )
+        service.serve(request, arguments.signals)
+    finally:
+        gc.enable()

@@ -1578,6 +1578,8 @@ def last_rows(const long long[:] known, const long long[:] wanted):
     while size < 2 * known.shape[0]:
         size, shift = 2 * size, shift - 1
     table = <Py_ssize_t*>malloc(size * sizeof(Py_ssize_t))
+    if table == NULL:
+        raise MemoryError
     with nogil:
         for at in range(size):
             table[at] = -1

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cache
 from hashlib import sha256
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
@@ -61,7 +62,7 @@ class CheckedConfigs:
 
 def entry_name(text: str) -> str:
     """Return the name of the entry of a YAML file's text, as these versions read it."""
-    return entry_cache.entry_name(text.encode(), _FORM, __version__, pydantic.VERSION, _sources())
+    return entry_cache.entry_name(text.encode(), _FORM, __version__, pydantic.VERSION, version("pyyaml"), _sources())
 
 
 def to_plain(value: Any) -> Any:

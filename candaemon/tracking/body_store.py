@@ -25,8 +25,8 @@ from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
 _LEAST_NORMAL = 1e-12  # 1/m²
 _BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
-_DRIFT_TIME = 1.0  # s, over which the speed of that is a mean
-_OPENING_TIME = 0.03  # s, within which a velocity becomes as uncertain as that is fast
+_DRIFT_TIME = 1.0  # s, time constant of the mean speed of that
+_OPENING_TIME = 0.03  # s, after which the square of that speed is added to the variance of the velocity
 _LEAST_DRIFT = 1e-3  # m/s; below it nothing drifts
 _LEAST_TIME = 1e-3  # s
 _LONGEST_INTERVAL = 0.5  # s; a gap that is longer counts as one of this length
@@ -93,7 +93,8 @@ class BodyTable(Table):
         alone: time for which it was near and showed one reflection only, s; below 0 once it has shown several.
         fastest: greatest speed it had, m/s.
         facing: reference point minus centre of the box (n, 2), local frame, m.
-        drift: speed at which its reference point lately followed reflections beyond its box (n, 2), local frame, m/s.
+        drift: mean speed at which its reference point followed reflections beyond its box (n, 2), local frame, m/s; it
+            changes while the body is detected.
         alongside_ns: time for which it has been a merge candidate.
         sensors: bit k set where sensor k detected it.
         existence: probability that there is something.

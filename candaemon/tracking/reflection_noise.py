@@ -160,8 +160,8 @@ class SensorWalks:
         walk: along and across, m²/s (S, 2).
         growth: which share of that across grows with the square of the range; and the range it is told for, m (S, 2).
         surely: how surely they walk across, 0 to 1 (S,).
-        some: whether those of any walk.
-        surely_some: whether those of any surely do, as far as that is told.
+        some: whether any walk is not 0.
+        surely_some: whether any of `surely` is above 0.
     """
 
     walk: Floats

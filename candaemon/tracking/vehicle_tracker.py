@@ -46,7 +46,7 @@ _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 _AXIS_TIME = 0.15  # s, with which the axis follows the course
 _CROSSING = 0.7  # m/s across the axis: faster than a walk or a slide looks, it is motion
-_DRIFTING = 3.0  # times as surely as a speed across, that the reference point has to follow tells of motion
+_DRIFTING = 3.0  # a drift tells of motion as surely as a speed across that is so many times as great
 _LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
 _LEAST_RATE = 1e-6  # 1/s
 _STANDS = 0.6  # m/s along the line of sight; across it, a slide looks like motion
