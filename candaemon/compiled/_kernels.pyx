@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 62
+REVISION = 63
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3728,7 +3728,7 @@ def look_up(const Py_ssize_t[:] table, const Py_ssize_t[:] ids):
     rows_array = np.empty(ids.shape[0], np.intp)
     cdef Py_ssize_t[::1] rows = rows_array
     for i in range(ids.shape[0]):
-        rows[i] = table[min(max(ids[i] + 1, 0), last)]
+        rows[i] = table[min(max(ids[i], -1), last - 1) + 1]
         ascend = ascend and (i == 0 or ids[i] > ids[i - 1])
     return rows_array, ascend
 

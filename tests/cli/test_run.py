@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import signal
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from candaemon.cli.main import main
 from candaemon.cli.serve import ServeRequest, serve
 from candaemon.daemon.process_signals import ServiceSignals
 from candaemon.errors import ConfigError
@@ -170,6 +172,21 @@ def test_an_unknown_interface_fails_before_a_bus_is_opened(config: Path) -> None
     config.write_text(config.read_text(encoding="utf-8").replace("interface: socketcan", "interface: virtuel"))
     with pytest.raises(ConfigError, match=r"mine\.yaml:6: .*virtuel.*socketcan"):
         serve(ServeRequest(config), ServiceSignals())
+
+
+def test_garbage_is_not_collected_while_it_starts_and_is_after_a_start_that_fails(
+    config: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    collects: list[bool] = []
+
+    def failing(_request: ServeRequest, _signals: object) -> None:
+        collects.append(gc.isenabled())
+        raise ConfigError("wrong", file=config)
+
+    monkeypatch.setattr("candaemon.cli.serve.serve", failing)
+    assert main(["run", str(config)]) == 2
+    assert collects == [False]
+    assert gc.isenabled()
 
 
 def test_a_wrong_configuration_reaches_the_journal_as_an_error(config: Path, tmp_path: Path) -> None:

@@ -47,6 +47,7 @@ from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.estimator_factory import make_estimator
+from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
 from candaemon.tracking.sensor_visibility import Visibility
@@ -520,6 +521,22 @@ def test_what_leads_is_confirmed_forgotten_and_stands(monkeypatch: pytest.Monkey
         return [each.astype(np.float64) for each in found]
 
     both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize(
+    "ids",
+    [[], [0, 3, 9], [9, 3, 0], [3, 3, 9], [-1, 3], [-5, 2**63 - 1], [10**6, -(2**63)], [5, 5]],
+    ids=["none", "ascending", "descending", "twice", "minus one", "beyond above", "beyond below", "unknown twice"],
+)
+def test_rows_of_ids_at_the_edges(ids: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    row_of, keys = {(0, 3): 7, (0, 9): 2, (0, 0): 4, (1, 3): 1}, np.array(ids, dtype=np.int64)
+    rows, distinct = IdRows().of(row_of, 0, keys)
+    assert rows.tolist() == [row_of.get((0, key), -1) for key in ids]
+    assert distinct == (len(set(ids)) == len(ids))
+    monkeypatch.setattr(compiled, "in_use", False)
+    expected, expected_distinct = IdRows().of(row_of, 0, keys)
+    np.testing.assert_array_equal(rows, expected)
+    assert distinct == expected_distinct
 
 
 @pytest.mark.parametrize("identified", [True, False])
