@@ -224,9 +224,10 @@ def test_an_unknown_column_or_a_wrong_length_is_refused(tmp_path: Path) -> None:
             writer.write_cycle(0, {"id": [1], "state": [1], "existence": [1.0]})
         with pytest.raises(ValueError, match="different length"):
             writer.write_cycle(0, {"id": [1, 2], "state": [1], "x": [0.0, 0.0]})
-        shifted = [(0, {"id": [1, 2], "state": [1, 1], "x": [7.0]}), (1, {"id": [3], "state": [1], "x": [8.0, 9.0]})]
+        first: dict[str, list[float]] = {"id": [1, 2], "state": [1, 1], "x": [7.0]}
+        second: dict[str, list[float]] = {"id": [3], "state": [1], "x": [8.0, 9.0]}
         with pytest.raises(ValueError, match="different length"):
-            writer.write_cycles(shifted)
+            writer.write_cycles([(0, first), (1, second)])
 
 
 def test_predictions_are_written(tmp_path: Path) -> None:
