@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,6 +14,7 @@ from .timing import timed
 
 def main() -> None:
     """Measure and print, one line a comparison: the commands first, what they are made of beneath."""
+    ArgumentParser(prog="python -m tests.benchmarks", description=__doc__).parse_args()
     with TemporaryDirectory() as folder:
         command_times.print_comparisons(Path(folder))
     for make in (*CHAINS.values(), *PARTS.values()):

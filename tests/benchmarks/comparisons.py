@@ -64,7 +64,7 @@ def _estimator(
     return Comparison(
         name,
         "cycle",
-        partial(parts.computed, kernels, lambda: parts.estimate(settings, parts.BATCH, 100)),
+        partial(parts.computed, kernels, lambda: parts.estimate(settings, parts.BATCH, parts.STEPS)),
         lambda: parts.estimate_with_filterpy(kind, parts.BATCH, 15),
         goal=200 if kernels else 50,
         against="filterpy",

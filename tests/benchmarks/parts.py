@@ -29,6 +29,9 @@ from .chains import ROOT, count
 from .timing import microseconds
 
 BATCH = 64
+STEPS = 1000
+"""Of filters of many tracks: a run takes milliseconds, beside which setting them up and cold caches count little, as in
+that of filterpy."""
 _DT = 0.05
 _FRAMES, _BATCHED, _WITH_CANTOOLS = 20_000, 64_000, 3_000
 _CHANNELS = {"can1": 0, "can2": 1}
@@ -135,8 +138,8 @@ def growth(settings: CsEstimatorSettings | ImmEstimatorSettings, tracks: int) ->
     """Return how many times as much as a step of 64 tracks one of so many costs; the median of five."""
     ratios = []
     for _ in range(5):
-        few = microseconds(lambda: estimate(settings, BATCH, 40))
-        ratios.append(microseconds(lambda: estimate(settings, tracks, 20)) / few)
+        few = microseconds(lambda: estimate(settings, BATCH, STEPS))
+        ratios.append(microseconds(lambda: estimate(settings, tracks, STEPS)) / few)
     return median(ratios)
 
 
@@ -160,7 +163,7 @@ class Axes:
         """The states of both, (n, 6) of [x, ẋ, ẍ, y, ẏ, ÿ]."""
         return self._filter.mean.reshape(-1, 6), np.array([each.state for each in self._naive])
 
-    def estimate(self, steps: int = 200) -> int:
+    def estimate(self, steps: int = STEPS) -> int:
         positions, variance = self._position.ravel(), np.tile(self._VARIANCE, BATCH)
         for step in range(steps):
             self._filter.predict(_DT)
