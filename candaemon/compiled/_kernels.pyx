@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 63
+REVISION = 64
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1927,70 +1927,127 @@ def step_bodies(
                         put(&covariance[b, a, i, t], p[a][b], lanes)
 
 
+cdef inline void average_modes(
+    double[8][LANES] total,
+    double[8][16][LANES] off,
+    double[16][LANES] weight,
+    const double[:, ::1] probability,
+    const double[:, :, ::1] mean,
+    Py_ssize_t t,
+    Py_ssize_t lanes,
+) noexcept nogil:
+    """Note the weights of the modes of some bodies, the means over them, and how far off the modes' own are."""
+    cdef Py_ssize_t m = mean.shape[1], i, a, l
+    for i in range(m):
+        fetch(weight[i], &probability[i, t], lanes)
+    for a in range(8):
+        for i in range(m):
+            fetch(off[a][i], &mean[a, i, t], lanes)
+        for l in range(LANES):
+            total[a][l] = weight[0][l] * off[a][0][l]
+        for i in range(1, m):
+            for l in range(LANES):
+                total[a][l] = total[a][l] + weight[i][l] * off[a][i][l]
+        for i in range(m):
+            for l in range(LANES):
+                off[a][i][l] = off[a][i][l] - total[a][l]
+
+
+cdef inline void spread_of_modes(
+    double[LANES] spread,
+    const double[16][LANES] weight,
+    const double[16][LANES] left,
+    const double[16][LANES] right,
+    const double* entry,
+    Py_ssize_t m,
+    Py_ssize_t n,
+    Py_ssize_t lanes,
+) noexcept nogil:
+    """Note an entry of the covariance over the modes, from that of each (M, n) and how far off the two means are."""
+    cdef Py_ssize_t i, l
+    cdef double value[LANES]
+    for i in range(m):
+        fetch(value, &entry[i * n], lanes)
+        for l in range(LANES):
+            value[l] = weight[i][l] * (left[i][l] * right[i][l] + value[l])
+        if i == 0:
+            for l in range(LANES):
+                spread[l] = value[l]
+        else:
+            for l in range(LANES):
+                spread[l] = spread[l] + value[l]
+
+
 def combine_bodies(
     const double[:, ::1] probability, const double[:, :, ::1] mean, const double[:, :, :, ::1] covariance
 ):
-    """Return means (n, 8) and covariances (n, 8, 8) over the modes of bodies (M, n), (8, M, n) and (8, 8, M, n); and what
-    sensors see of them: place with bias, and velocity, (n, 4) and (n, 4, 4)."""
-    cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, i, a, b, l
+    """Return means (n, 8) and covariances (n, 8, 8) over the modes of bodies (M, n), (8, M, n) and (8, 8, M, n)."""
+    cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, a, b, l
     cdef double weight[16][LANES]
     cdef double off[8][16][LANES]
-    cdef double value[LANES]
     cdef double total[8][LANES]
-    cdef double spread[8][8][LANES]
+    cdef double spread[LANES]
     mean_array, covariance_array = np.empty((n, 8)), np.empty((n, 8, 8))
     cdef double[:, ::1] overall = mean_array
     cdef double[:, :, ::1] mixed = covariance_array
-    cdef double half[4][8]
-    shown_array, spread_array = np.empty((n, 4)), np.empty((n, 4, 4))
-    cdef double[:, ::1] shown = shown_array
-    cdef double[:, :, ::1] shown_spread = spread_array
     with nogil:
         for group in range((n + LANES - 1) // LANES):
             t = group * LANES
             lanes = min(LANES, n - t)
-            for i in range(m):
-                fetch(weight[i], &probability[i, t], lanes)
+            average_modes(total, off, weight, probability, mean, t, lanes)
             for a in range(8):
-                for i in range(m):
-                    fetch(off[a][i], &mean[a, i, t], lanes)
-                for l in range(LANES):
-                    total[a][l] = weight[0][l] * off[a][0][l]
-                for i in range(1, m):
-                    for l in range(LANES):
-                        total[a][l] = total[a][l] + weight[i][l] * off[a][i][l]
-                for i in range(m):
-                    for l in range(LANES):
-                        off[a][i][l] = off[a][i][l] - total[a][l]
-            for a in range(8):
+                for l in range(lanes):
+                    overall[t + l, a] = total[a][l]
                 for b in range(a, 8):
-                    for i in range(m):
-                        fetch(value, &covariance[a, b, i, t], lanes)
-                        for l in range(LANES):
-                            value[l] = weight[i][l] * (off[a][i][l] * off[b][i][l] + value[l])
-                        if i == 0:
-                            for l in range(LANES):
-                                spread[a][b][l] = value[l]
-                        else:
-                            for l in range(LANES):
-                                spread[a][b][l] = spread[a][b][l] + value[l]
+                    spread_of_modes(spread, weight, off[a], off[b], &covariance[a, b, 0, t], m, n, lanes)
+                    for l in range(lanes):
+                        mixed[t + l, a, b] = mixed[t + l, b, a] = spread[l]
+    return mean_array, covariance_array
+
+
+def moments_of_bodies(
+    const double[:, ::1] probability, const double[:, :, ::1] mean, const double[:, :, :, ::1] covariance
+):
+    """Return means (n, 8) over the modes of bodies, and the covariances of place and velocity (n, 4, 4); and what sensors
+    see of them: place with bias, and velocity, (n, 4) and (n, 4, 4)."""
+    cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, a, b, l, i, j
+    cdef double weight[16][LANES]
+    cdef double off[8][16][LANES]
+    cdef double total[8][LANES]
+    cdef double spread[6][6][LANES]
+    cdef double half[4][6]
+    cdef int[6] component = [0, 1, 2, 3, 6, 7]
+    mean_array, covariance_array = np.empty((n, 8)), np.empty((n, 4, 4))
+    shown_array, shown_spread_array = np.empty((n, 4)), np.empty((n, 4, 4))
+    cdef double[:, ::1] overall = mean_array, shown = shown_array
+    cdef double[:, :, ::1] mixed = covariance_array, shown_spread = shown_spread_array
+    with nogil:
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            average_modes(total, off, weight, probability, mean, t, lanes)
+            for a in range(6):
+                i = component[a]
+                for b in range(a, 6):
+                    j = component[b]
+                    spread_of_modes(spread[a][b], weight, off[i], off[j], &covariance[i, j, 0, t], m, n, lanes)
             for l in range(lanes):
                 for a in range(8):
                     overall[t + l, a] = total[a][l]
-                    for b in range(8):
-                        mixed[t + l, a, b] = spread[a][b][l] if a <= b else spread[b][a][l]
-        for t in range(n):
-            for a in range(2):
-                shown[t, a] = overall[t, a] + overall[t, 6 + a]
-                shown[t, 2 + a] = overall[t, 2 + a]
-                for b in range(8):
-                    half[a][b] = mixed[t, a, b] + mixed[t, 6 + a, b]
-                    half[2 + a][b] = mixed[t, 2 + a, b]
-            for a in range(4):
-                for b in range(2):
-                    shown_spread[t, a, b] = half[a][b] + half[a][6 + b]
-                    shown_spread[t, a, 2 + b] = half[a][2 + b]
-    return mean_array, covariance_array, shown_array, spread_array
+                for a in range(4):
+                    for b in range(4):
+                        mixed[t + l, a, b] = spread[min(a, b)][max(a, b)][l]
+                for a in range(2):
+                    shown[t + l, a] = total[a][l] + total[6 + a][l]
+                    shown[t + l, 2 + a] = total[2 + a][l]
+                    for b in range(6):
+                        half[a][b] = spread[min(a, b)][max(a, b)][l] + spread[min(4 + a, b)][max(4 + a, b)][l]
+                        half[2 + a][b] = spread[min(2 + a, b)][max(2 + a, b)][l]
+                for a in range(4):
+                    for b in range(2):
+                        shown_spread[t + l, a, b] = half[a][b] + half[a][4 + b]
+                        shown_spread[t + l, a, 2 + b] = half[a][2 + b]
+    return mean_array, covariance_array, shown_array, shown_spread_array
 
 
 cdef inline void narrow(

@@ -34,6 +34,7 @@ from candaemon.estimation.smoothing import Link, smoothing_gain
 WIDTH = 8
 POSITION, VELOCITY, BIAS = slice(0, 2), slice(2, 4), slice(6, 8)
 TURN, ACCELERATION = 4, 5
+SEEN = [0, 1, 2, 3, 6, 7]  # of what sensors see: place, velocity, bias
 _UNMEASURED = float(0.5 / np.pi)  # variance of a number that adds nothing to a log likelihood
 _LEAST_PROBABILITY = 1e-6
 _SLOW = 1.0  # m/s, below which the course says nothing of the axis
@@ -602,20 +603,30 @@ class BodyFilter:
 
     def combined(self) -> tuple[Floats, Floats]:
         """Return means (n, 8) and covariances (n, 8, 8) over all modes."""
-        mean, covariance, _, _ = self.moments()
-        return mean, covariance
+        if self._compiled:
+            state = self._state
+            return compiled.kernels.combine_bodies(state.probability.T, state.mean.T, state.covariance.T)
+        return self._combined(slice(None))
 
     def moments(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return means (n, 8) and covariances (n, 8, 8) over all modes, and what sensors see of them, as `shown`."""
-        probability, mean = self.probability.T, self._state.mean.T
+        """Return means (n, 8) over all modes, the covariances of place and velocity (n, 4, 4), and what sensors see.
+
+        That is as `shown` has it.
+        """
         if self._compiled:
-            return compiled.kernels.combine_bodies(probability, mean, self._state.covariance.T)
+            state = self._state
+            return compiled.kernels.moments_of_bodies(state.probability.T, state.mean.T, state.covariance.T)
+        mean, covariance = self._combined(SEEN)
+        return mean, covariance[:, :4, :4].copy(), *shown(mean, covariance)
+
+    def _combined(self, components: slice | list[int]) -> tuple[Floats, Floats]:
+        """Return means (n, 8) and covariances (n, K, K) over all modes, of K components those."""
+        probability, mean = self.probability.T, self._state.mean.T
         overall = _weighted(probability, mean)
-        deviation = mean - overall[:, None]
-        second = self._outer(deviation, deviation)
-        second += self._state.covariance.T
-        overall, covariance = np.ascontiguousarray(overall.T), np.ascontiguousarray(_weighted(probability, second).T)
-        return overall, covariance, *shown(overall, covariance)
+        deviation = (mean - overall[:, None])[components]
+        second = deviation[:, None] * deviation
+        second += self._state.covariance.T[components][:, components]
+        return np.ascontiguousarray(overall.T), np.ascontiguousarray(_weighted(probability, second).T)
 
     def _empty(self) -> BodyFilterState:
         m = len(self._dwell)
@@ -674,13 +685,13 @@ def shown(mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
 
     Args:
         mean: states (n, 8).
-        covariance: (n, 8, 8).
+        covariance: of [x, y, vx, vy, bx, by] (n, 6, 6).
     """
     seen = np.concatenate([mean[:, POSITION] + mean[:, BIAS], mean[:, VELOCITY]], axis=1)
     rows = covariance[:, :4].copy()
-    rows[:, POSITION] += covariance[:, BIAS]
+    rows[:, POSITION] += covariance[:, 4:]
     spread = rows[:, :, :4].copy()
-    spread[:, :, POSITION] += rows[:, :, BIAS]
+    spread[:, :, POSITION] += rows[:, :, 4:]
     return seen, spread
 
 

@@ -19,7 +19,7 @@ def turned_axes(mean: Floats, covariance: Floats, axis: Floats, directed: Boolea
 
     Args:
         mean: states of the bodies (n, 8), as in `BodyFilter`.
-        covariance: (n, 8, 8).
+        covariance: of [x, y, vx, vy] (n, 4, 4).
         axis: unit vectors along them (n, 2).
         directed: whether the axis is known which way it points (n,), changed.
         part: of the turn towards a course that is known perfectly (n,).

@@ -156,7 +156,7 @@ class BodyMoments:
 
     Attributes:
         mean: (k, 8), as in `BodyFilter`.
-        covariance: (k, 8, 8).
+        covariance: of place and velocity (k, 4, 4).
         shown: place where the leading reflection is expected, and velocity (k, 4), local frame.
         shown_covariance: (k, 4, 4).
     """

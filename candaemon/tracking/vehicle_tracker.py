@@ -211,8 +211,7 @@ class VehicleTracker:
             self._merge_and_split()
         self._bodies.obstacles.facing = box.facing_offsets(self._bodies, pose)
         if link is not None:
-            moments = self._bodies.moments()
-            state, covariance = reported(moments.mean, moments.covariance)
+            state, covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])
             self.smoother_history = SmootherHistory(self._bodies.obstacles.id.copy(), state, covariance, *link)
         reported_existence = self._bodies.obstacles.existence if self._by_existence else None
         return report(
@@ -300,9 +299,9 @@ class VehicleTracker:
 
         Where time has not moved on, as in a scan that comes after a younger one, the gain is the identity.
         """
-        moments, link = self._bodies.moments(), self._bodies.filter.link
+        link = self._bodies.filter.link
         if self._dt == 0.0 or link is None:
-            state, covariance = reported(moments.mean, moments.covariance)
+            state, covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])
             link = Link(state, covariance, np.broadcast_to(np.eye(6), covariance.shape))
         return self._bodies.obstacles.id.copy(), link
 

@@ -19,7 +19,7 @@ from candaemon.config.tracker import AssociationSettings, LifecycleSettings, Ref
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
-from candaemon.estimation.body_filter import BodyFilter, BodyFilterState, BodyMode, motion, shown
+from candaemon.estimation.body_filter import SEEN, BodyFilter, BodyFilterState, BodyMode, motion, shown
 from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import mix
@@ -262,9 +262,14 @@ def test_prediction_of_bodies(
 @pytest.mark.parametrize("bodies", [0, 1, 8, 19])
 def test_what_all_modes_say_of_bodies(bodies: int, modes: Sequence[BodyMode], monkeypatch: pytest.MonkeyPatch) -> None:
     def computed() -> list[Floats]:
-        mean, covariance = bodies_of(bodies, modes).combined()
+        filter_ = bodies_of(bodies, modes)
+        mean, covariance = filter_.combined()
         np.testing.assert_array_equal(covariance, np.swapaxes(covariance, 1, 2))
-        found = (mean, covariance, *shown(mean, covariance), motion(mean))
+        moments, seen = filter_.moments(), covariance[:, SEEN][:, :, SEEN]
+        told = (mean, covariance[:, :4, :4], *shown(mean, seen))
+        for each, same in zip(moments, told, strict=True):
+            np.testing.assert_array_equal(each, same)
+        found = (mean, covariance, *moments, motion(mean))
         assert all(len(each) == bodies for each in found)
         return [np.append(each, 1.0) for each in found]
 
