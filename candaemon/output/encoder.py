@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from math import isfinite
 from typing import Final, TypeAlias, TypeVar
 
 import numpy as np
@@ -265,10 +264,11 @@ class OutputEncoder:
         order = np.concatenate([each.slots.order + begin for each, begin in zip(cycles, begins, strict=True)])
         occupied = np.concatenate([each.slots.occupied for each in cycles])
         table = table.take(order, axis=-1)
-        if not isfinite(np.vdot(table, table)):
+        known = np.isfinite(table)
+        if np.count_nonzero(known) < known.size:
             filler = np.zeros((len(self._names), 1))
             filler[self._may_be_unknown] = np.nan
-            table = np.where(np.isfinite(table), table, filler)
+            table = np.where(known, table, filler)
         columns: Columns = dict(zip(self._names, _spread(table, occupied), strict=True))
         if self._sends_id:
             columns["id"] = _spread(np.concatenate(ids)[order], occupied)
