@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 64
+REVISION = 65
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1353,6 +1353,40 @@ def power_series(const double[:, ::1] coefficients, double x):
             for i in range(k):
                 values[i] = values[i] * x + coefficients[n, i]
     return values_array
+
+
+def directed_matrices(
+    const double[:, :] along, const double[:, :] across, const double[:, :] direction, Py_ssize_t width
+):
+    """Spread two matrices (S, S), that along directions (n, 2) and that to their left, over the plane.
+
+    Return (n, width, width), or (1, width, width) where both are the same.
+    """
+    cdef Py_ssize_t s = min(along.shape[0], width // 2), n = direction.shape[0], t, i, j, px, py, qx, qy
+    cdef double difference, left, c, sine
+    cdef bint alike = True
+    cdef Py_ssize_t[4] x = [0, 2, 4, 7]
+    cdef Py_ssize_t[4] y = [1, 3, 5, 8]
+    for i in range(along.shape[0]):
+        for j in range(along.shape[0]):
+            alike = alike and along[i, j] == across[i, j]
+    n = 1 if alike else n
+    out_array = np.zeros((n, width, width))
+    cdef double[:, :, ::1] out = out_array
+    with nogil:
+        for i in range(s):
+            for j in range(s):
+                px, py, qx, qy = x[i], y[i], x[j], y[j]
+                if alike:
+                    out[0, px, qx] = out[0, py, qy] = along[i, j]
+                    continue
+                left, difference = across[i, j], along[i, j] - across[i, j]
+                for t in range(n):
+                    c, sine = direction[t, 0], direction[t, 1]
+                    out[t, px, qx] = left + difference * (c * c)
+                    out[t, py, qy] = left + difference * (sine * sine)
+                    out[t, px, qy] = out[t, py, qx] = difference * (c * sine)
+    return out_array
 
 
 def decaying_elements(

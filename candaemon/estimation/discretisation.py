@@ -232,7 +232,11 @@ def directed(along: Floats, across: Floats, direction: Floats, width: int) -> Fl
         direction: unit vector in the local frame, (n, 2).
         width: of the plane's state.
     """
-    if along is across or not (along != across).any():
+    if along is across:
+        return isotropic(along, width)[None]
+    if compiled.in_use:
+        return compiled.kernels.directed_matrices(along, across, direction, width)
+    if not (along != across).any():
         return isotropic(along, width)[None]
     at, along, across = _PLACES[len(along)], _fitting(along, width), _fitting(across, width)
     difference = along - across

@@ -21,6 +21,7 @@ from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
 from candaemon.estimation.body_filter import SEEN, BodyFilter, BodyFilterState, BodyMode, motion, shown
 from candaemon.estimation.body_rates import BodyRates
+from candaemon.estimation.discretisation import directed
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.imm import mix
 from candaemon.estimation.kalman import propagate, symmetrise, update_position, update_scalar
@@ -455,6 +456,16 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
         ]
 
     both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("alike", [False, True])
+@pytest.mark.parametrize(("size", "width"), [(3, 4), (3, 6), (3, 9), (4, 9)])
+def test_an_axis_spread_over_the_plane(size: int, width: int, alike: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(size + width)
+    along, angle = random.normal(size=(size, size)), random.uniform(-np.pi, np.pi, TRACKS)
+    across = along.copy() if alike else random.normal(size=(size, size))
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    both(monkeypatch, lambda: [directed(along, across, direction, width)])
 
 
 @pytest.mark.parametrize("confirmed", [True, False])
