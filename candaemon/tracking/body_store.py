@@ -433,6 +433,13 @@ class Bodies:
             step = from_travel_axes(step, obstacles.axis)
         self._shift(step)
 
+    def slide(self, step: Floats) -> None:
+        """Move the reference points over their bodies by steps (k, 2), local frame, m; reflections stay in place."""
+        along = to_travel_axes(step, self.obstacles.axis)
+        self.reflections.offset -= along.take(self.reflections.body, axis=0)
+        self.obstacles.facing = self.obstacles.facing + step
+        self._shift(step)
+
     def _return_exponents(self, time_ns: int, return_time: float) -> Floats:
         """Return by which powers of e the reference points keep away from where they belong (k,).
 

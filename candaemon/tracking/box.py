@@ -204,6 +204,25 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
     return from_travel_axes(facing_point(observer, obstacles.length / 2, obstacles.width / 2), obstacles.axis)
 
 
+def follow_aspect(bodies: Bodies, pose: EgoPose) -> None:
+    """Let another point of what is known to be so large be its reference point, as it shows us another side.
+
+    The body moves as it did: of a lorry that crosses ahead the point goes from its front to its rear. Between a
+    prediction and an update nothing but the aspect changes which point that is.
+
+    Args:
+        bodies: predicted to the pose's time.
+        pose: of the vehicle, whose origin they face.
+    """
+    obstacles = bodies.obstacles
+    known = size_known(bodies) & obstacles.directed
+    if not np.count_nonzero(known):
+        return
+    step = np.where(known[:, None], facing_offsets(bodies, pose) - obstacles.facing, 0.0)
+    if np.count_nonzero(step):
+        bodies.slide(step)
+
+
 def add_places(bodies: Bodies, told: Floats, covariance: Floats, own: Floats, time: float) -> None:
     """Add what is unknown of where on bodies the reflections lie, and of our own velocity, to what is told of them.
 

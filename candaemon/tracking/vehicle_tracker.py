@@ -289,6 +289,7 @@ class VehicleTracker:
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
             bodies.changed()
+            box.follow_aspect(bodies, pose)
         elif -LATEST_RETRODICTION < dt < 0.0:
             velocity = bodies.moments().mean[:, VELOCITY]
             bodies.filter.shift(dt * velocity)

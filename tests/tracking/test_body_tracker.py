@@ -279,6 +279,22 @@ def test_the_reference_point_faces_us_and_belongs_to_the_box() -> None:
     assert told.center_x[0] > told.x[0]
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_lorry_that_crosses_shows_its_front_then_its_rear(side: float) -> None:
+    """The lorry moves as it did: it is its reference point that goes from the front to the rear."""
+    fed = HandFedVehicles()
+    for t in times(1, 100):
+        ahead = 10.0 * t - 25.0
+        shown = [5.5, 0.0] if ahead < 0.0 else [5.5, 0.0, -5.5] if ahead < 3.0 else [0.0, -5.5]
+        keys = [{5.5: 0, 0.0: 1, -5.5: 2}[place] for place in shown]
+        seen = [Seen(k, 10.0, side * (ahead + at), 0.0, side * 10.0) for k, at in zip(keys, shown, strict=True)]
+        told = fed.scan(t, seen, length=np.full(len(seen), 12.0), width=np.full(len(seen), 2.5))
+        if t > 1.0:
+            assert len(told) == 1
+            assert hypot(told.center_x[0] - 11.25, told.center_y[0] - side * ahead) < 2.2
+            assert hypot(told.vx[0], told.vy[0] - side * 10.0) < 0.3
+
+
 def test_a_size_or_heading_that_nothing_has_told_is_not_told() -> None:
     """One reflection, at first of a speed along the line of sight alone; later the course tells the heading."""
     fed, rng = HandFedVehicles(), np.random.default_rng(8)
