@@ -185,6 +185,25 @@ def facing_offsets(
     rounds: int,
     least: float,
 ) -> Floats: ...
+def slide_references(
+    mean: Floats,
+    facing: Floats,
+    axis: Floats,
+    length: Floats,
+    width: Floats,
+    length_variance: Floats,
+    extent: Floats,
+    directed: Booleans,
+    body: Integers,
+    offset: Floats,
+    east: float,
+    north: float,
+    rounds: int,
+    least: float,
+    told_length: float,
+    small: float,
+    enough: float,
+) -> Floats | None: ...
 def reflections_to_split(
     offset: Floats,
     rate_difference: Floats,

@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 65
+REVISION = 66
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2644,6 +2644,51 @@ def facing_offsets(
                 out[t + l, 0] = point[0][l] * c - point[1][l] * s
                 out[t + l, 1] = point[1][l] * c + point[0][l] * s
     return out_array
+
+
+def slide_references(
+    const double[:, :] mean,
+    double[:, :] facing,
+    const double[:, :] axis,
+    const double[:] length,
+    const double[:] width,
+    const double[:] length_variance,
+    const double[:] extent,
+    const unsigned char[:] directed,
+    const Py_ssize_t[:] body,
+    double[:, :] offset,
+    double east,
+    double north,
+    int rounds,
+    double least,
+    double told_length,
+    double small,
+    double enough,
+):
+    """Return by how much (n, 2) the points that face us differ from the reference points of bodies whose axis and size are
+    known; take it from what their reflections are off (m, 2), and add it to the reference points minus the centres. None
+    where no point differs."""
+    cdef Py_ssize_t n = length.shape[0], i, t
+    cdef bint known, some = False
+    cdef double x, y, c, s
+    step_array = facing_offsets(mean, facing, axis, length, width, east, north, rounds, least)
+    cdef double[:, ::1] step = step_array
+    with nogil:
+        for t in range(n):
+            known = directed[t] and (length_variance[t] < told_length or length[t] < small or extent[t] > enough)
+            step[t, 0] = step[t, 0] - facing[t, 0] if known else 0.0
+            step[t, 1] = step[t, 1] - facing[t, 1] if known else 0.0
+            some = some or step[t, 0] != 0.0 or step[t, 1] != 0.0
+        if some:
+            for i in range(body.shape[0]):
+                t = body[i]
+                x, y, c, s = step[t, 0], step[t, 1], axis[t, 0], axis[t, 1]
+                offset[i, 0] = offset[i, 0] - (x * c + y * s)
+                offset[i, 1] = offset[i, 1] - (y * c - x * s)
+            for t in range(n):
+                facing[t, 0] = facing[t, 0] + step[t, 0]
+                facing[t, 1] = facing[t, 1] + step[t, 1]
+    return step_array if some else None
 
 
 def expected_places(

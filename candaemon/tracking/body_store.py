@@ -431,14 +431,7 @@ class Bodies:
             step = -left[:, None] * target
             reflections.offset -= step.take(reflections.body, axis=0)
             step = from_travel_axes(step, obstacles.axis)
-        self._shift(step)
-
-    def slide(self, step: Floats) -> None:
-        """Move the reference points over their bodies by steps (k, 2), local frame, m; reflections stay in place."""
-        along = to_travel_axes(step, self.obstacles.axis)
-        self.reflections.offset -= along.take(self.reflections.body, axis=0)
-        self.obstacles.facing = self.obstacles.facing + step
-        self._shift(step)
+        self.shift(step)
 
     def _return_exponents(self, time_ns: int, return_time: float) -> Floats:
         """Return by which powers of e the reference points keep away from where they belong (k,).
@@ -457,7 +450,7 @@ class Bodies:
         """Return how long after the detection before bodies are detected at a time (k,), s; 0 where they are not."""
         return np.where(self.obstacles.last_ns == time_ns, self.obstacles.interval, 0.0)
 
-    def _shift(self, step: Floats) -> None:
+    def shift(self, step: Floats) -> None:
         """Move the reference points by steps (k, 2), m; what the filter says moves along."""
         if compiled.in_use and self._moments is not None:
             mean = self.filter.state.mean.T

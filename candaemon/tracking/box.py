@@ -214,13 +214,36 @@ def follow_aspect(bodies: Bodies, pose: EgoPose) -> None:
         bodies: predicted to the pose's time.
         pose: of the vehicle, whose origin they face.
     """
-    obstacles = bodies.obstacles
-    known = size_known(bodies) & obstacles.directed
-    if not np.count_nonzero(known):
+    obstacles, reflections = bodies.obstacles, bodies.reflections
+    if compiled.in_use:
+        slid = compiled.kernels.slide_references(
+            bodies.moments().mean,
+            obstacles.facing,
+            obstacles.axis,
+            obstacles.length,
+            obstacles.width,
+            obstacles.length_variance,
+            obstacles.extent,
+            obstacles.directed,
+            reflections.body,
+            reflections.offset,
+            pose.east,
+            pose.north,
+            ROUNDS,
+            LEAST,
+            TOLD_LENGTH,
+            CAR_LENGTH / 2,
+            ENOUGH,
+        )
+        if slid is not None:
+            bodies.shift(slid)
         return
+    known = size_known(bodies) & obstacles.directed
     step = np.where(known[:, None], facing_offsets(bodies, pose) - obstacles.facing, 0.0)
-    if np.count_nonzero(step):
-        bodies.slide(step)
+    if step.any():
+        reflections.offset -= to_travel_axes(step, obstacles.axis).take(reflections.body, axis=0)
+        obstacles.facing += step
+        bodies.shift(step)
 
 
 def add_places(bodies: Bodies, told: Floats, covariance: Floats, own: Floats, time: float) -> None:

@@ -439,6 +439,8 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
         assert 0 < np.count_nonzero(obstacles.directed) < 20
         bodies.return_reference(10**9, 0.5, 10**8)
         obstacles.facing = box.facing_offsets(bodies, POSE)
+        obstacles.length_variance[::2] = 0.1
+        box.follow_aspect(bodies, replace(POSE, east=9.0, north=-5.0))
         told = report(bodies, POSE, Used(np.zeros(0, np.intp), 0, np.zeros(0, np.int64)), 0, 0.5, obstacles.id > 0)
         columns = [
             getattr(told, name)
