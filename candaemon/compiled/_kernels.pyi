@@ -189,6 +189,8 @@ def slide_references(
     mean: Floats,
     facing: Floats,
     axis: Floats,
+    cosine: Floats,
+    sine: Floats,
     length: Floats,
     width: Floats,
     length_variance: Floats,
@@ -198,11 +200,14 @@ def slide_references(
     offset: Floats,
     east: float,
     north: float,
+    own_east: float,
+    own_north: float,
     rounds: int,
     least: float,
     told_length: float,
     small: float,
     enough: float,
+    turn_error: float,
 ) -> Floats | None: ...
 def reflections_to_split(
     offset: Floats,

@@ -13,7 +13,7 @@ from libc.string cimport memchr, memcpy
 
 import numpy as np
 
-REVISION = 66
+REVISION = 68
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2650,6 +2650,8 @@ def slide_references(
     const double[:, :] mean,
     double[:, :] facing,
     const double[:, :] axis,
+    const double[:] cosine,
+    const double[:] sine,
     const double[:] length,
     const double[:] width,
     const double[:] length_variance,
@@ -2659,26 +2661,60 @@ def slide_references(
     double[:, :] offset,
     double east,
     double north,
+    double own_east,
+    double own_north,
     int rounds,
     double least,
     double told_length,
     double small,
     double enough,
+    double turn_error,
 ):
-    """Return by how much (n, 2) the points that face us differ from the reference points of bodies whose axis and size are
-    known; take it from what their reflections are off (m, 2), and add it to the reference points minus the centres. None
-    where no point differs."""
-    cdef Py_ssize_t n = length.shape[0], i, t
+    """Slide the reference points of bodies whose axes, turned by given angles, and sizes are known to where they face us.
+
+    Return by how much (n, 2), None where no point slides; take it from what their reflections are off (m, 2), and add it
+    to the reference points minus the centres. We are at a place and move at a velocity; turn rates err by so much.
+    """
+    cdef Py_ssize_t n = length.shape[0], group, t, lanes, l, at, i
     cdef bint known, some = False
-    cdef double x, y, c, s
-    step_array = facing_offsets(mean, facing, axis, length, width, east, north, rounds, least)
+    cdef double x, y, c, s, rate, share
+    cdef double eye[2][LANES]
+    cdef double size[2][LANES]
+    cdef double point[2][LANES]
+    cdef double turned[2][LANES]
+    cdef double before[2][LANES]
+    cdef double sight[2][LANES]
+    step_array = np.zeros((n, 2))
     cdef double[:, ::1] step = step_array
     with nogil:
-        for t in range(n):
-            known = directed[t] and (length_variance[t] < told_length or length[t] < small or extent[t] > enough)
-            step[t, 0] = step[t, 0] - facing[t, 0] if known else 0.0
-            step[t, 1] = step[t, 1] - facing[t, 1] if known else 0.0
-            some = some or step[t, 0] != 0.0 or step[t, 1] != 0.0
+        for group in range((n + LANES - 1) // LANES):
+            t = group * LANES
+            lanes = min(LANES, n - t)
+            for l in range(LANES):
+                at = t + (l if l < lanes else lanes - 1)
+                c, s = cosine[at], sine[at]
+                turned[0][l], turned[1][l] = axis[at, 0] * c - axis[at, 1] * s, axis[at, 1] * c + axis[at, 0] * s
+                before[0][l] = facing[at, 0] * c - facing[at, 1] * s
+                before[1][l] = facing[at, 1] * c + facing[at, 0] * s
+                sight[0][l], sight[1][l] = mean[at, 0] - before[0][l] - east, mean[at, 1] - before[1][l] - north
+                x, y, c, s = -sight[0][l], -sight[1][l], turned[0][l], turned[1][l]
+                eye[0][l], eye[1][l] = x * c + y * s, y * c - x * s
+                size[0][l], size[1][l] = length[at] / 2.0, width[at] / 2.0
+            face(eye, size, rounds, least, point)
+            for l in range(lanes):
+                at = t + l
+                known = directed[at] and (
+                    length_variance[at] < told_length or length[at] < small or extent[at] > enough
+                )
+                if not known:
+                    continue
+                x, y, c, s = sight[0][l], sight[1][l], turned[0][l], turned[1][l]
+                rate = (x * (mean[at, 3] - own_north) - y * (mean[at, 2] - own_east)) / larger(x * x + y * y, 1.0)
+                rate = rate - mean[at, 4]
+                share = larger(1.0 - turn_error / larger(fabs(rate), 1e-9), 0.0)
+                step[at, 0] = share * (point[0][l] * c - point[1][l] * s - before[0][l])
+                step[at, 1] = share * (point[1][l] * c + point[0][l] * s - before[1][l])
+                some = some or step[at, 0] != 0.0 or step[at, 1] != 0.0
         if some:
             for i in range(body.shape[0]):
                 t = body[i]

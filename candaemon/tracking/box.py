@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.body_filter import POSITION
+from candaemon.estimation.body_filter import POSITION, TURN
 from candaemon.estimation.outline import LEAST, ROUNDS, facing_point
 from candaemon.frames.bodies import CLASSES
 from candaemon.radar.detections import Detections
@@ -32,6 +32,7 @@ _NEAR, _ALONE = 30.0, 1.5  # m and s for which a car would have shown several re
 _NEVER_ALONE = -1e12  # s: of what has shown several
 _MOVED, _RIDING = 0.5, 9.0  # m/s
 _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
+_TURN_ERROR = 0.15  # rad/s, by which a turn rate is wrong
 _CLOSE = 0.1  # m, nearest that the line of sight is known
 _ANYWHERE = 12.0**-0.5  # of a length, standard deviation of a place anywhere on it
 _TOLD, TOLD_LENGTH = 0.1, 1.0  # m²; a width or length known better was told
@@ -204,22 +205,28 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
     return from_travel_axes(facing_point(observer, obstacles.length / 2, obstacles.width / 2), obstacles.axis)
 
 
-def follow_aspect(bodies: Bodies, pose: EgoPose) -> None:
+def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:
     """Let another point of what is known to be so large be its reference point, as it shows us another side.
 
     The body moves as it did: of a lorry that crosses ahead the point goes from its front to its rear. Between a
-    prediction and an update nothing but the aspect changes which point that is.
+    prediction and an update nothing but the aspect changes which point that is. What circles us shows the same side all
+    the time: only as much as turn rates are known tells that the aspect changes.
 
     Args:
         bodies: predicted to the pose's time.
         pose: of the vehicle, whose origin they face.
+        dt: since the time before, s; below 0 for a scan that comes late.
     """
-    obstacles, reflections = bodies.obstacles, bodies.reflections
+    obstacles, reflections, mean = bodies.obstacles, bodies.reflections, bodies.moments().mean
+    turn = mean[:, TURN] * dt
+    c, s = np.cos(turn), np.sin(turn)
     if compiled.in_use:
         slid = compiled.kernels.slide_references(
-            bodies.moments().mean,
+            mean,
             obstacles.facing,
             obstacles.axis,
+            c,
+            s,
             obstacles.length,
             obstacles.width,
             obstacles.length_variance,
@@ -229,17 +236,28 @@ def follow_aspect(bodies: Bodies, pose: EgoPose) -> None:
             reflections.offset,
             pose.east,
             pose.north,
+            pose.ve,
+            pose.vn,
             ROUNDS,
             LEAST,
             TOLD_LENGTH,
             CAR_LENGTH / 2,
             ENOUGH,
+            _TURN_ERROR,
         )
         if slid is not None:
             bodies.shift(slid)
         return
-    known = size_known(bodies) & obstacles.directed
-    step = np.where(known[:, None], facing_offsets(bodies, pose) - obstacles.facing, 0.0)
+    known, turned = size_known(bodies) & obstacles.directed, np.stack([c, s], axis=1)
+    axis, before = from_travel_axes(obstacles.axis, turned), from_travel_axes(obstacles.facing, turned)
+    sight = mean[:, POSITION] - before - np.array([pose.east, pose.north])
+    after = from_travel_axes(
+        facing_point(to_travel_axes(-sight, axis), obstacles.length / 2, obstacles.width / 2), axis
+    )
+    (x, y), vx, vy = sight.T, mean[:, 2] - pose.ve, mean[:, 3] - pose.vn
+    rate = (x * vy - y * vx) / np.maximum(x * x + y * y, 1.0) - mean[:, TURN]
+    share = np.maximum(1.0 - _TURN_ERROR / np.maximum(np.abs(rate), 1e-9), 0.0)
+    step = np.where(known[:, None], share[:, None] * (after - before), 0.0)
     if step.any():
         reflections.offset -= to_travel_axes(step, obstacles.axis).take(reflections.body, axis=0)
         obstacles.facing += step

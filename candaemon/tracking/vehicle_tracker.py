@@ -289,11 +289,12 @@ class VehicleTracker:
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
             bodies.changed()
-            box.follow_aspect(bodies, pose)
+            box.follow_aspect(bodies, pose, dt)
         elif -LATEST_RETRODICTION < dt < 0.0:
             velocity = bodies.moments().mean[:, VELOCITY]
             bodies.filter.shift(dt * velocity)
             bodies.changed()
+            box.follow_aspect(bodies, pose, dt)
 
     def _smoother_link(self) -> tuple[Integers, Link]:
         """Return the obstacles' identities and what a smoother needs of their prediction; to be called right after it.
