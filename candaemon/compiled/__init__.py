@@ -11,15 +11,17 @@ from typing import Final
 
 from candaemon.arrays import Floats
 
-REVISION: Final = 68
+REVISION: Final = 70
 """Of the kernels that this code calls: others, left in a checkout by an earlier build, are not used."""
 WIDEST: Final = 16
 """Components of a state that the kernels of updates one after another have room for."""
 COMPONENTS: Final = 9
 MODELS: Final = 8
 """Components of a state, and models of it, that the kernels of interacting models have room for."""
+QUANTITIES: Final = 24
+"""Quantities of ego motion that the kernel of an INS has room for."""
 
-__all__ = ("COMPONENTS", "MODELS", "REVISION", "WIDEST", "description", "fit_for", "in_use", "kernels")
+__all__ = ("COMPONENTS", "MODELS", "QUANTITIES", "REVISION", "WIDEST", "description", "fit_for", "in_use", "kernels")
 
 try:
     from candaemon.compiled import _kernels as kernels

@@ -3,7 +3,7 @@
 
 Every number comes from the same operations in the same order as there: sums run from the first term to the last, and the
 build forbids fused multiply-adds. Logarithms, sines and the like, which libraries round in ways of their own, stay in
-numpy. No shape is checked here: the callers give arrays of the right ones.
+numpy, or are those of Python's `math`. No shape is checked here: the callers give arrays of the right ones.
 """
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
@@ -11,9 +11,11 @@ from libc.math cimport INFINITY, M_PI, NAN, copysign, fabs, fmod, isfinite, llri
 from libc.stdlib cimport free, malloc
 from libc.string cimport memchr, memcpy
 
+from math import asin, cos, hypot, remainder, sin
+
 import numpy as np
 
-REVISION = 68
+REVISION = 70
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3944,3 +3946,285 @@ def drive_modes(
         out[2, i, 0] = out[2, i, 0] + standing[i, 0]
         out[4, i, 0] = turning[i, 0]
     return out_array
+
+
+cdef enum:
+    QUANTITIES = 24  # of ego motion
+    SHORTEST_PERIOD = 1_000_000  # ns
+
+
+cdef struct InsSetup:
+    # which quantity: the clock, what was measured with it, and what else may be given; -1: it is not
+    int clock, velocity_east, heading, yaw_rate, curvature, slip, ahead, left, valid
+    unsigned int waits  # quantities that are waited for, one bit each
+    long long longest_ns, latency_ns, age_limit_ns
+    double age_limit, smoothing, arm_x, arm_y
+
+
+cdef struct InsMemory:
+    double[QUANTITIES] value
+    long long[QUANTITIES] arrived_ns
+    long long[QUANTITIES] period_ns
+    unsigned int known, waiting  # one bit each
+    long long epoch_ns, heading_ns, heard_ns, last_ns, seen_ns
+    bint is_open, has_heading
+    double heading, yaw_rate, bridged, curvature, sideways
+    double east, north, ve, vn, ae, an  # of the last sample
+    long long samples, from_curvature, from_heading, accelerations
+
+
+cdef inline bint knows(const InsMemory* own, int quantity) noexcept:
+    return quantity >= 0 and own.known >> quantity & 1
+
+
+cdef inline bint is_fresh(const InsMemory* own, const InsSetup* setup, int quantity) noexcept:
+    """MotionEpoch.fresh"""
+    cdef long long period
+    if not knows(own, quantity):
+        return False
+    period = own.period_ns[quantity] or setup.longest_ns
+    return own.epoch_ns - own.arrived_ns[quantity] <= 2.5 * period
+
+
+cdef inline bint is_of_epoch(const InsMemory* own, const InsSetup* setup, int quantity) noexcept:
+    """MotionEpoch.belongs"""
+    cdef long long age, period = own.period_ns[setup.clock] or setup.longest_ns
+    if not knows(own, quantity):
+        return False
+    age = own.epoch_ns - own.arrived_ns[quantity]
+    return (age if age >= 0 else -age) <= 0.5 * period
+
+
+cdef inline void begin_epoch(InsMemory* own, const InsSetup* setup, long long time_ns) noexcept:
+    """MotionEpoch._begin, for a clock that is known"""
+    cdef long long interval = time_ns - own.arrived_ns[setup.clock], age, due
+    cdef long long period = own.period_ns[setup.clock] or min(interval, setup.longest_ns)
+    cdef bint paused = interval > 2.5 * period
+    cdef int k
+    own.epoch_ns, own.is_open, own.waiting = time_ns, True, 0
+    for k in range(QUANTITIES):
+        if setup.waits & own.known & 1u << k:
+            age = time_ns - own.arrived_ns[k]
+            due = own.period_ns[k] or period
+            if age >= 0.5 * due and (paused or age <= 2.5 * due):
+                own.waiting |= 1u << k
+
+
+cdef inline void hear(InsMemory* own, const InsSetup* setup, int quantity, double value, long long time_ns) noexcept:
+    """Take a quantity that is known, as MotionEpoch.take does."""
+    cdef long long interval = time_ns - own.arrived_ns[quantity], before = own.period_ns[quantity]
+    if interval > SHORTEST_PERIOD and interval != before:
+        interval = min(interval, setup.longest_ns)
+        own.period_ns[quantity] = before + ((min(interval, 2 * before) - before) >> 2) if before else interval
+    own.value[quantity], own.arrived_ns[quantity] = value, time_ns
+    own.waiting &= ~(1u << quantity)
+
+
+cdef void hear_heading(InsMemory* own, const InsSetup* setup, long long time_ns):
+    """InsMotion._hear_heading and ._derive_turn"""
+    cdef double heading = M_PI / 2 - own.value[setup.heading], change, dt, share
+    own.heard_ns, own.bridged = own.arrived_ns[setup.heading], 0.0
+    if own.has_heading:
+        change = remainder(heading - own.heading, 2 * M_PI)
+        heading = own.heading + change
+        dt = (time_ns - own.heading_ns) * 1e-9
+        if dt > setup.age_limit:
+            own.yaw_rate = 0.0
+        elif dt > 0.0 and fabs(change) <= 2.0 * dt:
+            share = dt / (dt + setup.smoothing)
+            own.yaw_rate += share * (change / dt - own.yaw_rate)
+    own.heading, own.heading_ns, own.has_heading = heading, time_ns, True
+
+
+cdef bint add_sample(InsMemory* own, const InsSetup* setup, list rows, type kind) except -1:
+    """InsMotion._add_sample and MotionHistory.add; return False where those are needed, and what is changed is void."""
+    cdef bint turns, heard = False, components = setup.velocity_east >= 0, accelerates = False
+    cdef double ve = 0.0, vn = 0.0, speed, turn = 0.0, heading, course, slip, c, s, ahead, left, dt, share
+    cdef double east_rate = 0.0, north_rate = 0.0
+    cdef long long time_ns = own.epoch_ns - setup.latency_ns
+    if knows(own, setup.valid) and own.value[setup.valid] == 0.0:
+        return True
+    if components and not is_of_epoch(own, setup, setup.velocity_east):
+        return True
+    speed = own.value[setup.clock]
+    if components:
+        ve, vn = own.value[setup.velocity_east], speed
+        speed = hypot(ve, vn)
+    turns = is_fresh(own, setup, setup.yaw_rate)
+    if turns:
+        turn = own.value[setup.yaw_rate]
+    elif is_fresh(own, setup, setup.curvature):
+        turns, turn = True, own.value[setup.curvature] * speed
+        own.from_curvature += 1
+    if knows(own, setup.heading) and own.arrived_ns[setup.heading] != own.heard_ns:
+        heard = True
+        if is_of_epoch(own, setup, setup.heading):
+            hear_heading(own, setup, time_ns)
+        else:
+            hear_heading(own, setup, own.arrived_ns[setup.heading] - setup.latency_ns)
+    elif own.has_heading and not is_fresh(own, setup, setup.heading):
+        return False
+    if not own.has_heading:
+        return True
+    heading = own.heading + (turn if turns else own.yaw_rate) * ((time_ns - own.heading_ns) * 1e-9)
+    own.samples += 1
+    if not turns:
+        turn = own.yaw_rate
+        own.from_heading += 1
+    if not components:
+        if is_fresh(own, setup, setup.slip):
+            slip = own.value[setup.slip]
+        else:
+            slip = turn * setup.arm_x
+            slip = asin(slip / speed) if fabs(slip) < fabs(speed) else 0.0
+        course = heading + slip
+        ve, vn = speed * cos(course), speed * sin(course)
+    c, s = cos(heading), sin(heading)
+    ve += turn * (s * setup.arm_x + c * setup.arm_y)
+    vn -= turn * (c * setup.arm_x - s * setup.arm_y)
+    if fabs(speed) >= 2.0:
+        own.curvature = turn / speed
+        if heard:
+            own.sideways += 0.05 * (vn * c - ve * s - own.sideways)
+    if is_fresh(own, setup, setup.ahead):
+        ahead = own.value[setup.ahead]
+        left = own.value[setup.left] if is_fresh(own, setup, setup.left) else speed * turn
+        own.accelerations += 1
+        east_rate, north_rate, accelerates = c * ahead - s * left, s * ahead + c * left, True
+    dt = (time_ns - own.last_ns) * 1e-9
+    if dt <= 0.0:
+        return True
+    if (time_ns - own.seen_ns) * 1e-9 > setup.age_limit:
+        return False
+    share = dt / (dt + setup.smoothing)
+    own.east = own.east + dt * (own.ve + ve) / 2
+    own.north = own.north + dt * (own.vn + vn) / 2
+    own.ae = own.ae + share * ((ve - own.ve) / dt - own.ae)
+    own.an = own.an + share * ((vn - own.vn) / dt - own.an)
+    if accelerates:
+        own.ae, own.an = east_rate, north_rate
+    own.ve, own.vn, own.last_ns, own.seen_ns = ve, vn, time_ns, time_ns
+    rows.append(
+        tuple.__new__(kind, (time_ns, own.east, own.north, heading, ve, vn, turn, own.ae, own.an, time_ns))
+    )
+    return True
+
+
+cdef class InsEpochs:
+    """What an INS remembers, and the frames of many that it takes, up to the first that asks for more than a steady drive.
+
+    Quantities are numbers below `QUANTITIES`. The roles are those of the clock, velocity_east, heading, yaw_rate,
+    curvature, slip, ax, ay and valid, -1 for what is not given; `waits` has a bit of each that is waited for.
+    """
+
+    cdef InsSetup setup
+    cdef InsMemory own
+    cdef Py_ssize_t quantities
+    cdef const long long[::1] times
+    cdef const Py_ssize_t[::1] message
+    cdef const double[:, ::1] values
+    cdef const Py_ssize_t[:, ::1] columns
+
+    def __init__(self, tuple roles, unsigned int waits, tuple limits):
+        (
+            self.setup.clock, self.setup.velocity_east, self.setup.heading, self.setup.yaw_rate, self.setup.curvature,
+            self.setup.slip, self.setup.ahead, self.setup.left, self.setup.valid,
+        ) = roles
+        (
+            self.setup.longest_ns, self.setup.latency_ns, self.setup.age_limit_ns, self.setup.age_limit,
+            self.setup.smoothing, self.setup.arm_x, self.setup.arm_y,
+        ) = limits
+        self.setup.waits = waits
+
+    def keep(
+        self,
+        const long long[::1] times,
+        const Py_ssize_t[::1] message,
+        const double[:, ::1] values,
+        const Py_ssize_t[:, ::1] columns,
+    ):
+        """Keep frames: of each the time, ns, the message, and values, whose quantities `columns` names, -1 after the last."""
+        self.times, self.message, self.values, self.columns = times, message, values, columns
+
+    def load(self, list signals, unsigned int waiting, tuple memory, last):
+        """Remember of each quantity its value, time and period, or None before its first; and the newest sample."""
+        cdef int k
+        cdef InsMemory* own = &self.own
+        self.quantities, own.known = len(signals), 0
+        for k in range(self.quantities):
+            if signals[k] is not None:
+                own.known |= 1u << k
+                own.value[k], own.arrived_ns[k], own.period_ns[k] = signals[k]
+        own.waiting = waiting
+        own.has_heading = memory[2] is not None
+        own.heading = memory[2] if own.has_heading else 0.0
+        own.epoch_ns, own.is_open = memory[0], memory[1]
+        own.heading_ns, own.yaw_rate, own.heard_ns, own.bridged, own.curvature, own.sideways = memory[3:]
+        own.last_ns, own.east, own.north, _, own.ve, own.vn, _, own.ae, own.an, own.seen_ns = last
+        own.samples = own.from_curvature = own.from_heading = own.accelerations = 0
+
+    def memory(self):
+        """Return what is remembered, as it is loaded, and how often what was counted since."""
+        cdef int k
+        cdef InsMemory* own = &self.own
+        return (
+            [
+                (own.value[k], own.arrived_ns[k], own.period_ns[k]) if own.known >> k & 1 else None
+                for k in range(self.quantities)
+            ],
+            own.waiting,
+            (
+                own.epoch_ns, bool(own.is_open), own.heading if own.has_heading else None, own.heading_ns, own.yaw_rate,
+                own.heard_ns, own.bridged, own.curvature, own.sideways,
+            ),
+            (own.samples, own.from_curvature, own.from_heading, own.accelerations),
+        )
+
+    def take(self, Py_ssize_t begin, Py_ssize_t end, type kind):
+        """Take the kept frames from `begin` to before `end`; return up to which, and the samples made, of their kind."""
+        cdef const InsSetup* setup = &self.setup
+        cdef InsMemory* own = &self.own
+        cdef InsMemory before
+        cdef Py_ssize_t i, column, m, made
+        cdef int k
+        cdef long long time_ns
+        cdef bint is_clock, has_heading, steady = knows(own, setup.clock)
+        cdef double value
+        cdef list rows = []
+        if not steady:
+            return begin, rows
+        for i in range(begin, end):
+            before, made = own[0], len(rows)
+            time_ns, m = self.times[i], self.message[i]
+            if self.columns[m, 0] < 0:
+                continue
+            is_clock = has_heading = False
+            for column in range(self.columns.shape[1]):
+                k = self.columns[m, column]
+                if k < 0:
+                    break
+                is_clock = is_clock or k == setup.clock
+                has_heading = has_heading or k == setup.heading
+            if own.is_open and is_clock:
+                steady = add_sample(own, setup, rows, kind)
+            for column in range(self.columns.shape[1]):
+                k = self.columns[m, column]
+                if k < 0 or not steady:
+                    break
+                value = self.values[i, column]
+                if value != value:
+                    continue
+                if k == setup.clock:
+                    begin_epoch(own, setup, time_ns)
+                steady = knows(own, k)
+                hear(own, setup, k, value, time_ns)
+            if steady and own.is_open and not own.waiting:
+                own.is_open = False
+                steady = add_sample(own, setup, rows, kind)
+            elif has_heading and time_ns - own.epoch_ns > setup.age_limit_ns:
+                steady = False
+            if not steady:
+                own[0] = before
+                del rows[made:]
+                return i, rows
+        return end, rows

@@ -7,8 +7,12 @@ from dataclasses import dataclass, field
 from math import asin, atan2, copysign, cos, hypot, pi, radians, remainder, sin, tau
 from typing import Final
 
+import numpy as np
+
+from candaemon import compiled
+from candaemon.arrays import Floats, Indices, Integers
 from candaemon.config.ego import BiasSettings, InsSettings
-from candaemon.ego.motion import MotionHistory, MotionHistoryState, SampleCounts, StationaryReturns
+from candaemon.ego.motion import MotionHistory, MotionHistoryState, Sample, SampleCounts, StationaryReturns
 from candaemon.ego.motion_epoch import MotionEpoch, MotionEpochState
 from candaemon.ego.pose import EgoPose
 from candaemon.frames.times import LONG_AGO_NS
@@ -91,6 +95,23 @@ class InsMotion:
             heading_variance=radians(settings.noise.heading_deg) ** 2,
         )
         self._state = InsMotionState(self._epoch.state, self.history.state)
+        # for many frames at once
+        self._numbers: dict[str, int] = {}
+        roles = (self._clock, "velocity_east", "heading", "yaw_rate", "curvature", "slip", "ax", "ay", "valid")
+        self._roles = tuple(self._number(name) if name in given else -1 for name in roles)
+        self._waits = sum(1 << self._number(name) for name in given - {self._clock, "valid"})
+        arm = settings.lever_arm
+        self._limits = (
+            round(settings.age_limit * 1e9),
+            self._latency_ns,
+            self._age_limit_ns,
+            settings.age_limit,
+            settings.smoothing,
+            arm.x,
+            arm.y,
+        )
+        self._steady: compiled.kernels.InsEpochs | None = None
+        self._is_ahead = False
 
     @property
     def state(self) -> InsMotionState:
@@ -99,25 +120,129 @@ class InsMotion:
         Raises:
             ValueError: a state that is set does not fit the configuration.
         """
+        self._take_back()
         return self._state
 
     @state.setter
     def state(self, state: InsMotionState) -> None:
+        self._is_ahead = False
         self._state, self._epoch.state, self.history.state = state, state.epoch, state.history
 
     @property
     def counts(self) -> SampleCounts:
         """Samples, and what was derived in them."""
+        self._take_back()
         return self._state.counts
 
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
         """Take the quantities of one frame."""
+        if self._is_ahead:
+            self._take_back()
         if self._state.epoch.is_open and self._clock in names:  # what has not come until now was lost or is silent
             self._add_sample()
         if self._epoch.take(time_ns, names, values):
             self._add_sample()
         elif "heading" in names and time_ns - self._state.epoch.time_ns > self._age_limit_ns:
             self._coast(time_ns)
+
+    @property
+    def takes_many(self) -> bool:
+        """Whether `update_together` can be used."""
+        return compiled.in_use and len(type(self._settings.signals).model_fields) <= compiled.QUANTITIES
+
+    def columns(self, messages: Sequence[Sequence[str]]) -> Indices:
+        """Return which quantity each value of some messages is, for `keep`; −1 after the last of a message.
+
+        Messages without a quantity that is wanted have none.
+        """
+        columns = np.full((len(messages), max(map(len, messages), default=0) + 1), -1)
+        for row, names in zip(columns, messages, strict=True):
+            if not self.wanted.isdisjoint(names):
+                row[: len(names)] = [self._number(name) for name in names]
+        return columns
+
+    def keep(self, times_ns: Integers, message: Indices, values: Floats, columns: Indices) -> None:
+        """Keep frames for `update_together`.
+
+        Args:
+            times_ns: time stamps (n,).
+            message: which message each is (n,).
+            values: of their quantities (n, values).
+            columns: of these messages.
+        """
+        if self._steady is None:
+            self._steady = compiled.kernels.InsEpochs(self._roles, self._waits, self._limits)
+        self._steady.keep(times_ns, message, values, columns)
+
+    def update_together(self, begin: int, end: int) -> int:
+        """Take kept frames, as `update` does, up to the first that asks for more than a steady drive; return which.
+
+        Args:
+            begin: the first frame meant.
+            end: after the last.
+        """
+        steady, samples = self._steady, self.history.state.samples
+        if steady is None or not samples:
+            return begin
+        if not self._is_ahead:
+            self._is_ahead = True
+            self._hand_over(steady, samples[-1])
+        reached, made = steady.take(begin, end, Sample)
+        self.history.extend(made)
+        return reached
+
+    def _hand_over(self, steady: compiled.kernels.InsEpochs, last: Sample) -> None:
+        """Let what takes kept frames go on from what is remembered."""
+        state, epoch = self._state, self._state.epoch
+        signals = [epoch.signals.get(name) for name in self._numbers]
+        steady.load(
+            [None if each is None else (each.value, each.arrived_ns, each.period_ns) for each in signals],
+            sum(1 << self._numbers[name] for name in epoch.waiting),
+            (
+                epoch.time_ns,
+                epoch.is_open,
+                state.heading,
+                state.heading_ns,
+                state.yaw_rate,
+                state.heard_ns,
+                state.bridged,
+                state.curvature,
+                state.sideways,
+            ),
+            last,
+        )
+
+    def _take_back(self) -> None:
+        """Remember what the kept frames have changed."""
+        if not self._is_ahead or self._steady is None:
+            return
+        self._is_ahead = False
+        state, epoch, counts = self._state, self._state.epoch, self._state.counts
+        heard, waiting, memory, counted = self._steady.memory()
+        for name, known in zip(self._numbers, heard, strict=False):
+            if known is not None:
+                signal = epoch.signals[name]
+                signal.value, signal.arrived_ns, signal.period_ns = known
+        epoch.waiting = {name for name, number in self._numbers.items() if waiting >> number & 1}
+        (
+            epoch.time_ns,
+            epoch.is_open,
+            state.heading,
+            state.heading_ns,
+            state.yaw_rate,
+            state.heard_ns,
+            state.bridged,
+            state.curvature,
+            state.sideways,
+        ) = memory
+        counts.samples += counted[0]
+        counts.yaw_rate_from_curvature += counted[1]
+        counts.yaw_rate_from_heading += counted[2]
+        counts.acceleration_given += counted[3]
+
+    def _number(self, name: str) -> int:
+        """Return the number of a quantity, which the first that asks gives it."""
+        return self._numbers.setdefault(name, len(self._numbers))
 
     def _add_sample(self) -> None:
         """Make a sample of an epoch that is complete, or as complete as it becomes."""

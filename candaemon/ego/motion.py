@@ -8,7 +8,7 @@ knows them; with odometry alone, x is the vehicle's first heading.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import cos, hypot, inf, sin, sqrt
@@ -267,9 +267,13 @@ class MotionHistory:
         self._keep(Sample(time_ns, east, north, heading, ve, vn, yaw_rate, 0.0, 0.0, last.seen_ns))
 
     def _keep(self, sample: Sample) -> None:
+        self.extend((sample,))
+
+    def extend(self, made: Iterable[Sample]) -> None:
+        """Take samples that are newer than the newest, each made of the one before as `add` does."""
         samples = self.state.samples
-        samples.append(sample)
-        if len(samples) > 2 * _KEPT:
+        samples.extend(made)
+        while len(samples) > 2 * _KEPT:
             del samples[:_KEPT]
 
     def pose(self, time_ns: int) -> EgoPose | None:

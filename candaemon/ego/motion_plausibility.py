@@ -123,6 +123,11 @@ class MotionPlausibility:
             raise ValueError(f"{len(state.values)} values of a message of ego motion, expected {len(self._limits)}")
         self._state = state
 
+    @property
+    def remembers(self) -> bool:
+        """Whether `note` does anything."""
+        return bool(self._rated)
+
     def admits(self, time_ns: int, values: Sequence[float]) -> bool:
         """Return whether a frame's values can be true; one whose values cannot is counted.
 

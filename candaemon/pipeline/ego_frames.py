@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from candaemon.arrays import Integers
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.binding.bound import BoundEgo, EgoMessage
 from candaemon.ego.georeference import Georeferencer
+from candaemon.ego.ins import InsMotion
 from candaemon.ego.motion import EgoMotion
 from candaemon.ego.motion_plausibility import MotionPlausibility, MotionPlausibilityState
 from candaemon.pipeline.cycle import PipelineCounts
@@ -93,6 +94,15 @@ class EgoFrames:
             self._monitor.faults = counts.ego_motion
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The quantity of each value that somebody makes use of."""
+        return self._names if self._consumers else ()
+
+    def are_all_for(self, consumer: object) -> bool:
+        """Return whether nobody else makes use of them."""
+        return all(each is consumer for each in self._consumers)
+
+    @property
     def are_judged_together(self) -> bool:
         """Whether `judged` says anything of them: no frame lacks a value, and none is looked at for its counter."""
         return self._monitor is None and not self._is_multiplexed
@@ -113,6 +123,42 @@ class EgoFrames:
             return [None] * len(values)
         sure = self._plausibility.surely(times_ns, np.array(values, np.float64))
         return [each if is_sure else None for each, is_sure in zip(values, sure.tolist(), strict=True)]
+
+    def judged_table(self, times_ns: Integers, payloads: Sequence[bytes]) -> tuple[Booleans, Floats]:
+        """As `judged`: return which frames are used for sure (n,), and their values (n, values).
+
+        No values are read where nobody makes use of them.
+        """
+        if not self._consumers:
+            return np.array([len(data) >= self._length for data in payloads]), np.empty((len(payloads), 0))
+        values = [self._decode(data) for data in payloads]
+        if None in values:
+            return np.zeros(len(values), np.bool_), np.zeros((len(values), len(self._names)))
+        table = np.array(values, np.float64)
+        return self._plausibility.surely(times_ns, table), table
+
+    def count_judged(self, frames: int) -> None:
+        """Count frames that are used for sure."""
+        self._used += frames
+
+    @property
+    def remembers(self) -> bool:
+        """Whether `note_judged` does anything."""
+        return bool(self._consumers) and self._plausibility.remembers
+
+    def note_judged(self, time_ns: int, values: Floats) -> None:
+        """Remember a frame that is used for sure.
+
+        Args:
+            time_ns: its time stamp.
+            values: of it.
+        """
+        self._plausibility.note(time_ns, values.tolist())
+
+    def pass_judged(self, time_ns: int, values: Floats) -> None:
+        """Pass on the values of a frame that is remembered."""
+        for consumer in self._consumers:
+            consumer.update(time_ns, self._names, values.tolist())
 
     def receive_judged(self, _part: int, _slot: int, values: Sequence[float], time_ns: int) -> None:
         """Take the values of a frame that is used for sure."""
@@ -139,3 +185,56 @@ class EgoFrames:
                 self._absent[index] += value != value
         for consumer in self._consumers:
             consumer.update(time_ns, self._names, values)
+
+
+class SteadyFrames:
+    """Takes frames of an INS that are used for sure and came one after the other, without a Python call for each.
+
+    Args:
+        motion: the INS.
+        messages: who receives the frames of each message; nobody else makes use of them.
+    """
+
+    def __init__(self, motion: InsMotion, messages: Sequence[EgoFrames]) -> None:
+        self._motion, self._messages = motion, messages
+        self._columns = motion.columns([each.names for each in messages])
+        self._remembering = [number for number, each in enumerate(messages) if each.remembers]
+        self._times: list[int] = []
+        self._of: list[int] = []
+        self._values: Floats = np.empty((0, 0))
+        self._latest: list[list[int]] = []  # of each that remembers, its last frame before each frame; −1 before all
+
+    def judged(self, times_ns: Integers, message: Indices, payloads: Sequence[bytes]) -> Booleans:
+        """Return which frames are used for sure (n,), and keep them for `receive`; they are counted at once.
+
+        To be called when all frames before them were received.
+
+        Args:
+            times_ns: their time stamps (n,), in order.
+            message: which message each is (n,).
+            payloads: their payloads.
+        """
+        sure, values = np.zeros(len(payloads), np.bool_), np.empty((len(payloads), self._columns.shape[1]))
+        for number, frames in enumerate(self._messages):
+            mine = (message == number).nonzero()[0]
+            if len(mine):
+                sure[mine], table = frames.judged_table(times_ns[mine], [payloads[k] for k in mine.tolist()])
+                values[mine, : table.shape[1]] = table
+                frames.count_judged(int(np.count_nonzero(sure[mine])))
+        times_ns, message, self._values = times_ns[sure], message[sure], values[sure]
+        self._times, self._of = times_ns.tolist(), message.tolist()
+        places = np.arange(len(message))
+        self._latest = [
+            np.maximum.accumulate(np.where(message == number, places, -1)).tolist() for number in self._remembering
+        ]
+        self._motion.keep(times_ns, message, self._values, self._columns)
+        return sure
+
+    def receive(self, begin: int, end: int, _data: object, _time_ns: int) -> None:
+        """Take the kept frames from `begin` to before `end`."""
+        for number, latest in zip(self._remembering, self._latest, strict=True):
+            last = latest[end - 1]
+            if last >= begin:
+                self._messages[number].note_judged(self._times[last], self._values[last])
+        for k in range(self._motion.update_together(begin, end), end):
+            self._messages[self._of[k]].pass_judged(self._times[k], self._values[k])

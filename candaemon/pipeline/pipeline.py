@@ -7,7 +7,7 @@ happened on the road happens again from its recording.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +18,7 @@ from candaemon.binding.bus_load import Traffic, frame_time
 from candaemon.calibration.calibrator import Calibrator
 from candaemon.ego.factory import make_ego, make_georeferencer
 from candaemon.ego.georeference import Georeferencer
+from candaemon.ego.ins import InsMotion
 from candaemon.ego.motion import EgoMotion
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.frames.frame import EXTENDED, Frame, Tick
@@ -26,7 +27,7 @@ from candaemon.frames.frame_block import FrameBlock
 from candaemon.frames.times import NEVER_NS
 from candaemon.output.encoder import OutputEncoder, OutputStatus
 from candaemon.pipeline.cycle import BusCounts, Cycle, PipelineCounts
-from candaemon.pipeline.ego_frames import EgoFrames
+from candaemon.pipeline.ego_frames import EgoFrames, SteadyFrames
 from candaemon.pipeline.health import HealthMonitor
 from candaemon.pipeline.output_cycle import OutputCycle
 from candaemon.pipeline.pipeline_state import PipelineState, Schedule
@@ -34,7 +35,7 @@ from candaemon.pipeline.scan_alignment import ScanAlignment, make_alignments
 from candaemon.pipeline.spare_frames import SpareFrames
 from candaemon.radar.assembler_factory import make_assembler
 from candaemon.radar.assembly import ScanAssembler
-from candaemon.radar.block_routing import BlockRouter
+from candaemon.radar.block_routing import BlockRouter, Succession
 from candaemon.radar.claimed_frames import ClaimedFrames, ClaimedRoute, Route
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import Mounting
@@ -133,7 +134,9 @@ class Pipeline:
         Args:
             blocks: frames and ticks in order of time.
         """
-        router = BlockRouter(self._routes, self.binding.sensors, self.assemblers, self._judges())
+        judges = self._judges()
+        steady = self._make_steady(judges)
+        router = BlockRouter(self._routes, self.binding.sensors, self.assemblers, judges, steady)
         counts = self._counts.buses
         for block in blocks:
             if not isinstance(block, FrameBlock):
@@ -146,6 +149,10 @@ class Pipeline:
             begin = 0
             for time_ns, passed, receive, part, slot, data in events:
                 if time_ns >= self.schedule.deadline_ns:
+                    if isinstance(data, Succession):  # something is due between its frames
+                        yield from self._received_between(unheard, begin, receive, part, slot, data)
+                        begin = passed
+                        continue
                     yield from self._advance_by(unheard, begin, passed)
                     if time_ns >= self.schedule.deadline_ns:
                         yield from self.advance(time_ns)
@@ -155,6 +162,33 @@ class Pipeline:
                     yield from self._cycle(scan, time_ns)
                     self._set_deadline(time_ns)
             yield from self._advance_by(unheard, begin, len(unheard))
+
+    def _received_between(
+        self,
+        unheard: Sequence[int],
+        passed: int,
+        receive: Callable[[int, int, Any, int], object],
+        begin: int,
+        end: int,
+        frames: Succession,
+    ) -> Iterator[Cycle]:
+        """Receive frames that come one after the other, from `begin` to before `end`, and advance where that is due.
+
+        Args:
+            unheard: times of what nobody receives.
+            passed: how many of those were before.
+            receive: takes frames from one to before another.
+            begin: the first, among all frames that are received so.
+            end: after the last.
+            frames: all of them.
+        """
+        while begin < end:
+            yield from self._advance_by(unheard, passed, passed := frames.passed[begin])
+            if frames.time_ns[begin] >= self.schedule.deadline_ns:
+                yield from self.advance(frames.time_ns[begin])
+            due = bisect_left(frames.time_ns, self.schedule.deadline_ns, begin + 1, end)
+            receive(begin, due, frames, frames.time_ns[due - 1])
+            begin, passed = due, frames.passed[due - 1]
 
     def _advance_by(self, times: Sequence[int], begin: int, end: int) -> Iterator[Cycle]:
         """Advance to those of some ascending times, from index `begin` to before `end`, at which something is due."""
@@ -463,6 +497,18 @@ class Pipeline:
             for can_id, frames in self.ego_frames.items()
             if frames.are_judged_together and self._routes[ego.bus][can_id][0] == frames.receive
         }
+
+    def _make_steady(
+        self, judges: dict[tuple[int, int], EgoFrames]
+    ) -> tuple[SteadyFrames, dict[tuple[int, int], int]] | None:
+        """Return who receives frames of an INS that come one after the other, out of those that are judged together.
+
+        Those are no longer among the judges' then.
+        """
+        if not isinstance(self.ego, InsMotion) or not self.ego.takes_many:
+            return None
+        found = {at: judges.pop(at) for at, frames in list(judges.items()) if frames.are_all_for(self.ego)}
+        return SteadyFrames(self.ego, list(found.values())), {at: number for number, at in enumerate(found)}
 
     def _make_routes(self) -> list[dict[int, Route]]:
         """Return for each bus who receives an identifier: a sensor, ego motion, or a counter of the rest."""

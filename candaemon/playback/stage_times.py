@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from time import thread_time_ns
 from typing import Final, ParamSpec, TypeVar
 
+from candaemon.ego.ins import InsMotion
 from candaemon.pipeline.pipeline import Pipeline
 
 STAGES: Final = (
@@ -30,6 +31,8 @@ STAGES: Final = (
 """In the order of a frame's way."""
 REST: Final = "all else"
 """Between the stages: routing of frames, the bookkeeping of a cycle, progress."""
+
+_OF_EGO_FRAMES: Final = ("receive", "receive_judged", "judged", "judged_table", "note_judged", "pass_judged")
 
 _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
@@ -78,7 +81,9 @@ class StageTimes:
     def watch_pipeline(self, pipeline: Pipeline) -> None:
         """Count what a pipeline does from here on."""
         for frames in pipeline.ego_frames.values():
-            self.watch(frames, dict.fromkeys(("receive", "receive_judged", "judged"), "ego motion"))
+            self.watch(frames, dict.fromkeys(_OF_EGO_FRAMES, "ego motion"))
+        if isinstance(pipeline.ego, InsMotion):
+            self.watch(pipeline.ego, {"update_together": "ego motion"})
         for assembler in pipeline.assemblers:
             self.watch(assembler, dict.fromkeys(("end_whole", "expire", "flush"), "assemble scans"))
         self.watch(pipeline.ego, {"pose": "ego motion", "learn": "ego motion"})

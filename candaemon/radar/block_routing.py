@@ -18,7 +18,8 @@ from candaemon.radar.scan import Scan
 
 Event: TypeAlias = tuple[int, int, Callable[[int, int, Any, int], Scan | None], int, int, Any]
 """Time, how many frames before it nobody receives, the receiver, and the part, slot and payload to call it with: as a
-`Route`, or with the objects of a whole scan, or the values of a frame that is used for sure."""
+`Route`, or with the objects of a whole scan, or the values of a frame that is used for sure; or, of frames that come
+one after the other and are received together, begin, end and a `Succession`, time and passed those of the last."""
 
 
 class Routed(NamedTuple):
@@ -54,6 +55,36 @@ class JudgedFrames(Protocol):
         ...
 
 
+class SteadyReceiver(Protocol):
+    """Who receives frames many at a time that come one after the other."""
+
+    def judged(self, times_ns: Integers, message: Indices, payloads: Sequence[bytes]) -> Booleans:
+        """Return which frames are used for sure (n,), and keep them.
+
+        Args:
+            times_ns: their time stamps (n,), in order.
+            message: which message each is (n,).
+            payloads: their payloads.
+        """
+        ...
+
+    def receive(self, begin: int, end: int, data: Any, time_ns: int) -> None:
+        """Take the kept frames from `begin` to before `end`."""
+        ...
+
+
+class Succession(NamedTuple):
+    """The frames that one event is of several: as the first two of `Event` for each.
+
+    Attributes:
+        time_ns: of all such frames of a block.
+        passed: likewise.
+    """
+
+    time_ns: list[int]
+    passed: list[int]
+
+
 class BlockRouter:
     """Routes blocks.
 
@@ -62,6 +93,8 @@ class BlockRouter:
         sensors: the bound sensors.
         assemblers: of their scans.
         judges: by bus and identifier, who receives frames that are judged together.
+        steady: who receives many frames in one event, and the number of each message by bus and identifier; none of
+            them is among the judges'.
     """
 
     def __init__(
@@ -70,6 +103,7 @@ class BlockRouter:
         sensors: Sequence[BoundSensor],
         assemblers: Sequence[ScanAssembler],
         judges: Mapping[tuple[int, int], JudgedFrames],
+        steady: tuple[SteadyReceiver, Mapping[tuple[int, int], int]] | None = None,
     ) -> None:
         self._buses = len(routes)
         known = {_key(bus, can_id): route for bus, each in enumerate(routes) for can_id, route in each.items()}
@@ -80,6 +114,10 @@ class BlockRouter:
         self._receivers = np.array([receive for receive, _, _ in in_order], object)
         self._parts, self._slots = np.array([each[1:] for each in in_order], np.int64).reshape(-1, 2).T
         self._judges = [(int(np.searchsorted(self._keys, _key(*at))), each) for at, each in judges.items()]
+        self._steady = None if steady is None else steady[0]
+        self._message = np.full(len(known) + 1, -1)
+        for at, number in ({} if steady is None else steady[1]).items():
+            self._message[np.searchsorted(self._keys, _key(*at))] = number
         self._whole: list[tuple[WholeScans, Booleans]] = []
         for sensor, assembler in zip(sensors, assemblers, strict=True):
             scans = whole_scans(sensor, assembler)
@@ -106,6 +144,7 @@ class BlockRouter:
             kept[frames[:, 1:-1]] = False
             found.append((scans.assembler, frames, objects))
         rows = kept.nonzero()[0]
+        rows, runs = self._runs(block, rows, place[rows], unheard)
         places, data = place[rows], list[Any](block.payloads(rows))
         times, parts, slots = block.time_ns[rows].tolist(), self._parts[places].tolist(), self._slots[places].tolist()
         receivers, passed = self._receivers[places].tolist(), np.searchsorted(unheard, rows).tolist()
@@ -120,8 +159,46 @@ class BlockRouter:
                 for row, values in zip(mine, judged, strict=True):
                     if values is not None:
                         receivers[row], data[row] = judge.receive_judged, values
+        for at, receive, begin, end, succession in runs:
+            receivers[at], parts[at], slots[at], data[at] = receive, begin, end, succession
         events = zip(times, passed, receivers, parts, slots, data, strict=True)
         return Routed(events, block.time_ns[unheard].tolist(), *self._counted(block, place))
+
+    def _runs(
+        self, block: FrameBlock, rows: Indices, places: Indices, unheard: Indices
+    ) -> tuple[Indices, list[tuple[int, Callable[[int, int, Any, int], None], int, int, Succession]]]:
+        """Let the last of frames that come one after the other, and are received together, stand for all.
+
+        Args:
+            block: with the frames.
+            rows: of the frames that are received (m,).
+            places: where their receivers are listed (m,).
+            unheard: rows of frames that nobody receives.
+
+        Returns:
+            Rows of frames that are events, and of those that stand for several: which it is, the receiver, begin and
+            end among all of them, and all of them.
+        """
+        message = self._message[places]
+        mine = (message >= 0).nonzero()[0]
+        if self._steady is None or not len(mine):
+            return rows, []
+        times_ns = block.time_ns[rows[mine]]
+        sure = self._steady.judged(times_ns, message[mine], block.payloads(rows[mine]))
+        taken = mine[sure]
+        ends = (np.diff(taken, append=-1) != 1).nonzero()[0]
+        last = taken[ends]
+        left = np.ones(len(rows), np.bool_)
+        left[taken] = False
+        left[last] = True
+        succession = Succession(times_ns[sure].tolist(), np.searchsorted(unheard, rows[taken]).tolist())
+        numbers = [0, *(ends + 1).tolist()]
+        at = (np.cumsum(left) - 1)[last].tolist()
+        receive = self._steady.receive
+        return rows[left], [
+            (each, receive, begin, end, succession)
+            for each, begin, end in zip(at, numbers[:-1], numbers[1:], strict=True)
+        ]
 
     def _places(self, block: FrameBlock) -> Indices:
         """Return where the receiver of each frame is listed, (n,)."""

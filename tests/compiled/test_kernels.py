@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 
 from candaemon import compiled
-from candaemon.arrays import Floats
+from candaemon.arrays import Floats, Indices, Integers
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.candump import candump_text
+from candaemon.config.ego import InsSettings
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
 from candaemon.config.sensors import FieldOfView
 from candaemon.config.tracker import AssociationSettings, LifecycleSettings, ReflectionSettings, TrackerSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
+from candaemon.ego.ins import InsMotion
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
 from candaemon.estimation.body_filter import SEEN, BodyFilter, BodyFilterState, BodyMode, motion, shown
@@ -337,6 +339,71 @@ def test_lines_of_logs_and_tables(count: int, monkeypatch: pytest.MonkeyPatch) -
     both(monkeypatch, computed)
     with pytest.raises(ValueError, match="different length"):
         joined_lines("", parts, count + 1)
+
+
+INS_MESSAGES = (
+    ("velocity_north", "velocity_east"),
+    ("heading", "latitude"),
+    ("curvature",),
+    ("yaw_rate", "ax"),
+    ("latitude",),
+    ("valid",),
+)
+
+
+def ins_frames(seed: int) -> tuple[Integers, Indices, Floats]:
+    """Return times, messages and values of frames at rates of their own, some lost and some bursts late."""
+    random = np.random.default_rng(seed)
+    times, message = [], []
+    for number, step in enumerate((0.01, 0.01, 0.02, 0.05, 0.01, 0.1)):
+        at = np.arange(0.0, 12.0, step) + 0.0003 * number + random.uniform(0.0, 1e-4, round(12.0 / step))
+        kept = random.random(len(at)) < 0.97
+        for _ in range(random.integers(0, 3)):
+            begin = random.uniform(0.0, 11.0)
+            kept &= (at < begin) | (at > begin + random.choice([0.1, 0.6, 1.5]))
+        times.append((at[kept] * 1e9).astype(np.int64) + 10**18)
+        message.append(np.full(np.count_nonzero(kept), number))
+    order = np.argsort(np.concatenate(times), kind="stable")
+    of = np.concatenate(message)[order]
+    values = np.full((len(of), 3), np.nan)
+    values[:, 0], values[:, 1] = random.normal(3.0, 0.3, len(of)), random.normal(8.0, 0.3, len(of))
+    values[of == 2, 0] = 0.01
+    values[of == 3, 0] = 0.2
+    values[of == 1, 0] = 1.0 + 0.001 * np.arange(np.count_nonzero(of == 1))
+    values[of == 5, 0] = random.random(np.count_nonzero(of == 5)) < 0.9
+    values[random.random(len(of)) < 0.01, 0] = np.nan
+    return np.concatenate(times)[order], of, values
+
+
+@pytest.mark.parametrize("given", [("heading",), ("heading", "curvature"), ("heading", "yaw_rate", "ax", "valid")])
+@pytest.mark.parametrize("components", [False, True])
+def test_frames_of_an_ins_one_by_one_and_together(given: tuple[str, ...], components: bool) -> None:
+    names = (*given, *(INS_MESSAGES[0] if components else ("speed",)))
+    signals = {name: f"M.{name}" for name in names}
+    settings = InsSettings.model_validate(
+        {"kind": "ins", "bus": "b", "dbc": "d", "signals": signals, "lever_arm": {"x": 1.2, "y": -0.3}, "latency": 0.02}
+    )
+    messages = INS_MESSAGES if components else (("speed",), *INS_MESSAGES[1:])
+    for seed in range(8):
+        one, other = InsMotion(settings), InsMotion(settings)
+        columns, random = other.columns(messages), np.random.default_rng(seed)
+        times, of, values = ins_frames(seed)
+        other.keep(times, of, values, columns)
+        end = together = 0
+        while end < len(times):
+            begin, end = end, min(end + int(random.integers(1, 40)), len(times))
+            taken = other.update_together(begin, end)
+            together += taken - begin
+            for k in range(begin, end):
+                if (columns[of[k]] >= 0).any():
+                    frame = int(times[k]), messages[of[k]], values[k, : len(messages[of[k]])].tolist()
+                    one.update(*frame)
+                    if k >= taken:
+                        other.update(*frame)
+            if random.random() < 0.2:
+                assert one.state == other.state
+        assert one.state == other.state
+        assert together > len(times) / 2
 
 
 def test_the_same_points_are_near_one_another(monkeypatch: pytest.MonkeyPatch) -> None:
