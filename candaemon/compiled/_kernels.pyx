@@ -9,7 +9,7 @@ numpy, or are those of Python's `math`. No shape is checked here: the callers gi
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
 from libc.math cimport INFINITY, M_PI, NAN, copysign, fabs, fmod, isfinite, llrint, sqrt
 from libc.stdlib cimport free, malloc
-from libc.string cimport memchr, memcpy
+from libc.string cimport memchr, memcmp, memcpy
 
 from math import asin, cos, hypot, remainder, sin
 
@@ -1584,6 +1584,77 @@ def table_lines(
             out[at] = 10
             at += 1
     return text[:at]
+
+
+cdef signed char DIGIT[256]  # what a character is worth in hex, -1 where it is no digit
+for _character in range(256):
+    DIGIT[_character] = -1
+for _character, _value in zip(b"0123456789abcdefABCDEF", (*range(16), *range(10, 16))):
+    DIGIT[_character] = _value
+
+
+cdef inline long long field_number(const unsigned char* text, Py_ssize_t length, int base) noexcept nogil:
+    """Return the number that some digits are, -1 where another character is among them."""
+    cdef long long number = 0
+    cdef Py_ssize_t k
+    cdef int digit, odd = 0
+    for k in range(length):
+        digit = DIGIT[text[k]]
+        odd |= digit | (base - 1 - digit)  # below zero where one of them is
+        number = number * base + digit
+    return -1 if odd < 0 else number
+
+
+def frame_fields(
+    const unsigned char[::1] text,
+    const long long[:] starts,
+    const unsigned char[::1] first,
+    tuple seconds,
+    tuple fraction,
+    tuple identifier,
+    tuple data,
+):
+    """Read lines (m,) of a log as long as the first, by the spans of its fields.
+
+    Returns which are as the first between the fields, and of those that are: seconds, fraction and identifier (k,), -1
+    where they are no digits, data (k, size), and whether all are digits (k,).
+    """
+    cdef Py_ssize_t m = starts.shape[0], row, k, at, made = 0, length = first.shape[0]
+    cdef Py_ssize_t s0 = seconds[0], s1 = seconds[1], f0 = fraction[0], f1 = fraction[1], i0 = identifier[0]
+    cdef Py_ssize_t i1 = identifier[1], d0 = data[0], d1 = data[1], size = (d1 - d0) // 2
+    cdef const unsigned char* line
+    cdef const unsigned char* shape = &first[0]
+    cdef int upper, lower, odd
+    alike_array, valid_array = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
+    numbers_array, bytes_array = np.empty((3, m), np.int64), np.empty((m, size), np.uint8)
+    cdef unsigned char[::1] alike = alike_array, valid = valid_array
+    cdef long long[:, ::1] numbers = numbers_array
+    cdef unsigned char[:, ::1] octets = bytes_array
+    with nogil:
+        for row in range(m):
+            line = &text[starts[row]]
+            if (
+                memcmp(line, shape, s0)
+                or memcmp(line + s1, shape + s1, f0 - s1)
+                or memcmp(line + f1, shape + f1, i0 - f1)
+                or memcmp(line + i1, shape + i1, d0 - i1)
+                or memcmp(line + d1, shape + d1, length - d1)
+            ):
+                continue
+            alike[row] = True
+            numbers[0, made] = field_number(line + s0, s1 - s0, 10)
+            numbers[1, made] = field_number(line + f0, f1 - f0, 10)
+            numbers[2, made] = field_number(line + i0, i1 - i0, 16)
+            odd = numbers[0, made] < 0 or numbers[1, made] < 0 or numbers[2, made] < 0
+            odd = -odd
+            for k in range(size):
+                at = d0 + 2 * k
+                upper, lower = DIGIT[line[at]], DIGIT[line[at + 1]]
+                odd |= upper | lower
+                octets[made, k] = upper << 4 | lower
+            valid[made] = odd >= 0
+            made += 1
+    return alike_array, numbers_array[:, :made], bytes_array[:made], valid_array[:made]
 
 
 def near_pairs(const double[:] x, const double[:] y, double reach):

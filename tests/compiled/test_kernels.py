@@ -12,7 +12,8 @@ import pytest
 from candaemon import compiled
 from candaemon.arrays import Floats, Indices, Integers
 from candaemon.binding.bound import Binding
-from candaemon.can_io.logs.candump import candump_text
+from candaemon.can_io.logs.candump import ChunkDecoder, candump_text
+from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.config.ego import InsSettings
 from candaemon.config.estimators import CsEstimatorSettings, ImmEstimatorSettings, SingerEstimatorSettings
 from candaemon.config.sensors import FieldOfView
@@ -35,6 +36,7 @@ from candaemon.evaluation.number_text import joined_lines, number_lines, text_li
 from candaemon.evaluation.object_runs import last_rows
 from candaemon.frames.frame import EXTENDED
 from candaemon.frames.frame_batch import FrameBatch
+from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.saved_state import dump
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.radar.detections import Detections
@@ -339,6 +341,33 @@ def test_lines_of_logs_and_tables(count: int, monkeypatch: pytest.MonkeyPatch) -
     both(monkeypatch, computed)
     with pytest.raises(ValueError, match="different length"):
         joined_lines("", parts, count + 1)
+
+
+def test_the_same_frames_are_in_a_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(11)
+    lines = []
+    for number in range(600):
+        data = random.bytes(8).hex().upper()
+        line = f"({1_600_000_000 + number}.{number:06d}) can{number % 3} {0x100 + number % 700:03X}#{data}"
+        at = int(random.integers(1, len(line)))
+        lines.append(line if random.random() < 0.7 else line[:at] + chr(random.integers(32, 127)) + line[at + 1 :])
+    lines += [f"(1600000700.5{number:02d}000) can0 1234567{number % 16:X}##1{'0a' * 12}" for number in range(40)]
+    lines += [f"(1600000800.000000) can1 {number:03x}#" for number in range(40)]
+    lines += [f"(1600000900.000000) can1 {number:03X}#R8" for number in range(40)]
+
+    def decoded() -> tuple[FrameBlock, LogCounts]:
+        counts = LogCounts(tells=False)
+        text = "\n".join(lines).encode()
+        return ChunkDecoder(text, ChannelMap({"can0": 0, "can1": 1}), counts).decode(), counts
+
+    block, counts = decoded()
+    monkeypatch.setattr(compiled, "in_use", False)
+    expected, expected_counts = decoded()
+    assert counts == expected_counts
+    assert len(block) > 300
+    assert counts.malformed > 20
+    for name in FrameBlock.__slots__:
+        np.testing.assert_array_equal(getattr(block, name), getattr(expected, name))
 
 
 INS_MESSAGES = (

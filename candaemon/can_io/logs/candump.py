@@ -9,7 +9,7 @@ reading; the bit rate switch is always written, since live CAN FD frames are sen
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -36,6 +36,8 @@ from candaemon.frames.payload_table import TabledPayloads
 from candaemon.frames.times import LATEST_NS
 
 Digits: TypeAlias = npt.NDArray[np.uint16]
+_Fields: TypeAlias = tuple[Integers, Integers, Integers, "Digits | Bytes", Booleans]
+"""Seconds, fraction, identifier, data, and whether all of them are digits, of each line."""
 
 _LINE = re.compile(
     rb"\((?P<seconds>\d{1,10})\.(?P<fraction>\d{1,9})\) +(?P<channel>\S+) +"
@@ -180,23 +182,16 @@ class ChunkDecoder:
 
     def _decode_shape(self, shape: re.Match[bytes], rows: Integers) -> Integers:
         """Decode those of equally long lines that have the shape of the first; return the others."""
-        length = shape.end()
-        lines = self._equally_long(rows, length)
-        alike = _same_between_fields(shape, lines)
+        alike, fields = self._fields(shape, rows)
         others = rows[~alike]
         if len(others):
-            rows, lines = rows[alike], lines[alike]
+            rows = rows[alike]
         name = shape["channel"].decode(errors="replace")
         bus = self._channels.named(name)
         if bus == UNCLAIMED:
             self._counts.note_other_channel(name, len(rows))
             return others
-        text = lines.view(np.uint8).reshape(-1, length)
-        valid = np.ones(len(rows), np.bool_)
-        seconds = _number(text, shape.span("seconds"), 10, valid)
-        fraction = _number(text, shape.span("fraction"), 10, valid)
-        can_id = _number(text, shape.span("id"), 16, valid)
-        data = _data(text, shape, valid)
+        seconds, fraction, can_id, data, valid = fields()
         extended = len(shape["id"]) == 8
         valid &= (seconds <= _LAST_SECOND) & (extended or can_id <= _ID_11)
         if not valid.all():
@@ -217,7 +212,26 @@ class ChunkDecoder:
         self._put_payload(rows, data)
         return others
 
-    def _put_payload(self, rows: Integers, data: Digits) -> None:
+    def _fields(self, shape: re.Match[bytes], rows: Integers) -> tuple[Booleans, Callable[[], _Fields]]:
+        """Return which of equally long lines have the shape of the first, and what reads the fields of those."""
+        length, starts = shape.end(), self._starts[rows]
+        if compiled.in_use:
+            alike, numbers, payload, valid = compiled.kernels.frame_fields(
+                self._text,
+                starts,
+                shape.string[:length],
+                shape.span("seconds"),
+                shape.span("fraction"),
+                shape.span("id"),
+                shape.span("data") if shape["data"] is not None else (length, length),
+            )
+            seconds, fraction, can_id = numbers
+            return alike, lambda: (seconds, fraction, can_id, payload, valid)
+        lines = self._equally_long(rows, length)
+        alike = _same_between_fields(shape, lines)
+        return alike, lambda: _read_fields(shape, lines[alike])
+
+    def _put_payload(self, rows: Integers, data: Digits | Bytes) -> None:
         """Store the data bytes (m, size) of rows, in a wider array from the first long CAN FD frame on."""
         size = data.shape[1]
         if size > self._payload.shape[1]:
@@ -287,6 +301,15 @@ def _same_between_fields(shape: re.Match[bytes], lines: npt.NDArray[np.void]) ->
             )
             alike &= lines.view(between)["text"] == shape.string[begin:end]
     return alike
+
+
+def _read_fields(shape: re.Match[bytes], lines: npt.NDArray[np.void]) -> _Fields:
+    """Return the fields of lines (m,) of a shape; where a character is no digit they are anything, and not valid."""
+    text, valid = lines.view(np.uint8).reshape(-1, shape.end()), np.ones(len(lines), np.bool_)
+    seconds = _number(text, shape.span("seconds"), 10, valid)
+    fraction = _number(text, shape.span("fraction"), 10, valid)
+    can_id = _number(text, shape.span("id"), 16, valid)
+    return seconds, fraction, can_id, _data(text, shape, valid), valid
 
 
 def _number(text: Bytes, span: tuple[int, int], base: int, valid: Booleans) -> Integers:
