@@ -180,13 +180,13 @@ class SensorReader:
         if settings.signals.polar:
             distance, angle = values[rows["range"]], values[rows["azimuth"]]
             place = distance * np.exp(1j * angle)
-            along = np.full(len(distance), noise.range or 0.0)
+            along = np.full(len(distance), np.hypot(noise.range or 0.0, WANDERING))
             across = distance * radians(noise.azimuth_deg or 0.0)
         else:
             place = values[rows["x"]] + 1j * values[rows["y"]]
             unit = place / np.maximum(np.abs(place), 1e-9)
             x, y = noise.x or 0.0, noise.y or 0.0
-            along = np.hypot(x * unit.real, y * unit.imag)
+            along = np.hypot(np.hypot(x * unit.real, y * unit.imag), WANDERING)
             across = np.hypot(x * unit.imag, y * unit.real)
         known = np.where(values == _UNKNOWN, np.nan, values)
         speeds = tuple(
@@ -199,8 +199,9 @@ class SensorReader:
             np.concatenate([each.object_id for each in scans]),
             np.concatenate([each.new for each in scans]),
             place,
-            np.hypot(along, WANDERING),
+            along,
             np.hypot(across, WANDERING),
             speeds,
         )
-        return readings.take(np.abs(place) < _FARTHEST)
+        near = np.abs(place) < _FARTHEST
+        return readings if near.all() else readings.take(near)

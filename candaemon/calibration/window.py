@@ -82,6 +82,20 @@ class StandingReturns:
     along_rows: Floats
     across_rows: Floats
 
+    def take(self, returns: Booleans) -> StandingReturns:
+        """Return some of the returns (k,)."""
+        rows, count = np.flatnonzero(np.repeat(returns, self.count)), self.count[returns]
+        return StandingReturns(
+            self.readings.take(rows),
+            np.concatenate([[0], np.cumsum(count)[:-1]]),
+            count,
+            self.seconds[rows],
+            self.along[rows],
+            self.across[rows],
+            self.along_rows[rows],
+            self.across_rows[rows],
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class StandingResiduals:
@@ -133,7 +147,7 @@ class WindowReader:
             return None
         returns, moments = found
         for speeds in returns.readings.sight_speeds:
-            residual, rows = self._speed_rows(speeds, returns.readings.place, moments, at)
+            residual, rows = self._speed_rows(speeds, returns.readings, moments, at)
             known = np.isfinite(residual)
             residual, rows, noise = residual[known], rows[known], speeds.noise[known]
             _add(information, score, rows, residual, _huber(residual / noise) / noise)
@@ -184,76 +198,83 @@ class WindowReader:
         at: Estimate,
         walk: tuple[float, float] = (0.0, 0.0),
     ) -> tuple[StandingReturns, EgoMoments] | None:
-        """Return the returns that stand, and the ego motion at each of their measurements; None: there are none."""
+        """Return the returns that stand, and the ego motion at each scan; None: there are none."""
         latency, _, scale, bias = at.mean
         moments = path.at(times_ns - latency * 1e9, 1.0 + scale, bias)
         if moments.speed.min(initial=LEAST_SPEED) < LEAST_SPEED:
             return None
-        each = _taken(moments, readings.scan)
         slow = np.abs(readings.place) > _NEAREST
         if self._identified:
             slow &= ~_coasted(readings)
         for speeds in readings.sight_speeds:
-            residual, rows = self._speed_rows(speeds, readings.place, each, at)
+            residual, rows = self._speed_rows(speeds, readings, moments, at)
             slow &= np.abs(residual) < _SLOWEST + _GATE * np.hypot(speeds.noise, _expected(rows, at))
         if np.count_nonzero(slow) < _FEWEST:
             return None
         if not slow.all():
-            readings, each = readings.take(slow), _taken(each, np.flatnonzero(slow))
-        return self._tracked(readings, each, at, walk)
+            readings = readings.take(np.flatnonzero(slow))
+        found = self._tracked(readings, moments, at, walk)
+        return None if found is None else (found, moments)
 
     def _tracked(
         self, readings: Readings, moments: EgoMoments, at: Estimate, walk: tuple[float, float]
-    ) -> tuple[StandingReturns, EgoMoments] | None:
+    ) -> StandingReturns | None:
         """Return the measurements by what they are of, without what drifts more than any estimate explains."""
-        place = moments.position + moments.ahead * self._seen(readings.place, at)
-        track = self._by_identity(readings, moments, place) if self._identified else _by_place(readings, place)
-        order = np.lexsort((readings.scan, track))
-        track = track[order]
+        scan = readings.scan
+        seen = self._seen(readings.place, at)
+        place = moments.position[scan] + moments.ahead[scan] * seen
+        if self._identified:
+            order, track = self._by_identity(readings, moments.since, place)
+        else:
+            track = _by_place(readings, place)
+            order = np.lexsort((scan, track))
+            track = track[order]
         bounds = np.flatnonzero(np.diff(track, prepend=-1))
         counts = np.diff(bounds, append=len(track))
-        seconds = moments.since[order]
+        seconds = moments.since[scan[order]]
         length = seconds[bounds + counts - 1] - seconds[bounds]
-        window = np.ptp(moments.since) if len(seconds) else 0.0
+        window = np.ptp(seconds) if len(seconds) else 0.0
         kept = (counts >= _FEWEST) & (length >= _SHARE * window)
         if not kept.any():
             return None
         rows = order[np.repeat(kept, counts)]
-        returns, moments = self._returns(readings.take(rows), _taken(moments, rows), counts[kept], at)
+        returns = self._returns(readings.take(rows), seen[rows], moments, counts[kept])
         still = _stands(returns, at, walk)
         if not still.any():
             return None
-        if still.all():
-            return returns, moments
-        rows = np.flatnonzero(np.repeat(still, returns.count))
-        return self._returns(returns.readings.take(rows), _taken(moments, rows), returns.count[still], at)
+        return returns if still.all() else returns.take(still)
 
     def _returns(
-        self, readings: Readings, moments: EgoMoments, counts: Integers, at: Estimate
-    ) -> tuple[StandingReturns, EgoMoments]:
-        """Return residuals and derivatives of the places, less their means over each return."""
-        ahead, seen = moments.ahead, self._seen(readings.place, at)
-        offset = ahead * seen
-        turned = 1j * ahead * (seen - self._mount)
-        place = moments.position + offset
+        self, readings: Readings, seen: ComplexPlane, moments: EgoMoments, counts: Integers
+    ) -> StandingReturns:
+        """Return residuals and derivatives of the places, less their means over each return.
+
+        Args:
+            readings: sorted by return (n,).
+            seen: their places in vehicle axes (n,).
+            moments: at each scan.
+            counts: measurements of each return (k,).
+        """
+        scan, ahead = readings.scan, moments.ahead
+        offset = ahead[scan] * seen
+        turned = (1j * ahead)[scan] * (seen - self._mount)
+        place = moments.position[scan] + offset
         rows = np.empty((len(place), ALL_COLUMNS), np.complex128)
-        rows[:, LATENCY] = -(moments.speed * ahead + 1j * moments.turn * offset)
+        rows[:, LATENCY] = -((moments.speed * ahead)[scan] + (1j * moments.turn)[scan] * offset)
         rows[:, YAW] = turned
-        rows[:, SCALE] = moments.per_scale
-        rows[:, OFFSET] = moments.per_offset
+        rows[:, SCALE] = moments.per_scale[scan]
+        rows[:, OFFSET] = moments.per_offset[scan]
         rows[:, SIGHT] = 0.0
-        rows[:, BIAS] = moments.per_bias - 1j * moments.since * offset
+        rows[:, BIAS] = moments.per_bias[scan] - (1j * moments.since)[scan] * offset
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-        sight = turned / np.maximum(np.abs(turned), 1e-9) / 1j
-        sight = np.repeat(sight[first + counts // 2], counts).conj()
+        sight = turned[first + counts // 2]
+        sight = np.repeat((sight / np.maximum(np.abs(sight), 1e-9) / 1j).conj(), counts)
         place, rows = sight * place, sight[:, None] * rows
         place -= np.repeat(np.add.reduceat(place, first) / counts, counts)
         rows -= np.repeat(np.add.reduceat(rows, first) / counts[:, None], counts, axis=0)
-        return (
-            StandingReturns(
-                readings, first, counts, moments.since, -place.real, -place.imag, rows.real.copy(), rows.imag.copy()
-            ),
-            moments,
+        seconds = moments.since[scan]
+        return StandingReturns(
+            readings, first, counts, seconds, -place.real, -place.imag, rows.real.copy(), rows.imag.copy()
         )
 
     def _seen(self, place: ComplexPlane, at: Estimate) -> ComplexPlane:
@@ -261,23 +282,31 @@ class WindowReader:
         return np.asarray(self._mount + np.exp(1j * (self._yaw + at.mean[YAW])) * place)
 
     def _speed_rows(
-        self, speeds: Speeds, place: ComplexPlane, moments: EgoMoments, at: Estimate
+        self, speeds: Speeds, readings: Readings, moments: EgoMoments, at: Estimate
     ) -> tuple[Floats, Floats]:
-        """Return by how much measured speeds differ from those of what stands (n,), and these' derivatives (n, 6)."""
+        """Return by how much measured speeds differ from those of what stands (n,), and these' derivatives (n, 6).
+
+        Args:
+            speeds: of the readings (n,).
+            readings: n of them.
+            moments: at each scan.
+            at: the estimate.
+        """
+        place, scan = readings.place, readings.scan
         turn = np.exp(1j * (self._yaw + at.mean[YAW]))
         own = (moments.speed + 1j * moments.turn * self._mount) / turn  # the sensor's velocity in its own axes
         change = (moments.acceleration + 1j * moments.turn_change * self._mount) / turn
-        expected = -own
-        rows = np.empty((len(place), ALL_COLUMNS), np.complex128)
+        rows = np.empty((len(own), ALL_COLUMNS), np.complex128)
         rows[:, LATENCY] = change
         rows[:, YAW] = 1j * own
         rows[:, SCALE] = -moments.speed / (1.0 + at.mean[SCALE]) / turn
         rows[:, BIAS] = 1j * self._mount / turn
         rows[:, OFFSET] = -1.0 / turn
         rows[:, SIGHT] = rows[:, YAW]
+        expected, rows = -own[scan], rows[scan]
         if self._turning and speeds.name != "range_rate":
-            expected = expected - 1j * moments.turn * place
-            rows[:, LATENCY] += 1j * moments.turn_change * place
+            expected = expected - (1j * moments.turn)[scan] * place
+            rows[:, LATENCY] += (1j * moments.turn_change)[scan] * place
             rows[:, BIAS] += 1j * place
         unit: ComplexPlane = np.full(len(place), 1j if speeds.name == "vy" else 1.0 + 0j)
         if speeds.name == "range_rate":
@@ -287,7 +316,7 @@ class WindowReader:
 
     def _speed_residuals(self, readings: Readings, moments: EgoMoments, at: Estimate) -> dict[str, Floats]:
         """Return the residuals of each measured speed (n,), without what all returns of a scan share by own turning."""
-        found = {each.name: self._speed_rows(each, readings.place, moments, at) for each in readings.speeds}
+        found = {each.name: self._speed_rows(each, readings, moments, at) for each in readings.speeds}
         residuals = {name: residual for name, (residual, _) in found.items()}
         turned = [each for each in readings.speeds if self._turning and each.name != "range_rate"]
         shared = [(residuals[each.name], found[each.name][1][:, BIAS], each.noise) for each in turned]
@@ -295,17 +324,24 @@ class WindowReader:
             zip((each.name for each in turned), _without_shared(shared, readings.scan), strict=True)
         )
 
-    def _by_identity(self, readings: Readings, moments: EgoMoments, place: ComplexPlane) -> Integers:
-        """Return the number of the return that each measurement is of, by the sensor's ids and where they jump."""
+    def _by_identity(self, readings: Readings, since: Floats, place: ComplexPlane) -> tuple[Indices, Integers]:
+        """Return which measurements are of one return, by the sensor's ids and where they jump.
+
+        Args:
+            readings: n of them.
+            since: time of each scan, s.
+            place: of the measurements over ground (n,).
+
+        Returns:
+            Rows of the measurements, sorted by return and scan (n,), and the number of the return of each of these.
+        """
         order = np.lexsort((readings.scan, readings.object_id))
         key = readings.object_id[order]
-        breaks = np.ones(len(order), dtype=np.bool_)
+        breaks = np.zeros(len(order), dtype=np.bool_)
         breaks[1:] = (key[1:] != key[:-1]) | readings.new[order][1:]
         breaks[1:] |= np.abs(np.diff(place[order])) > _JUMP
-        breaks[1:] |= np.diff(moments.since[order]) > self._longest_gap
-        track = np.empty(len(order), np.int64)
-        track[order] = np.cumsum(breaks) - 1
-        return track
+        breaks[1:] |= np.diff(since[readings.scan[order]]) > self._longest_gap
+        return order, np.cumsum(breaks)
 
 
 def _without_shared(parts: Sequence[tuple[Floats, Floats, Floats]], scan: Indices) -> list[Floats]:
@@ -390,7 +426,7 @@ def _stands(returns: StandingReturns, at: Estimate, walk: tuple[float, float]) -
         (returns.across, returns.across_rows, returns.readings.across, walk[1]),
     ):
         drift = np.add.reduceat(seconds * residual, returns.first) / swept
-        per = np.add.reduceat(seconds[:, None] * rows, returns.first) / swept[:, None]
+        per = np.add.reduceat(seconds[:, None] * rows[:, :COUNT], returns.first) / swept[:, None]
         error = np.hypot(_means(noise, returns) / np.sqrt(swept), _expected(per, at))
         error = np.hypot(error, np.sqrt(1.2 * density / length))
         stands &= np.abs(drift) < _SLOWEST + _GATE * error
@@ -423,8 +459,3 @@ def _add(information: Floats, score: Floats, rows: Floats, residual: Floats, wei
     weighted = rows * weight[:, None]
     information += weighted.T @ weighted
     score += weighted.T @ (residual * weight)
-
-
-def _taken(moments: EgoMoments, rows: Integers) -> EgoMoments:
-    """Return the motion at some of the instants."""
-    return EgoMoments(*(getattr(moments, name)[rows] for name in EgoMoments.__slots__))
