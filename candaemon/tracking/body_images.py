@@ -17,6 +17,7 @@ from candaemon.tracking.reflections import to_travel_axes
 _PLACE = 3.0  # m between an image and where it should be
 _SPEED = 1.5  # m/s, likewise along the course or the line of sight; what stands is slower
 _ACROSS = 4.0  # m/s across it, which is known worst
+_DEVIATIONS = 2.0  # standard deviations of a velocity by which it may differ beyond that: of what is young, many m/s
 _MOVES = 4.0  # m/s; slower, its image is not told from what is there
 _SPACING = 4.0  # m between the standing things of a row
 _DEPTH = 1.2  # m, how exactly they lie in the middle
@@ -35,24 +36,42 @@ def images(bodies: Bodies, candidates: Indices, detections: Detections) -> Boole
     sources = np.setdiff1d(sources, candidates)
     if not len(sources):
         return np.zeros(len(candidates), dtype=np.bool_)
-    found = _doubled(shown, candidates, sources, detections) | _mirrored(bodies, candidates, sources, detections)
+    found = _doubled(bodies, candidates, sources, detections) | _mirrored(bodies, candidates, sources, detections)
     return np.asarray(found.any(axis=1))
 
 
-def _doubled(shown: Floats, candidates: Indices, sources: Indices, detections: Detections) -> Booleans:
+def _doubled(bodies: Bodies, candidates: Indices, sources: Indices, detections: Detections) -> Booleans:
     """Return which candidates are at twice the distance of which sources, twice as fast relative to the sensor.
 
     Of what is hardly faster than the sensor it cannot be told: vehicles of a convoy are like this.
     """
-    sensor = detections.measurement
-    relative = shown - np.concatenate([sensor.origin, sensor.velocity])
+    sensor, moments = detections.measurement, bodies.moments()
+    relative = moments.shown - np.concatenate([sensor.origin, sensor.velocity])
     place, velocity = relative[:, :2], relative[:, VELOCITY]
     sight = place[sources] / np.maximum(np.linalg.norm(place[sources], axis=1), 1.0)[:, None]
     nearing = np.abs((velocity[sources] * sight).sum(axis=1)) > _SPEED
     apart = place[candidates, None] - 2 * place[sources]
-    faster = to_travel_axes(velocity[candidates, None] - 2 * velocity[sources], sight)
     near = (np.hypot(apart[..., 0], apart[..., 1]) < _PLACE) & nearing
-    return np.asarray(near & (np.abs(faster[..., 0]) < _SPEED) & (np.abs(faster[..., 1]) < 2 * _ACROSS))
+    spread = moments.shown_covariance[:, VELOCITY, VELOCITY]
+    faster = velocity[candidates, None] - 2 * velocity[sources]
+    return near & _as_fast(faster, spread[candidates, None] + 4 * spread[sources], sight, 2 * _ACROSS)
+
+
+def _as_fast(faster: Floats, spread: Floats, axis: Floats, across: float) -> Booleans:
+    """Return which of m candidates and s sources move alike, as far as their velocities are known.
+
+    Args:
+        faster: differences of velocity (m, s, 2), local frame, m/s.
+        spread: their covariances (m, s, 2, 2).
+        axis: unit vectors (s, 2), along which they may differ least.
+        across: by how much they may differ across it, m/s.
+    """
+    alike = np.ones(faster.shape[:2], dtype=np.bool_)
+    for direction, most in ((axis, _SPEED), (np.stack([-axis[:, 1], axis[:, 0]], axis=1), across)):
+        variance = np.einsum("si,msij,sj->ms", direction, spread, direction)
+        differs = (faster * direction).sum(axis=2)
+        alike &= differs * differs < most * most + _DEVIATIONS**2 * variance
+    return alike
 
 
 def _mirrored(bodies: Bodies, candidates: Indices, sources: Indices, detections: Detections) -> Booleans:
@@ -60,12 +79,13 @@ def _mirrored(bodies: Bodies, candidates: Indices, sources: Indices, detections:
     shown, axis = bodies.moments().shown, bodies.obstacles.axis[sources]
     standing = shown[np.hypot(shown[:, 2], shown[:, 3]) < _SPEED, :2]
     apart = to_travel_axes(shown[candidates, None, :2] - shown[sources, :2], axis)
-    faster = np.abs(to_travel_axes(shown[candidates, None, 2:4] - shown[sources, 2:4], axis))
+    spread = bodies.moments().shown_covariance[:, VELOCITY, VELOCITY]
+    faster = shown[candidates, None, VELOCITY] - shown[sources, VELOCITY]
     us = to_travel_axes(detections.measurement.origin - shown[sources, :2], axis)[:, 1]
     beyond = (apart[..., 1] - us) * (apart[..., 1] / 2 - us) > (apart[..., 1] / 2 - us) ** 2
     centre = to_travel_axes(bodies.obstacles.facing[sources], axis)[:, 0]  # an image is of any part of the vehicle
     along = np.abs(apart[..., 0] + centre) - 0.5 * bodies.obstacles.length[sources]
-    alike = (along < _PLACE) & (faster[..., 0] < _SPEED) & (faster[..., 1] < _ACROSS) & beyond
+    alike = (along < _PLACE) & beyond & _as_fast(faster, spread[candidates, None] + spread[sources], axis, _ACROSS)
     alike &= np.abs(apart[..., 1]) > 2 * _DEPTH
     for i, j in np.argwhere(alike):
         middle = (shown[candidates[i], :2] + shown[sources[j], :2]) / 2

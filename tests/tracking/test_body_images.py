@@ -22,6 +22,7 @@ def _states(
     rail: bool = True,
     cycles: int = 30,
     length: float = 4.5,
+    strays: float = 0.0,
 ) -> list[int]:
     """Return the state that another object had in each cycle beside a car 20 m ahead; we drive 20 m/s.
 
@@ -31,6 +32,7 @@ def _states(
         rail: whether posts of a guard rail stand beside.
         cycles: how many.
         length: of the car, m.
+        strays: speed with which the other one's place errs to the left for its first five scans, m/s.
     """
     settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}, "lifecycle": {"confirm": 4}})
     tracker, states = VehicleTracker(settings, {}), []
@@ -39,7 +41,8 @@ def _states(
         seen = [Seen(1, 30.0 + speed * time, 2.0, speed)]
         seen += [Seen(10 + i, 20.0 + 4.0 * i, RAIL) for i in range(24 if rail else 0)]
         if k >= 8:
-            seen.append(Seen(2, other[0] + other[2] * (time - 8 * CYCLE), other[1], other[2]))
+            astray = strays * CYCLE * min(k - 8, 4)
+            seen.append(Seen(2, other[0] + other[2] * (time - 8 * CYCLE), other[1] + astray, other[2]))
         at = pose(time, east=20.0 * time, ve=20.0)
         scan = detections(at, seen, sensor=0, noise=(0.2, 0.2, 0.1))
         lengths = np.array([length if each.key == 1 else np.nan for each in seen])
@@ -58,6 +61,11 @@ MIRRORED = (30.0 + 15.0 * AT_8, 2 * RAIL - 2.0, 15.0)
 @pytest.mark.parametrize("other", [ECHO, MIRRORED], ids=["doubled", "mirrored"])
 def test_an_image_is_not_confirmed(other: tuple[float, float, float]) -> None:
     assert set(_states(other)) == {TENTATIVE}
+
+
+def test_an_image_whose_velocity_is_not_known_yet_is_not_confirmed() -> None:
+    """An error of its place that lasts for some scans looks like six metres a second, give or take two."""
+    assert set(_states(MIRRORED, strays=6.0)) == {TENTATIVE}
 
 
 def test_an_image_is_of_any_part_of_a_lorry() -> None:
