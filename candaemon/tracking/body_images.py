@@ -11,6 +11,7 @@ import numpy as np
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.body_filter import VELOCITY
 from candaemon.radar.detections import Detections
+from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import to_travel_axes
 
@@ -19,6 +20,7 @@ _SPEED = 1.5  # m/s, likewise along the course or the line of sight; what stands
 _ACROSS = 4.0  # m/s across it, which is known worst
 _DEVIATIONS = 2.0  # standard deviations of a velocity by which it may differ beyond that: of what is young, many m/s
 _MOVES = 4.0  # m/s; slower, its image is not told from what is there
+_STANDS = 0.5  # probability of standing; what is at twice the distance of what stands comes as fast as what is met
 _SPACING = 4.0  # m between the standing things of a row
 _DEPTH = 1.2  # m, how exactly they lie in the middle
 
@@ -32,12 +34,16 @@ def images(bodies: Bodies, candidates: Indices, detections: Detections) -> Boole
         detections: a scan of the sensor that would see the images.
     """
     shown = bodies.moments().shown
-    sources = np.flatnonzero(bodies.obstacles.confirmed & (np.hypot(shown[:, 2], shown[:, 3]) > _MOVES))
-    sources = np.setdiff1d(sources, candidates)
-    if not len(sources):
-        return np.zeros(len(candidates), dtype=np.bool_)
-    found = _doubled(bodies, candidates, sources, detections) | _mirrored(bodies, candidates, sources, detections)
-    return np.asarray(found.any(axis=1))
+    others = bodies.obstacles.confirmed.copy()
+    others[candidates] = False
+    moving = np.flatnonzero(others & (bodies.filter.probability[:, STANDING] < _STANDS))
+    fast = np.flatnonzero(others & (np.hypot(shown[:, 2], shown[:, 3]) > _MOVES))
+    found = np.zeros(len(candidates), dtype=np.bool_)
+    if len(moving):
+        found |= _doubled(bodies, candidates, moving, detections).any(axis=1)
+    if len(fast):
+        found |= _mirrored(bodies, candidates, fast, detections).any(axis=1)
+    return found
 
 
 def _doubled(bodies: Bodies, candidates: Indices, sources: Indices, detections: Detections) -> Booleans:

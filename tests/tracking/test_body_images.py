@@ -75,6 +75,14 @@ def test_an_image_is_of_any_part_of_a_lorry() -> None:
     assert _states(middle, length=4.0)[-1] == CONFIRMED
 
 
+@pytest.mark.parametrize(("speed", "last"), [(1.4, TENTATIVE), (0.0, CONFIRMED)], ids=["walks", "stands"])
+def test_a_walker_has_an_image_at_twice_the_distance_and_a_post_has_none(speed: float, last: int) -> None:
+    """What comes as fast as we go is met more often than it is the image of something that stands."""
+    away = 30.0 - (20.0 - speed) * AT_8
+    echo = (20.0 * AT_8 + 2 * away, 4.0, 2 * speed - 20.0)
+    assert _states(echo, speed=speed, rail=False, cycles=20)[-1] == last
+
+
 @pytest.mark.parametrize(
     ("other", "rail"),
     [(MIRRORED, False), ((ECHO[0], 4.0, 15.0), True), ((MIRRORED[0], MIRRORED[1], 19.0), True)],
