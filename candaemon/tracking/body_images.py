@@ -82,15 +82,18 @@ def _as_fast(faster: Floats, spread: Floats, axis: Floats, across: float) -> Boo
 
 def _mirrored(bodies: Bodies, candidates: Indices, sources: Indices, detections: Detections) -> Booleans:
     """Return which candidates are beside which sources, as fast, with something standing in the middle between."""
-    shown, axis = bodies.moments().shown, bodies.obstacles.axis[sources]
+    obstacles, shown = bodies.obstacles, bodies.moments().shown
+    axis = obstacles.axis[sources]
     standing = shown[np.hypot(shown[:, 2], shown[:, 3]) < _SPEED, :2]
     apart = to_travel_axes(shown[candidates, None, :2] - shown[sources, :2], axis)
     spread = bodies.moments().shown_covariance[:, VELOCITY, VELOCITY]
     faster = shown[candidates, None, VELOCITY] - shown[sources, VELOCITY]
     us = to_travel_axes(detections.measurement.origin - shown[sources, :2], axis)[:, 1]
     beyond = (apart[..., 1] - us) * (apart[..., 1] / 2 - us) > (apart[..., 1] / 2 - us) ** 2
-    centre = to_travel_axes(bodies.obstacles.facing[sources], axis)[:, 0]  # an image is of any part of the vehicle
-    along = np.abs(apart[..., 0] + centre) - 0.5 * bodies.obstacles.length[sources]
+    # an image is of any part of the vehicle, which may be longer than is known
+    centre = to_travel_axes(obstacles.facing[sources], axis)[:, 0]
+    longest = obstacles.length[sources] + np.sqrt(obstacles.length_variance[sources])
+    along = np.abs(apart[..., 0] + centre) - 0.5 * longest
     alike = (along < _PLACE) & beyond & _as_fast(faster, spread[candidates, None] + spread[sources], axis, _ACROSS)
     alike &= np.abs(apart[..., 1]) > 2 * _DEPTH
     for i, j in np.argwhere(alike):

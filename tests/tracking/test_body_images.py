@@ -75,6 +75,12 @@ def test_an_image_is_of_any_part_of_a_lorry() -> None:
     assert _states(middle, length=4.0)[-1] == CONFIRMED
 
 
+def test_of_a_vehicle_of_unknown_length_the_middle_may_be_farther_ahead() -> None:
+    middle = (MIRRORED[0] + 8.0, *MIRRORED[1:])
+    assert set(_states(middle, length=np.nan)) == {TENTATIVE}
+    assert _states(middle, length=4.0)[-1] == CONFIRMED
+
+
 @pytest.mark.parametrize(("speed", "last"), [(1.4, TENTATIVE), (0.0, CONFIRMED)], ids=["walks", "stands"])
 def test_a_walker_has_an_image_at_twice_the_distance_and_a_post_has_none(speed: float, last: int) -> None:
     """What comes as fast as we go is met more often than it is the image of something that stands."""
