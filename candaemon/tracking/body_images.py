@@ -21,6 +21,7 @@ _ACROSS = 4.0  # m/s across it, which is known worst
 _DEVIATIONS = 2.0  # standard deviations of a velocity by which it may differ beyond that: of what is young, many m/s
 _MOVES = 4.0  # m/s; slower, its image is not told from what is there
 _STANDS = 0.5  # probability of standing; what is at twice the distance of what stands comes as fast as what is met
+_BRIEF = 1.0  # s, for which what a vehicle of the sensor's speed hides may be its echo
 _SPACING = 4.0  # m between the standing things of a row
 _DEPTH = 1.2  # m, how exactly they lie in the middle
 
@@ -49,7 +50,8 @@ def images(bodies: Bodies, candidates: Indices, detections: Detections) -> Boole
 def _doubled(bodies: Bodies, candidates: Indices, sources: Indices, detections: Detections) -> Booleans:
     """Return which candidates are at twice the distance of which sources, twice as fast relative to the sensor.
 
-    Of what is hardly faster than the sensor it cannot be told: vehicles of a convoy are like this.
+    Of what is hardly faster than the sensor that tells little: vehicles of a convoy are like this. There only what the
+    source hides is held, and not for long: an echo seldom lasts.
     """
     sensor, moments = detections.measurement, bodies.moments()
     relative = moments.shown - np.concatenate([sensor.origin, sensor.velocity])
@@ -57,10 +59,14 @@ def _doubled(bodies: Bodies, candidates: Indices, sources: Indices, detections: 
     sight = place[sources] / np.maximum(np.linalg.norm(place[sources], axis=1), 1.0)[:, None]
     nearing = np.abs((velocity[sources] * sight).sum(axis=1)) > _SPEED
     apart = place[candidates, None] - 2 * place[sources]
-    near = (np.hypot(apart[..., 0], apart[..., 1]) < _PLACE) & nearing
+    age = (detections.time_ns - bodies.obstacles.first_ns[candidates]) * 1e-9
+    # the shadow is twice as wide where it is twice as far
+    hidden = np.abs(to_travel_axes(apart, sight)[..., 1]) < bodies.obstacles.width[sources]
+    near = (np.hypot(apart[..., 0], apart[..., 1]) < _PLACE) & (nearing | (hidden & (age[:, None] < _BRIEF)))
     spread = moments.shown_covariance[:, VELOCITY, VELOCITY]
     faster = velocity[candidates, None] - 2 * velocity[sources]
-    return near & _as_fast(faster, spread[candidates, None] + 4 * spread[sources], sight, 2 * _ACROSS)
+    near &= _as_fast(faster, spread[candidates, None] + 4 * spread[sources], sight, 2 * _ACROSS)
+    return np.asarray(near)
 
 
 def _as_fast(faster: Floats, spread: Floats, axis: Floats, across: float) -> Booleans:

@@ -104,5 +104,12 @@ def test_a_vehicle_that_stays_where_an_image_would_be_is_confirmed_at_last() -> 
     assert states[-1] == CONFIRMED
 
 
+@pytest.mark.parametrize(("beside", "held"), [(0.0, 20), (2.5, 0)], ids=["in its shadow", "beside its shadow"])
+def test_what_a_vehicle_of_our_speed_hides_is_held_for_a_second(beside: float, held: int) -> None:
+    states = _states((20.0 * AT_8 + 60.0, 4.0 + beside, 20.0), speed=20.0)
+    assert states.index(CONFIRMED) >= held
+    assert held or states.index(CONFIRMED) < 6
+
+
 def test_of_a_convoy_none_is_held_for_an_image_of_another() -> None:
     assert _states((20.0 * AT_8 + 60.0, 4.0, 20.0), speed=20.0)[-1] == CONFIRMED
