@@ -1736,11 +1736,11 @@ def mix_bodies(
 ):
     """Mix the modes of bodies (8, M, n) and (8, 8, M, n) in place; return the predicted probabilities (M, n).
 
-    A mode is left with a probability (M, 1), for the others by their dwell (M, 1), whose sum is given, too (M, 1). The
-    modes that stand have the least probability where all that move (M, 1) are faster than stoppable.
+    A mode is left with a probability (M, 1), for the others by their dwell (M, 1), whose sum is given, too (M, 1). No
+    mode is left for those that stand where all that move (M, 1) are faster than stoppable.
     """
     cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, i, a, b, l
-    cdef double share, kept, pull, slowest, speed, total
+    cdef double share, kept, pull, slowest, speed, stays, total
     cdef double filled[16][LANES]
     cdef double own[16][LANES]
     cdef double pooled[16][LANES]
@@ -1816,7 +1816,11 @@ def mix_bodies(
                         slowest = speed
             for i in range(m):
                 if moves[i, 0] == 0.0 and slowest > stoppable:
-                    predicted[i, t] = least
+                    stays = (1.0 - leave[i, 0]) * probability[i, t]
+                    if not stays > least:
+                        stays = least
+                    if stays < predicted[i, t]:
+                        predicted[i, t] = stays
             total = predicted[0, t]
             for i in range(1, m):
                 total = total + predicted[i, t]

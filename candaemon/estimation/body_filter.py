@@ -331,19 +331,23 @@ class BodyFilter:
         covariance += np.multiply(pooled, pool[:, :, None], out=self._room(covariance.shape))
         covariance -= self._outer(mean, mean)
         mean += origin
-        self._keep_moving(mean, predicted)
+        self._keep_moving(mean, predicted, (1.0 - leave) * prior)
         self._state.probability = predicted.T
 
-    def _keep_moving(self, mean: Floats, probability: Floats) -> None:
+    def _keep_moving(self, mean: Floats, probability: Floats, stays: Floats) -> None:
         """Let what moves fast not stand at the next moment: unseen, it would seem to slow down without a reason.
+
+        What stands so far may go on to: a noisy place makes the modes that move fast, which says nothing against it.
 
         Args:
             mean: (8, M, n).
             probability: of the modes (M, n), changed.
+            stays: probability with which each mode was there before, and is not left (M, n).
         """
         speed = _speed(mean).min(axis=0, where=self._moves > 0.0, initial=np.inf)
         stands = (self._moves == 0.0) & (speed > _STOPPABLE)
-        probability[...] = np.where(stands, _LEAST_PROBABILITY, probability)
+        most = np.where(stands, np.maximum(stays, _LEAST_PROBABILITY), np.inf)
+        np.minimum(probability, most, out=probability)
         probability /= _total(probability)
 
     def _outer(self, left: Floats, right: Floats) -> Floats:

@@ -433,6 +433,19 @@ def test_what_a_body_does_shows_in_the_modes() -> None:
     assert mean[0, 2] == pytest.approx(speed, abs=0.3)
 
 
+@pytest.mark.parametrize(("stood", "stands"), [(0.9, 0.8), (0.0, 0.0)], ids=["stood", "moved"])
+def test_that_it_would_move_fast_does_not_tell_that_it_moves(stood: float, stands: float) -> None:
+    """A noisy place makes the modes that move fast; nothing comes to stand from there, what stands may go on to."""
+    bodies = first_seen(1, np.random.default_rng(1))
+    moves = np.array([mode.moves for mode in MODES])
+    bodies.state.mean[:, moves, 3] = 5.0
+    probability = np.where(moves, (1.0 - stood) / np.count_nonzero(moves), stood)[None]
+    bodies.state = replace(bodies.state, probability=probability)
+    for _ in range(5):
+        bodies.predict(0.05, np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.zeros(1), np.ones(1))
+    assert bodies.probability[0, STANDING] == pytest.approx(stands, abs=0.1 if stood else 1e-5)
+
+
 def test_what_is_reported_is_the_motion_of_the_reference_point() -> None:
     bodies = spawned((DRIVING,), 5, 17)
     mean, covariance = bodies.combined()
