@@ -202,3 +202,21 @@ def test_what_was_learnt_of_a_sensor_goes_to_its_other_number() -> None:
     assert learnt.expected.sum() > 20
     tracker.renumber_sensors({0: 3})
     assert tracker.state.visibility.sensors == {3: learnt}
+
+
+def test_what_stands_beside_the_way_of_a_lost_runner_is_somebody_else() -> None:
+    """Places of one body's reflections differ by metres, their speeds do not."""
+    settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}, "lifecycle": {"confirm": 4}})
+    tracker = VehicleTracker(settings, {})
+    ids: dict[int, int] = {}
+    for k in range(90):
+        time, seen = k * CYCLE, []
+        if k < 60:
+            seen.append(Seen(1, 50.0 + 3.0 * time, 2.0, 3.0))
+        elif k >= 66:
+            seen.append(Seen(2, 61.5, 3.2))
+        at = pose(time, east=5.0 * time, ve=5.0)
+        obstacles = tracker.step(detections(at, seen, sensor=0, noise=(0.1, 0.1, 0.1)), at)
+        ids |= dict(zip(obstacles.used_object.tolist(), obstacles.id[obstacles.used_row].tolist(), strict=True))
+    assert obstacles.state[obstacles.id == ids[2]] == [CONFIRMED]
+    assert ids[1] != ids[2]
