@@ -559,7 +559,8 @@ class VehicleTracker:
         """Return those of some young obstacles that are held for images of others, for a while: they may be real."""
         age = (self._state.time_ns - self._bodies.obstacles.first_ns[candidates]) * 1e-9
         young = candidates[age < self.settings.lifecycle.image]
-        return young[images(self._bodies, young, detections)]
+        returns = np.asarray(np.isfinite(self._continuations(young)[1]).any(axis=1))
+        return young[images(self._bodies, young, detections, returns)]
 
     def _ended_by_hits(self, pose: EgoPose) -> Booleans | None:
         """Return which obstacles not detected are to be deleted, by the time without a detection; None: none is."""
@@ -621,12 +622,27 @@ class VehicleTracker:
         Returns:
             Which obstacles are continued by another one (k,).
         """
+        ended = np.zeros(len(self), dtype=np.bool_)
+        lost, cost = self._continuations(young)
+        while np.isfinite(cost).any():
+            i, j = np.unravel_index(int(cost.argmin()), cost.shape)
+            self._bodies.take_up(int(young[i]), int(lost[j]))
+            ended[lost[j]] = True
+            cost[i], cost[:, j] = np.inf, np.inf
+        return ended
+
+    def _continuations(self, young: Indices) -> tuple[Indices, Floats]:
+        """Return rows of obstacles lost sight of (n,), and how unlike them young ones are (m, n), infinite: not one.
+
+        Args:
+            young: rows of others (m,).
+        """
         bodies = self._bodies
-        obstacles, ended = bodies.obstacles, np.zeros(len(self), dtype=np.bool_)
+        obstacles = bodies.obstacles
         away = (self._state.time_ns - obstacles.last_ns) * 1e-9 > self.settings.reflections.patience
         lost = np.flatnonzero(obstacles.confirmed & away)
         if not len(young) or not len(lost):
-            return ended
+            return lost, np.full((len(young), len(lost)), np.inf)
         moments = bodies.moments()
         apart = moments.shown[young, None] - moments.shown[lost]
         spread = moments.shown_covariance[young, None] + moments.shown_covariance[lost] + np.diag(_ALIKE)
@@ -634,13 +650,7 @@ class VehicleTracker:
         later = obstacles.first_ns[young, None] > obstacles.last_ns[lost] - int(_OVERLAP * 1e9)
         possible = later & (distance < self.settings.association.gate)
         possible &= np.hypot(apart[..., 0], apart[..., 1]) < _FARTHEST
-        cost = np.where(possible, distance, np.inf)
-        while np.isfinite(cost).any():
-            i, j = np.unravel_index(int(cost.argmin()), cost.shape)
-            bodies.take_up(int(young[i]), int(lost[j]))
-            ended[lost[j]] = True
-            cost[i], cost[:, j] = np.inf, np.inf
-        return ended
+        return lost, np.where(possible, distance, np.inf)
 
     def _in_view(self, pose: EgoPose) -> Booleans:
         """Return of which obstacles a part lies within some sensor's field of view: the reference point, or an end."""

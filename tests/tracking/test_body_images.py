@@ -113,3 +113,22 @@ def test_what_a_vehicle_of_our_speed_hides_is_held_for_a_second(beside: float, h
 
 def test_of_a_convoy_none_is_held_for_an_image_of_another() -> None:
     assert _states((20.0 * AT_8 + 60.0, 4.0, 20.0), speed=20.0)[-1] == CONFIRMED
+
+
+def test_one_of_a_convoy_that_was_lost_sight_of_comes_back_at_once() -> None:
+    """Where it drove, it is no echo of the vehicle ahead of it, though that hides it at just half the distance."""
+    settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}, "lifecycle": {"confirm": 4}})
+    tracker = VehicleTracker(settings, {})
+    told: dict[tuple[int, int], tuple[int, int]] = {}
+    for k in range(50):
+        own = 20.0 * k * CYCLE
+        seen = [Seen(1, own + 30.0, 2.0, 20.0)]
+        if not 30 <= k < 42:
+            seen.append(Seen(2, own + 60.0, 4.0, 20.0) if k < 30 else Seen(3, own + 58.0, 2.4, 18.7))
+        at = pose(k * CYCLE, east=own, ve=20.0)
+        obstacles = tracker.step(detections(at, seen, sensor=0, noise=(0.2, 0.2, 0.1)), at)
+        told |= {
+            (k, key): (int(obstacles.id[row]), int(obstacles.state[row]))
+            for key, row in zip(obstacles.used_object.tolist(), obstacles.used_row.tolist(), strict=True)
+        }
+    assert told[49, 3] == told[29, 2]
