@@ -125,9 +125,10 @@ def _pair_cycle(pairing: Pairing, cycle: MatchedCycle, previous: dict[int, int])
     """Note one cycle's pairs; return the track's id of each actor that has one."""
     tracks, gate, mine = pairing.tracks, pairing.options.gate, cycle.tracks
     actor, track = pairing.truth.id[cycle.actors], tracks.id[mine]
-    rows, columns = assign(cycle.distance, actor, track, previous, gate, cycle.still_distance)
-    pairing.partner[cycle.actors[rows]] = mine[columns]
     nearest = cycle.outside.min(axis=0, initial=np.inf)
+    most = np.where(cycle.outside > nearest, 0.0, cycle.still_distance)
+    rows, columns = assign(cycle.distance, actor, track, previous, gate, most)
+    pairing.partner[cycle.actors[rows]] = mine[columns]
     pairing.confirmed[mine] = True
     pairing.false[mine] = np.minimum(nearest, cycle.still_distance) > gate
     surplus = (nearest <= gate) & (nearest < cycle.still_distance)

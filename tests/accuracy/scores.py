@@ -35,7 +35,7 @@ LEGEND: Final = (
         "paired",
         f"at most {OPTIONS.gate:g} m and {OPTIONS.velocity_gate:g} m/s apart, one to one, last cycle's pairs first;",
     ),
-    ("", "no pair begins with a track that is nearer to a stationary object"),
+    ("", "no pair begins with a track that is nearer to a stationary object, or to another actor's box"),
     ("GOSPA", f"c = {OPTIONS.gospa_cutoff:g} m, p = {OPTIONS.gospa_order:g}, α = 2, mean over the cycles, m"),
     ("switches", "changes of the id that an actor's obstacle has, a minute"),
     ("duplicates", "confirmed samples within the gate of an actor that another obstacle is paired with, share of all"),

@@ -125,6 +125,23 @@ def test_an_actor_that_passes_a_post_is_not_paired_with_the_posts_track() -> Non
     assert (both.errors.samples, both.id_switches, both.errors.vx) == (20, 0, 0.0)
 
 
+def test_an_actor_that_passes_a_lorry_is_not_paired_with_the_lorrys_second_track() -> None:
+    """Where the lorry's reference point is out of the gate, its box is not."""
+    lorry = body(20.0, 0.0, length=12.0, width=2.5, center_x=26.0)
+    rider = {"vx": 5.0, "length": 1.8, "width": 0.6}
+    places = [25.0 + 0.25 * k for k in range(20)]
+    passing = [(k * CYCLE, 1, "actor", body(x, 2.5, center_x=x + 0.9, **rider)) for k, x in enumerate(places)]
+    truth = passing + rows(range(20), 2, "actor", lorry)
+    first, second = (rows(range(20), key, "confirmed", still(x, 1.4)) for key, x in ((7, 20.0), (8, 29.0)))
+    result = straight(first + second, truth)
+    assert result.errors.samples == 20
+    assert result.errors.vx == 0.0
+    # its own track is nearest to it
+    own = [(k * CYCLE, 9, "confirmed", still(x, 2.1, vx=5.0)) for k, x in enumerate(places)]
+    both = straight([*first, *second, *own], truth)
+    assert (both.errors.samples, both.id_switches, both.errors.vx) == (40, 0, 0.0)
+
+
 def test_what_drives_through_an_actor_is_not_its_track() -> None:
     oncoming = rows(range(20), 1, "actor", still(10.0, 0.0, vx=-20.0))
     against = straight(rows(range(20), 7, "confirmed", still(10.5, 0.0, vx=-4.9)), oncoming)
