@@ -15,7 +15,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 70
+REVISION = 71
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
