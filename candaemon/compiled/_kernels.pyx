@@ -15,7 +15,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 71
+REVISION = 72
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -4025,7 +4025,6 @@ def drive_modes(
 
 cdef enum:
     QUANTITIES = 24  # of ego motion
-    SHORTEST_PERIOD = 1_000_000  # ns
 
 
 cdef struct InsSetup:
@@ -4034,6 +4033,8 @@ cdef struct InsSetup:
     unsigned int waits  # quantities that are waited for, one bit each
     long long longest_ns, latency_ns, age_limit_ns
     double age_limit, smoothing, arm_x, arm_y
+    long long shortest_ns
+    double early, late, fastest_turn, least_course_speed, sideways_share
 
 
 cdef struct InsMemory:
@@ -4058,7 +4059,7 @@ cdef inline bint is_fresh(const InsMemory* own, const InsSetup* setup, int quant
     if not knows(own, quantity):
         return False
     period = own.period_ns[quantity] or setup.longest_ns
-    return own.epoch_ns - own.arrived_ns[quantity] <= 2.5 * period
+    return own.epoch_ns - own.arrived_ns[quantity] <= setup.late * period
 
 
 cdef inline bint is_of_epoch(const InsMemory* own, const InsSetup* setup, int quantity) noexcept:
@@ -4067,28 +4068,28 @@ cdef inline bint is_of_epoch(const InsMemory* own, const InsSetup* setup, int qu
     if not knows(own, quantity):
         return False
     age = own.epoch_ns - own.arrived_ns[quantity]
-    return (age if age >= 0 else -age) <= 0.5 * period
+    return (age if age >= 0 else -age) <= setup.early * period
 
 
 cdef inline void begin_epoch(InsMemory* own, const InsSetup* setup, long long time_ns) noexcept:
     """MotionEpoch._begin, for a clock that is known"""
     cdef long long interval = time_ns - own.arrived_ns[setup.clock], age, due
     cdef long long period = own.period_ns[setup.clock] or min(interval, setup.longest_ns)
-    cdef bint paused = interval > 2.5 * period
+    cdef bint paused = interval > setup.late * period
     cdef int k
     own.epoch_ns, own.is_open, own.waiting = time_ns, True, 0
     for k in range(QUANTITIES):
         if setup.waits & own.known & 1u << k:
             age = time_ns - own.arrived_ns[k]
             due = own.period_ns[k] or period
-            if age >= 0.5 * due and (paused or age <= 2.5 * due):
+            if age >= setup.early * due and (paused or age <= setup.late * due):
                 own.waiting |= 1u << k
 
 
 cdef inline void hear(InsMemory* own, const InsSetup* setup, int quantity, double value, long long time_ns) noexcept:
     """Take a quantity that is known, as MotionEpoch.take does."""
     cdef long long interval = time_ns - own.arrived_ns[quantity], before = own.period_ns[quantity]
-    if interval > SHORTEST_PERIOD and interval != before:
+    if interval > setup.shortest_ns and interval != before:
         interval = min(interval, setup.longest_ns)
         own.period_ns[quantity] = before + ((min(interval, 2 * before) - before) >> 2) if before else interval
     own.value[quantity], own.arrived_ns[quantity] = value, time_ns
@@ -4105,7 +4106,7 @@ cdef void hear_heading(InsMemory* own, const InsSetup* setup, long long time_ns)
         dt = (time_ns - own.heading_ns) * 1e-9
         if dt > setup.age_limit:
             own.yaw_rate = 0.0
-        elif dt > 0.0 and fabs(change) <= 2.0 * dt:
+        elif dt > 0.0 and fabs(change) <= setup.fastest_turn * dt:
             share = dt / (dt + setup.smoothing)
             own.yaw_rate += share * (change / dt - own.yaw_rate)
     own.heading, own.heading_ns, own.has_heading = heading, time_ns, True
@@ -4157,10 +4158,10 @@ cdef bint add_sample(InsMemory* own, const InsSetup* setup, list rows, type kind
     c, s = cos(heading), sin(heading)
     ve += turn * (s * setup.arm_x + c * setup.arm_y)
     vn -= turn * (c * setup.arm_x - s * setup.arm_y)
-    if fabs(speed) >= 2.0:
+    if fabs(speed) >= setup.least_course_speed:
         own.curvature = turn / speed
         if heard:
-            own.sideways += 0.05 * (vn * c - ve * s - own.sideways)
+            own.sideways += setup.sideways_share * (vn * c - ve * s - own.sideways)
     if is_fresh(own, setup, setup.ahead):
         ahead = own.value[setup.ahead]
         left = own.value[setup.left] if is_fresh(own, setup, setup.left) else speed * turn
@@ -4207,7 +4208,8 @@ cdef class InsEpochs:
         ) = roles
         (
             self.setup.longest_ns, self.setup.latency_ns, self.setup.age_limit_ns, self.setup.age_limit,
-            self.setup.smoothing, self.setup.arm_x, self.setup.arm_y,
+            self.setup.smoothing, self.setup.arm_x, self.setup.arm_y, self.setup.shortest_ns, self.setup.early,
+            self.setup.late, self.setup.fastest_turn, self.setup.least_course_speed, self.setup.sideways_share,
         ) = limits
         self.setup.waits = waits
 

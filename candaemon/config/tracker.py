@@ -126,6 +126,12 @@ class LifecycleSettings(Settings):
         description="s after its first detection, for which what is where an image of another vehicle would be, and "
         "moves like that, is not confirmed; by existence only",
     )
+    shadow: float = Field(
+        1.0,
+        ge=0,
+        le=30,
+        description="s likewise, at most `image`, where that vehicle is as fast as we are and hides it, as in a convoy",
+    )
     coast_share: float = Field(
         0.6, gt=0, le=1, description="of the time that it was seen, for which a vehicle is reported undetected at most"
     )

@@ -13,7 +13,7 @@ from candaemon import compiled
 from candaemon.arrays import Floats, Indices, Integers
 from candaemon.config.ego import BiasSettings, InsSettings
 from candaemon.ego.motion import MotionHistory, MotionHistoryState, Sample, SampleCounts, StationaryReturns
-from candaemon.ego.motion_epoch import MotionEpoch, MotionEpochState
+from candaemon.ego.motion_epoch import EARLY, LATE, SHORTEST_PERIOD_NS, MotionEpoch, MotionEpochState
 from candaemon.ego.pose import EgoPose
 from candaemon.frames.times import LONG_AGO_NS
 
@@ -109,6 +109,12 @@ class InsMotion:
             settings.smoothing,
             arm.x,
             arm.y,
+            SHORTEST_PERIOD_NS,
+            EARLY,
+            LATE,
+            FASTEST_TURN,
+            LEAST_COURSE_SPEED,
+            _SIDEWAYS_SHARE,
         )
         self._steady: compiled.kernels.InsEpochs | None = None
         self._is_ahead = False

@@ -10,8 +10,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-_SHORTEST_PERIOD_NS: Final = 1_000_000
-_EARLY, _LATE = 0.5, 2.5
+SHORTEST_PERIOD_NS: Final = 1_000_000
+"""Between two frames, below which they were stamped in a batch."""
+EARLY, LATE = 0.5, 2.5
 """Periods since it came last, between which a quantity is due; beyond, it is silent."""
 
 
@@ -98,7 +99,7 @@ class MotionEpoch:
                 signals[name] = ReceivedSignal(value, time_ns)
             else:
                 interval_ns = time_ns - signal.arrived_ns
-                if interval_ns > _SHORTEST_PERIOD_NS and interval_ns != signal.period_ns:
+                if interval_ns > SHORTEST_PERIOD_NS and interval_ns != signal.period_ns:
                     self._learn_period(signal, interval_ns)
                 signal.value, signal.arrived_ns = value, time_ns
             waiting.discard(name)
@@ -111,7 +112,7 @@ class MotionEpoch:
         """Return the latest value of a quantity that was not silent when the epoch began; else None."""
         state = self._state
         signal = state.signals.get(name)
-        if signal is None or state.time_ns - signal.arrived_ns > _LATE * (signal.period_ns or self._longest_ns):
+        if signal is None or state.time_ns - signal.arrived_ns > LATE * (signal.period_ns or self._longest_ns):
             return None
         return signal.value
 
@@ -123,7 +124,7 @@ class MotionEpoch:
         if signal.arrived_ns == state.time_ns:
             return True
         period_ns = state.signals[self._clock].period_ns or self._longest_ns
-        return abs(state.time_ns - signal.arrived_ns) <= _EARLY * period_ns
+        return abs(state.time_ns - signal.arrived_ns) <= EARLY * period_ns
 
     def _begin(self, time_ns: int, clock: ReceivedSignal | None) -> None:
         """Begin an epoch; after a pause, and at first, everything is due."""
@@ -131,7 +132,7 @@ class MotionEpoch:
         state.time_ns, state.is_open = time_ns, True
         interval_ns = self._longest_ns if clock is None else time_ns - clock.arrived_ns
         period_ns = (clock and clock.period_ns) or min(interval_ns, self._longest_ns)
-        paused = clock is None or interval_ns > _LATE * period_ns
+        paused = clock is None or interval_ns > LATE * period_ns
         state.waiting.clear()
         for name in self._others:
             signal = state.signals.get(name)
@@ -139,7 +140,7 @@ class MotionEpoch:
                 due = clock is None
             else:
                 age_ns, own_ns = time_ns - signal.arrived_ns, signal.period_ns or period_ns
-                due = age_ns >= _EARLY * own_ns and (paused or age_ns <= _LATE * own_ns)
+                due = age_ns >= EARLY * own_ns and (paused or age_ns <= LATE * own_ns)
             if due:
                 state.waiting.add(name)
 

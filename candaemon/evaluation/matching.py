@@ -172,7 +172,7 @@ def assign(
     track: Integers,
     previous: Mapping[int, int],
     gate: float,
-    most: Floats | float = math.inf,
+    farthest: Floats | float = math.inf,
 ) -> tuple[Integers, Integers]:
     """Pair actors and tracks one to one: keep the previous cycle's pairs, then add as many as possible at least cost.
 
@@ -182,8 +182,8 @@ def assign(
         track: ids, shape (n,).
         previous: the track's id of each actor that was paired in the cycle before.
         gate: m; greatest distance of a pair.
-        most: m, greatest distance at which a track begins a pair with an actor, (n,) or (m, n): that to what it is
-            surely of, or what passes a post or a lorry would be paired with a track of that.
+        farthest: m, at which each track begins a pair, with any actor (n,) or with each (m, n). A track that lies on a
+            post or on a lorry is of that, not of what passes it.
 
     Returns:
         Rows and columns of `distance` that are paired, each of shape (k,).
@@ -197,7 +197,7 @@ def assign(
     ]
     rows = np.array([row for row, _ in kept], dtype=np.int64)
     columns = np.array([k for _, k in kept], dtype=np.int64)
-    near &= distance <= most
+    near &= distance <= farthest
     near[rows] = near[:, columns] = False
     free_rows, free_columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
     if not len(free_rows) or not len(free_columns):

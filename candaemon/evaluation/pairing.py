@@ -126,8 +126,8 @@ def _pair_cycle(pairing: Pairing, cycle: MatchedCycle, previous: dict[int, int])
     tracks, gate, mine = pairing.tracks, pairing.options.gate, cycle.tracks
     actor, track = pairing.truth.id[cycle.actors], tracks.id[mine]
     nearest = cycle.outside.min(axis=0, initial=np.inf)
-    most = np.where(cycle.outside > nearest, 0.0, cycle.still_distance)
-    rows, columns = assign(cycle.distance, actor, track, previous, gate, most)
+    farthest = np.where(cycle.outside > nearest, 0.0, cycle.still_distance)  # no pair with what is farther than another
+    rows, columns = assign(cycle.distance, actor, track, previous, gate, farthest)
     pairing.partner[cycle.actors[rows]] = mine[columns]
     pairing.confirmed[mine] = True
     pairing.false[mine] = np.minimum(nearest, cycle.still_distance) > gate

@@ -183,7 +183,7 @@ class Pipeline:
             frames: all of them.
         """
         while begin < end:
-            yield from self._advance_by(unheard, passed, passed := frames.passed[begin])
+            yield from self._advance_by(unheard, passed, frames.passed[begin])
             if frames.time_ns[begin] >= self.schedule.deadline_ns:
                 yield from self.advance(frames.time_ns[begin])
             due = bisect_left(frames.time_ns, self.schedule.deadline_ns, begin + 1, end)

@@ -21,19 +21,18 @@ _ACROSS = 4.0  # m/s across it, which is known worst
 _DEVIATIONS = 2.0  # standard deviations of a velocity by which it may differ beyond that: of what is young, many m/s
 _MOVES = 4.0  # m/s; slower, its image is not told from what is there
 _STANDS = 0.5  # probability of standing; what is at twice the distance of what stands comes as fast as what is met
-_BRIEF = 1.0  # s, for which what a vehicle of the sensor's speed hides may be its echo
 _SPACING = 4.0  # m between the standing things of a row
 _DEPTH = 1.2  # m, how exactly they lie in the middle
 
 
-def images(bodies: Bodies, candidates: Indices, detections: Detections, returns: Booleans) -> Booleans:
+def images(bodies: Bodies, candidates: Indices, detections: Detections, brief: Booleans) -> Booleans:
     """Return which of some bodies (m,) are where the image of a confirmed one should be, and move like it.
 
     Args:
         bodies: that are known.
         candidates: rows of those asked for.
         detections: a scan of the sensor that would see the images.
-        returns: which of them are where one that is known was lost sight of (m,).
+        brief: which of them may also be echoes of a vehicle of the sensor's speed that hides them (m,).
     """
     shown = bodies.moments().shown
     others = bodies.obstacles.confirmed.copy()
@@ -42,19 +41,19 @@ def images(bodies: Bodies, candidates: Indices, detections: Detections, returns:
     fast = np.flatnonzero(others & (np.hypot(shown[:, 2], shown[:, 3]) > _MOVES))
     found = np.zeros(len(candidates), dtype=np.bool_)
     if len(moving):
-        found |= _doubled(bodies, candidates, moving, detections, returns).any(axis=1)
+        found |= _doubled(bodies, candidates, moving, detections, brief).any(axis=1)
     if len(fast):
         found |= _mirrored(bodies, candidates, fast, detections).any(axis=1)
     return found
 
 
 def _doubled(
-    bodies: Bodies, candidates: Indices, sources: Indices, detections: Detections, returns: Booleans
+    bodies: Bodies, candidates: Indices, sources: Indices, detections: Detections, brief: Booleans
 ) -> Booleans:
     """Return which candidates are at twice the distance of which sources, twice as fast relative to the sensor.
 
-    Of what is hardly faster than the sensor that tells little: vehicles of a convoy are like this. There only what the
-    source hides is held, unless it returns, and not for long: an echo seldom lasts.
+    Of what is hardly faster than the sensor that tells little: vehicles of a convoy are like this. There only what is
+    brief counts, and only what the source hides.
     """
     sensor, moments = detections.measurement, bodies.moments()
     relative = moments.shown - np.concatenate([sensor.origin, sensor.velocity])
@@ -62,7 +61,6 @@ def _doubled(
     sight = place[sources] / np.maximum(np.linalg.norm(place[sources], axis=1), 1.0)[:, None]
     nearing = np.abs((velocity[sources] * sight).sum(axis=1)) > _SPEED
     apart = place[candidates, None] - 2 * place[sources]
-    brief = (detections.time_ns - bodies.obstacles.first_ns[candidates] < _BRIEF * 1e9) & ~returns
     # the shadow is twice as wide where it is twice as far
     hidden = np.abs(to_travel_axes(apart, sight)[..., 1]) < bodies.obstacles.width[sources]
     near = (np.hypot(apart[..., 0], apart[..., 1]) < _PLACE) & (nearing | (hidden & brief[:, None]))

@@ -210,7 +210,7 @@ def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:
 
     The body moves as it did: of a lorry that crosses ahead the point goes from its front to its rear. Between a
     prediction and an update nothing but the aspect changes which point that is. What circles us shows the same side all
-    the time: only as much as turn rates are known tells that the aspect changes.
+    the time: only what the aspect changes beyond the error of the turn rate counts.
 
     Args:
         bodies: predicted to the pose's time.

@@ -558,9 +558,10 @@ class VehicleTracker:
     def _images(self, candidates: Indices, detections: Detections) -> Indices:
         """Return those of some young obstacles that are held for images of others, for a while: they may be real."""
         age = (self._state.time_ns - self._bodies.obstacles.first_ns[candidates]) * 1e-9
-        young = candidates[age < self.settings.lifecycle.image]
-        returns = np.asarray(np.isfinite(self._continuations(young)[1]).any(axis=1))
-        return young[images(self._bodies, young, detections, returns)]
+        lifecycle = self.settings.lifecycle
+        young, age = candidates[age < lifecycle.image], age[age < lifecycle.image]
+        returns = np.isfinite(self._continuations(young)[1]).any(axis=1)
+        return young[images(self._bodies, young, detections, (age < lifecycle.shadow) & ~returns)]
 
     def _ended_by_hits(self, pose: EgoPose) -> Booleans | None:
         """Return which obstacles not detected are to be deleted, by the time without a detection; None: none is."""

@@ -23,6 +23,7 @@ def _states(
     cycles: int = 30,
     length: float = 4.5,
     strays: float = 0.0,
+    shadow: float = 1.0,
 ) -> list[int]:
     """Return the state that another object had in each cycle beside a car 20 m ahead; we drive 20 m/s.
 
@@ -33,8 +34,10 @@ def _states(
         cycles: how many.
         length: of the car, m.
         strays: speed with which the other one's place errs to the left for its first five scans, m/s.
+        shadow: as in the settings, s.
     """
-    settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}, "lifecycle": {"confirm": 4}})
+    lifecycle = {"confirm": 4, "shadow": shadow}
+    settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}, "lifecycle": lifecycle})
     tracker, states = VehicleTracker(settings, {}), []
     for k in range(cycles):
         time = k * CYCLE
@@ -104,9 +107,13 @@ def test_a_vehicle_that_stays_where_an_image_would_be_is_confirmed_at_last() -> 
     assert states[-1] == CONFIRMED
 
 
-@pytest.mark.parametrize(("beside", "held"), [(0.0, 20), (2.5, 0)], ids=["in its shadow", "beside its shadow"])
-def test_what_a_vehicle_of_our_speed_hides_is_held_for_a_second(beside: float, held: int) -> None:
-    states = _states((20.0 * AT_8 + 60.0, 4.0 + beside, 20.0), speed=20.0)
+@pytest.mark.parametrize(
+    ("beside", "shadow", "held"),
+    [(0.0, 1.0, 20), (2.5, 1.0, 0), (0.0, 0.0, 0)],
+    ids=["in its shadow", "beside its shadow", "not asked for"],
+)
+def test_what_a_vehicle_of_our_speed_hides_is_held_for_a_second(beside: float, shadow: float, held: int) -> None:
+    states = _states((20.0 * AT_8 + 60.0, 4.0 + beside, 20.0), speed=20.0, shadow=shadow)
     assert states.index(CONFIRMED) >= held
     assert held or states.index(CONFIRMED) < 6
 
