@@ -15,7 +15,6 @@ from candaemon.estimation.measurement import Measurement
 from candaemon.radar.detections import Detections
 from candaemon.tracking.association import best_pairs, gated_pairs, pair_nis
 from candaemon.tracking.body_store import Bodies
-from candaemon.tracking.box import size_known
 from candaemon.tracking.joint_association import doubts, likelihood_ratios
 from candaemon.tracking.reflections import to_travel_axes
 
@@ -228,7 +227,7 @@ def beside(
     close &= alike
     distance = np.where(close, (place[..., 0] / extent.along) ** 2 + (place[..., 1] / extent.across) ** 2, np.inf)
     found = np.where(close.any(axis=1), owner[distance.argmin(axis=1)], -1)
-    sized = size_known(bodies) & obstacles.directed
+    sized = obstacles.sized & obstacles.directed
     if not sized.any() or (found >= 0).all():
         return found
     centre = bodies.moments().mean[:, POSITION] - obstacles.facing

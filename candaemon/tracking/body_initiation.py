@@ -16,8 +16,8 @@ from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.radar.detections import Detections
 from candaemon.tracking.body_association import Association, beside
 from candaemon.tracking.body_modes import CRUISING, FREE, MANOEUVRING, SLIDING, STANDING, TURNING
+from candaemon.tracking.body_sizes import CAR_LENGTH, CAR_WIDTH
 from candaemon.tracking.body_store import Bodies
-from candaemon.tracking.box import CAR_LENGTH, CAR_WIDTH
 from candaemon.tracking.reflections import to_travel_axes
 
 _FIRST_SHARE = np.array([0.3, 0.15, 0.1, 0.15, 0.01, 0.29])  # of the modes, in their order

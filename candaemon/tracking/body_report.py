@@ -13,17 +13,14 @@ from candaemon.arrays import Booleans, Floats
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import TURN, motion
 from candaemon.tracking.body_modes import STANDING
+from candaemon.tracking.body_sizes import ENOUGH, SMALL, TOLD_LENGTH
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.box import (
-    CAR_LENGTH,
-    ENOUGH,
     NARROW,
-    TOLD_LENGTH,
     TRUCK_LENGTH,
     WALKING,
     add_places,
     classes,
-    size_known,
 )
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE, Obstacles
 from candaemon.tracking.reporting import in_vehicle_axes
@@ -135,7 +132,7 @@ def _told(bodies: Bodies, pose: EgoPose, told: Floats, slack_ns: int) -> tuple[F
             _SETTLED,
             _LEAST_SPEED,
             TOLD_LENGTH,
-            CAR_LENGTH / 2,
+            SMALL,
             ENOUGH,
             NARROW,
             TRUCK_LENGTH,
@@ -145,7 +142,7 @@ def _told(bodies: Bodies, pose: EgoPose, told: Floats, slack_ns: int) -> tuple[F
     speed, (facing_x, facing_y) = np.sqrt(vx * vx + vy * vy), obstacles.facing.T
     stands = standing > _SURELY
     stands |= ((pose.time_ns - obstacles.first_ns) * 1e-9 > _SETTLED) & (obstacles.fastest < _LEAST_SPEED)
-    sized = size_known(bodies)
+    sized = obstacles.sized
     status = np.add(pose.time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
     status[~obstacles.confirmed] = TENTATIVE
     numbers = [

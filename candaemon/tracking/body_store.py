@@ -18,6 +18,7 @@ from candaemon.config.tracker import MOST_TRACKS
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.estimation.body_filter import BIAS, POSITION, BodyFilter, BodyFilterState
 from candaemon.tracking.body_modes import dynamics_of, modes_of
+from candaemon.tracking.body_sizes import ENOUGH, SMALL, TOLD_LENGTH
 from candaemon.tracking.columns import Table
 from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
@@ -129,6 +130,11 @@ class BodyTable(Table):
 
     def __len__(self) -> int:
         return len(self.id)
+
+    @property
+    def sized(self) -> Booleans:
+        """Of which bodies the size is known: a sensor told it, they are small, or enough of them was seen."""
+        return (self.length_variance < TOLD_LENGTH) | (self.length < SMALL) | (self.extent > ENOUGH)
 
 
 @dataclass(slots=True)

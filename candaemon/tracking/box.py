@@ -16,6 +16,7 @@ from candaemon.estimation.body_filter import POSITION, TURN
 from candaemon.estimation.outline import LEAST, ROUNDS, facing_point
 from candaemon.frames.bodies import CLASSES
 from candaemon.radar.detections import Detections
+from candaemon.tracking.body_sizes import CAR_LENGTH, CAR_WIDTH, ENOUGH, SMALL, TOLD_LENGTH
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
@@ -26,7 +27,7 @@ _MARGIN = 0.4  # m by which a body goes on behind its outermost reflections, bot
 _GROWTH = 0.1  # share of what reflections show beyond a size, a scan
 _SHRINKAGE = 0.002  # share of what a length not told has beyond a car's, a scan
 _AXIS_SPEED, _AXIS_AGE = 3.0, 1.0  # m/s and s from which on the axis is known well enough
-CAR_LENGTH, CAR_WIDTH, TRUCK_WIDTH = 4.5, 1.8, 2.5  # m
+TRUCK_WIDTH = 2.5  # m
 WALKER, RIDER = (0.5, 0.6), (1.9, 0.7)  # m, length and width
 _NEAR, _ALONE = 30.0, 1.5  # m and s for which a car would have shown several reflections
 _NEVER_ALONE = -1e12  # s: of what has shown several
@@ -35,8 +36,7 @@ _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference poi
 _TURN_ERROR = 0.15  # rad/s, by which a turn rate is wrong
 _CLOSE = 0.1  # m, nearest that the line of sight is known
 _ANYWHERE = 12.0**-0.5  # of a length, standard deviation of a place anywhere on it
-_TOLD, TOLD_LENGTH = 0.1, 1.0  # m²; a width or length known better was told
-ENOUGH = 2.5  # m of a length; what showed so much is no rider
+_TOLD = 0.1  # m²; a width known better was told
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 TRUCK_LENGTH, NARROW, WALKING = 7.0, 1.1, 3.5
 _LENGTHS = np.array([NARROW, ENOUGH, TRUCK_LENGTH])  # m, at which walkers, riders and cars end
@@ -241,14 +241,14 @@ def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:
             ROUNDS,
             LEAST,
             TOLD_LENGTH,
-            CAR_LENGTH / 2,
+            SMALL,
             ENOUGH,
             _TURN_ERROR,
         )
         if slid is not None:
             bodies.shift(slid)
         return
-    known, turned = size_known(bodies) & obstacles.directed, np.stack([c, s], axis=1)
+    known, turned = obstacles.sized & obstacles.directed, np.stack([c, s], axis=1)
     axis, before = from_travel_axes(obstacles.axis, turned), from_travel_axes(obstacles.facing, turned)
     sight = mean[:, POSITION] - before - np.array([pose.east, pose.north])
     after = from_travel_axes(
@@ -310,13 +310,6 @@ def add_places(bodies: Bodies, told: Floats, covariance: Floats, own: Floats, ti
     told[6:10] = np.sqrt(np.maximum(np.einsum("nii->in", covariance), 0.0))
 
 
-def size_known(bodies: Bodies) -> Booleans:
-    """Return of which bodies (k,) the size is known: a sensor told it, they are small, or enough of them was seen."""
-    obstacles = bodies.obstacles
-    told, small = obstacles.length_variance < TOLD_LENGTH, obstacles.length < CAR_LENGTH / 2
-    return told | small | (obstacles.extent > ENOUGH)
-
-
 def classes(
     length: Floats, width: Floats, length_variance: Floats, speed: Floats, standing: Booleans
 ) -> NDArray[np.int8]:
@@ -329,7 +322,7 @@ def classes(
         speed: m/s.
         standing: which bodies stand and never moved.
     """
-    told = (length_variance < TOLD_LENGTH) | (length < CAR_LENGTH / 2)
+    told = (length_variance < TOLD_LENGTH) | (length < SMALL)
     kind = np.full(len(length), UNKNOWN, dtype=np.int8)
     kind[told & (width >= NARROW)] = CAR
     kind[length > TRUCK_LENGTH] = TRUCK

@@ -1,0 +1,15 @@
+"""How large vehicles usually are, and from when on the size of a body counts as known."""
+
+from __future__ import annotations
+
+from typing import Final
+
+CAR_LENGTH: Final = 4.5
+CAR_WIDTH: Final = 1.8
+"""m, of a body of which nothing is known."""
+TOLD_LENGTH: Final = 1.0
+"""m²; a length known better was told by a sensor."""
+SMALL: Final = CAR_LENGTH / 2
+"""m; what is shorter was found to be small."""
+ENOUGH: Final = 2.5
+"""m of a length that reflections have shown: it is no rider."""
