@@ -623,6 +623,12 @@ class BodyFilter:
         mean, covariance = self._combined(SEEN)
         return mean, covariance[:, :4, :4].copy(), *shown(mean, covariance)
 
+    def turn_rates(self) -> tuple[Floats, Floats]:
+        """Return means and variances of ω over all modes (n,), rad/s and (rad/s)²."""
+        probability, turn = self.probability.T, self._state.mean.T[TURN]
+        mean = _weighted(probability, turn)
+        return mean, _weighted(probability, self._state.covariance.T[TURN, TURN] + np.square(turn - mean))
+
     def _combined(self, components: slice | list[int]) -> tuple[Floats, Floats]:
         """Return means (n, 8) and covariances (n, K, K) over all modes, of K components those."""
         probability, mean = self.probability.T, self._state.mean.T

@@ -107,7 +107,8 @@ def _by_id(bodies: Bodies, detections: Detections, settings: AssociationSettings
     """Associate by ids; one that comes twice in a scan stands for nothing, nor does that of an object called new."""
     keys = detections.object_id
     rows, distinct = bodies.rows_of(detections.sensor, keys)
-    if compiled.in_use and distinct and settings.method != "id" and not detections.measurement.projections:
+    plain = not detections.measurement.projections and bodies.turning() is None
+    if compiled.in_use and distinct and settings.method != "id" and plain:
         return _fit(bodies, detections, settings, vague, rows)
     found = _nothing(len(keys))
     row = np.where(detections.new | vague.take(bodies.reflections.body.take(rows)), -1, rows)

@@ -23,6 +23,7 @@ from candaemon.tracking.columns import Table
 from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
+from candaemon.tracking.turning import Turning
 
 _LEAST_NORMAL = 1e-12  # 1/m²
 _BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
@@ -190,6 +191,8 @@ class Bodies:
         self._state = BodiesState(self.reflections, self.obstacles, self.filter.state)
         # computed from the state when first asked for
         self._moments: BodyMoments | None = None
+        self._turning: Turning | None = None
+        self._turning_known = False
         self._shifted = False
         self._id_rows = IdRows()
         self.first_existence = 0.5
@@ -219,6 +222,7 @@ class Bodies:
     def changed(self) -> None:
         """Forget what was computed from the filter: it has changed."""
         self._moments, self._shifted = None, False
+        self._turning, self._turning_known = None, False
 
     def restart(self) -> None:
         """Let what the filter says follow from its state alone, to the last bit, as after that was restored."""
@@ -231,6 +235,20 @@ class Bodies:
             self._moments = BodyMoments(*self.filter.moments())
         return self._moments
 
+    def turning(self) -> Turning | None:
+        """Return how those bodies turn whose box is known; None: none is."""
+        if not self._turning_known:
+            self._turning, self._turning_known = self._find_turning(), True
+        return self._turning
+
+    def _find_turning(self) -> Turning | None:
+        known = self.obstacles.sized & self.obstacles.directed
+        if not known.any():
+            return None
+        rate, variance = self.filter.turn_rates()
+        centre = self.moments().mean[:, POSITION] - self.obstacles.facing
+        return Turning(np.where(known, rate, 0.0), np.where(known, variance, 0.0), centre)
+
     def reflection_states(self, rows: Indices | None = None) -> tuple[Floats, Floats]:
         """Return where reflections are expected and how they move: means (n, 4), covariances (n, 4, 4).
 
@@ -242,13 +260,16 @@ class Bodies:
         variance = reflections.variance if rows is None else reflections.variance.take(rows)
         if compiled.in_use:
             offset = reflections.offset if rows is None else reflections.offset.take(rows, axis=0)
-            return compiled.kernels.states_of_reflections(
+            mean, covariance = compiled.kernels.states_of_reflections(
                 moments.shown, moments.shown_covariance, body, offset, variance, self.obstacles.axis
             )
-        mean, covariance = moments.shown.take(body, axis=0), moments.shown_covariance.take(body, axis=0)
-        mean[:, :2] += self.offsets(rows)
-        covariance[:, 0, 0] += variance
-        covariance[:, 1, 1] += variance
+        else:
+            mean, covariance = moments.shown.take(body, axis=0), moments.shown_covariance.take(body, axis=0)
+            mean[:, :2] += self.offsets(rows)
+            covariance[:, 0, 0] += variance
+            covariance[:, 1, 1] += variance
+        if (turning := self.turning()) is not None:
+            mean[:, 2:] += turning.velocities(body, mean[:, :2])
         return mean, covariance
 
     def offsets(self, rows: Indices | None = None) -> Floats:

@@ -17,7 +17,7 @@ from candaemon.config.tracker import TrackerSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import ACCELERATION, BIAS, POSITION, TURN, VELOCITY, reported
-from candaemon.estimation.measurement import line_of_sight
+from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.estimation.smoothing import Link
 from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
@@ -437,8 +437,10 @@ class VehicleTracker:
         if association.doubt is not None:
             measurement = measurement.weakened(association.doubt[rows])
         offset = bodies.offsets(row)
+        if (turning := bodies.turning()) is not None:
+            measurement = turning.left_out(measurement, body, bodies.moments().shown[body, :2] + offset)
         bodies.note_detections(body, detections.time_ns)
-        self._note_rates(row, body, offset, detections, rows)
+        self._note_rates(row, body, offset, measurement)
         alike = self._alike(detections.sensor)
         speed_share = 1.0 + alike * (self._places.speed_noise**2 - 1.0)
         seen, combined, rates = of_bodies(measurement, body, offset, reflections.variance.take(row), speed_share)
@@ -449,14 +451,13 @@ class VehicleTracker:
         bodies.mark_detected(row, keys, detections.sensor, detections.time_ns)
         box.learn(bodies, rows, row, detections)
 
-    def _note_rates(self, row: Indices, body: Indices, offset: Floats, detections: Detections, rows: Indices) -> None:
+    def _note_rates(self, row: Indices, body: Indices, offset: Floats, measurement: Measurement) -> None:
         """Note how much faster than their bodies reflections come nearer."""
-        measurement = detections.measurement
         if measurement.range_rate is None:
             return
         share = -np.expm1(-self._bodies.obstacles.interval / _RATE_MEMORY)
         noted, shown = self._bodies.reflections.rate_difference, self._bodies.moments().shown
-        sensor, rates = (measurement.origin, measurement.velocity), measurement.range_rate.take(rows)
+        sensor, rates = (measurement.origin, measurement.velocity), measurement.range_rate
         if compiled.in_use:
             numbers = (*measurement.origin.tolist(), *measurement.velocity.tolist(), share)
             compiled.kernels.note_rates(noted, row, body, shown, offset, rates, *numbers)

@@ -1,0 +1,67 @@
+"""What the turning of bodies adds to the velocities of their reflections.
+
+A body turns about the centre of its box: a reflection at r from there moves with v + ω × r. Two metres from the centre
+of a car that turns off, that is a metre per second along some line of sight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from candaemon.arrays import Floats, Indices
+from candaemon.estimation.measurement import Measurement
+
+_NEAREST = 1e-3  # m, nearer than which there is no line of sight
+
+
+@dataclass(frozen=True, slots=True)
+class Turning:
+    """How k bodies turn.
+
+    Attributes:
+        rate: ω (k,), rad/s, positive to the left; 0 of those whose box is not known.
+        variance: of it (k,), (rad/s)²; likewise.
+        centre: of their boxes (k, 2), local frame, m.
+    """
+
+    rate: Floats
+    variance: Floats
+    centre: Floats
+
+    def velocities(self, body: Indices, place: Floats) -> Floats:
+        """Return ω × r of places on bodies (n, 2), local frame, m/s.
+
+        Args:
+            body: row of the body of each (n,).
+            place: (n, 2), local frame, m.
+        """
+        arm, rate = place - self.centre.take(body, axis=0), self.rate.take(body)
+        return np.stack([-rate * arm[:, 1], rate * arm[:, 0]], axis=1)
+
+    def left_out(self, measurement: Measurement, body: Indices, place: Floats) -> Measurement:
+        """Return detections as they would be if the bodies did not turn; what is unknown of ω adds to their noise.
+
+        Args:
+            measurement: m detections.
+            body: row of the body of each (m,).
+            place: of the reflections (m, 2), local frame, m.
+        """
+        rate, variance = measurement.range_rate, measurement.range_rate_variance
+        if rate is not None and variance is not None:
+            sight = place - measurement.origin
+            sight /= np.maximum(np.sqrt((sight * sight).sum(axis=1)), _NEAREST)[:, None]
+            added, unknown = self._along(sight, body, place)
+            rate, variance = rate - added, variance + unknown
+        projections = []
+        for part in measurement.projections:
+            added, unknown = self._along(part.direction, body, place)
+            projections.append(replace(part, value=part.value - added, variance=part.variance + unknown))
+        return replace(measurement, range_rate=rate, range_rate_variance=variance, projections=tuple(projections))
+
+    def _along(self, direction: Floats, body: Indices, place: Floats) -> tuple[Floats, Floats]:
+        """Return ω × r along unit vectors (n, 2) and its variance, m/s and (m/s)² (n,)."""
+        arm = place - self.centre.take(body, axis=0)
+        lever = direction[:, 1] * arm[:, 0] - direction[:, 0] * arm[:, 1]
+        return lever * self.rate.take(body), lever * lever * self.variance.take(body)
