@@ -60,6 +60,12 @@ class ReflectionSettings(Settings):
     across: float = Field(1.2, gt=0, le=5, description="m across it")
     edge: float = Field(0.5, ge=0, le=5, description="m beyond the box of a vehicle whose size is known")
     speed: float = Field(1.2, gt=0, le=10, description="m/s difference of speed along the line of sight")
+    slide: float = Field(
+        1.5,
+        ge=0,
+        le=10,
+        description="m by which reflections slide over a vehicle; over its age, velocities told may differ by so much",
+    )
     extent: float = Field(15.0, gt=0, le=50, description="m, longest vehicle")
     following: float = Field(
         0.1,

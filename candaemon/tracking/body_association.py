@@ -19,6 +19,7 @@ from candaemon.tracking.joint_association import doubts, likelihood_ratios
 from candaemon.tracking.reflections import to_travel_axes
 
 _NEAREST = 1e-3  # m, nearer than which there is no line of sight
+_LEAST_AGE = 0.05  # s, of a body that began just before
 
 
 @dataclass(slots=True)
@@ -94,7 +95,7 @@ def associate(
         left = np.flatnonzero(found.reflection < 0)
     found.body = np.where(found.reflection < 0, -1, bodies.reflections.body.take(found.reflection))
     if extent.merge and len(left):
-        found.body[left] = beside(bodies, mean, measurement, left, extent)
+        found.body[left] = beside(bodies, mean, measurement, left, extent, detections.time_ns)
     return found
 
 
@@ -200,7 +201,7 @@ def _by_place(
 
 
 def beside(
-    bodies: Bodies, mean: Floats, measurement: Measurement, left: Indices, extent: ReflectionSettings
+    bodies: Bodies, mean: Floats, measurement: Measurement, left: Indices, extent: ReflectionSettings, time_ns: int
 ) -> Indices:
     """Return for each of some detections the body that it is one more reflection of, or −1.
 
@@ -212,6 +213,7 @@ def beside(
         measurement: of the scan.
         left: rows of the detections (m,).
         extent: how near, and how alike.
+        time_ns: of the scan.
     """
     owner, obstacles = bodies.reflections.body, bodies.obstacles
     axis = obstacles.axis[owner]
@@ -224,7 +226,8 @@ def beside(
         & (np.abs(reach[..., 0]) < np.minimum(longest, extent.extent))
         & (np.abs(reach[..., 1]) < 2 * extent.across)
     )
-    alike = _as_fast(mean, measurement, left, extent.speed)
+    age = np.maximum(time_ns - obstacles.first_ns.take(owner), 0) * 1e-9
+    alike = _as_fast(mean, measurement, left, extent.speed, extent.slide / np.maximum(age, _LEAST_AGE))
     close &= alike
     distance = np.where(close, (place[..., 0] / extent.along) ** 2 + (place[..., 1] / extent.across) ** 2, np.inf)
     found = np.where(close.any(axis=1), owner[distance.argmin(axis=1)], -1)
@@ -240,11 +243,19 @@ def beside(
     return np.where((found < 0) & inside.any(axis=1), deepest, found)
 
 
-def _as_fast(mean: Floats, measurement: Measurement, left: Indices, speed: float) -> Booleans:
+def _as_fast(mean: Floats, measurement: Measurement, left: Indices, speed: float, unclear: Floats) -> Booleans:
     """Return which of the detections (m,) have the speeds of which reflections (n,), as far as they are measured.
 
     A range rate is that of the body along the detection's own line of sight: metres away on what passes close by,
-    a reflection of the same body is seen at another angle.
+    a reflection of the same body is seen at another angle. Across the line of sight, the speed of a young body follows
+    from few places, which slide over it: a sensor that tells velocities may contradict it.
+
+    Args:
+        mean: states of the reflections (n, 4).
+        measurement: of the scan.
+        left: rows of the detections (m,).
+        speed: by which they may differ, m/s.
+        unclear: by which velocities may differ beyond that (n,), m/s.
     """
     alike = np.ones((len(left), len(mean)), dtype=np.bool_)
     if measurement.range_rate is not None:
@@ -256,5 +267,5 @@ def _as_fast(mean: Floats, measurement: Measurement, left: Indices, speed: float
     for part in measurement.projections:
         value = part.value[left, None]
         differs = np.abs(part.direction[left] @ mean[:, 2:4].T - value)
-        alike &= (differs < speed + 2 * np.sqrt(part.variance[left, None])) | ~np.isfinite(value)
+        alike &= (differs < speed + unclear + 2 * np.sqrt(part.variance[left, None])) | ~np.isfinite(value)
     return alike

@@ -56,7 +56,7 @@ class BodyInitiation:
             body = int(association.body[row])
             if body < 0 and len(bodies) > known and self._extent.merge:
                 mean, _ = bodies.reflection_states()
-                body = int(beside(bodies, mean, measurement, np.array([row]), self._extent)[0])
+                body = int(beside(bodies, mean, measurement, np.array([row]), self._extent, detections.time_ns)[0])
             if body < 0:
                 body = self._add_body(row, detections, heading, bodies)
                 offset = np.zeros(2)

@@ -15,6 +15,7 @@ from candaemon.arrays import Floats
 from candaemon.config.directions import AlongAcross
 from candaemon.config.load import load_config
 from candaemon.estimation.body_filter import BIAS, POSITION
+from candaemon.estimation.measurement import Projection
 from candaemon.estimation.outline import facing_point
 from candaemon.pipeline.cycle import Cycle
 from candaemon.playback.cycle_smoothing import CycleSmoother
@@ -293,6 +294,19 @@ def test_a_lorry_that_crosses_shows_its_front_then_its_rear(side: float) -> None
             assert len(told) == 1
             assert hypot(told.center_x[0] - 11.25, told.center_y[0] - side * ahead) < 2.7
             assert hypot(told.vx[0], told.vy[0] - side * 10.0) < 0.3
+
+
+def test_a_sensor_that_tells_velocities_adds_to_what_one_without_them_has_just_found() -> None:
+    """It crosses: its range rate tells nothing, and its reflection slides from one scan to the next."""
+    fed = HandFedVehicles()
+    for t in times(1, 6):
+        fed.scan(t, [Seen(0, 20.0, 3.0 * t, 0.0, 3.0)])
+    for t in times(6, 9):
+        scan = detections(pose(t), [Seen(0, 20.0, 7.0 * t - 1.0, 0.0, 7.0)], sensor=1, noise=(0.1, 0.1, 0.06))
+        across = (Projection(np.array([[0.0, 1.0]]), np.array([7.0]), np.array([0.09])),)
+        told = fed.tracker.step(replace(scan, measurement=replace(scan.measurement, projections=across)), pose(t))
+    assert len(told) == 1
+    assert told.sensors.tolist() == [0b11]
 
 
 def test_a_size_or_heading_that_nothing_has_told_is_not_told() -> None:
