@@ -15,7 +15,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 72
+REVISION = 73
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2396,6 +2396,7 @@ cdef void range_rate_terms(
     const double[:, ::1] state,
     const Py_ssize_t[:] body,
     const double[:, :] offset,
+    const double[:] spread,
     const double[:] value,
     const double[:] variance,
     const double[:] origin,
@@ -2420,7 +2421,9 @@ cdef void range_rate_terms(
         terms[0, i] = (vx - rate * x) / far
         terms[1, i] = (vy - rate * y) / far
         terms[2, i], terms[3, i] = x, y
-        weight = 1.0 / variance[i] if isfinite(value[i]) else 0.0
+        weight = 0.0
+        if isfinite(value[i]):
+            weight = 1.0 / (variance[i] + spread[i] * (terms[0, i] * terms[0, i] + terms[1, i] * terms[1, i]))
         terms[4, i] = weight
         terms[5, i] = value[i] - rate if isfinite(value[i]) else 0.0
         principal[0, t] = principal[0, t] + weight * x * x
@@ -2542,7 +2545,7 @@ def update_bodies(
     range rates and components of the velocity; return the NIS (m,), weighted as the modes were."""
     cdef Py_ssize_t modes = mean.shape[1], m = rows.shape[0]
     cdef const double[:, :] along
-    cdef const double[:] number, spread
+    cdef const double[:] number, spread, wander
     cdef const Py_ssize_t[:] body
     cdef double[:, ::1] state, terms, principal, slope, direction
     cdef double[::1] value, variance
@@ -2553,11 +2556,12 @@ def update_bodies(
     cdef double[::1] told = told_array
     take_places(mean, covariance, rows, position, noise, nis, area)
     if rates is not None:
-        body, along, number, spread, share = rates.body, rates.offset, rates.value, rates.variance, rates.share
+        body, along, wander = rates.body, rates.offset, rates.spread
+        number, spread, share = rates.value, rates.variance, rates.share
         state, terms, principal = np.empty((m, 4)), np.empty((6, body.shape[0])), np.empty((4, m))
         slope, direction, value, variance = np.empty((m, 2)), np.empty((m, 2)), np.empty(m), np.empty(m)
         see_bodies(mean, probability, rows, state)
-        range_rate_terms(state, body, along, number, spread, rates.origin, rates.velocity, terms, principal)
+        range_rate_terms(state, body, along, wander, number, spread, rates.origin, rates.velocity, terms, principal)
         for which in range(2):
             if any_above(principal[which], least_information):
                 speed_component(

@@ -46,6 +46,7 @@ class BodyRates:
         variance: (n,), (m/s)².
         body: index of the body of each (n,), 0 to m − 1.
         offset: from the place of the body's leading reflection (n, 2), local frame, m.
+        spread: variance of each component of the offset (n,), m²: close by, the line of sight is as uncertain.
         origin: position of the sensor (2,), m.
         velocity: of the sensor over ground (2,), m/s.
         share: times the variance of its own that a mean of several speeds is taken to have.
@@ -55,6 +56,7 @@ class BodyRates:
     variance: Floats
     body: Indices
     offset: Floats
+    spread: Floats
     origin: Floats
     velocity: Floats
     share: float = 1.0
@@ -85,8 +87,9 @@ class BodyRates:
         each[:, :2] += self.offset
         rate, row = line_of_sight(each, self.origin, self.velocity)
         known = np.isfinite(self.value)
-        weight = np.where(known, 1.0 / self.variance, 0.0)
-        x, y = row[:, 2], row[:, 3]
+        slope_x, slope_y, x, y = row.T
+        variance = self.variance + self.spread * (slope_x * slope_x + slope_y * slope_y)
+        weight = np.where(known, 1.0 / variance, 0.0)
         information = (self._total(each, len(state)) for each in (weight * x * x, weight * x * y, weight * y * y))
         return np.vstack([row.T, weight, np.where(known, self.value - rate, 0.0)]), np.stack(list(information))
 

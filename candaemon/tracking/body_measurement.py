@@ -60,8 +60,8 @@ def of_bodies(
     )
     if measurement.range_rate is None or measurement.range_rate_variance is None:
         return rows, combined, None
-    sensor = measurement.origin, measurement.velocity
-    rates = BodyRates(measurement.range_rate, measurement.range_rate_variance, group, offset, *sensor, speed_share)
+    told = measurement.range_rate, measurement.range_rate_variance
+    rates = BodyRates(*told, group, offset, spread, measurement.origin, measurement.velocity, speed_share)
     return rows, combined, rates
 
 

@@ -306,7 +306,8 @@ def test_updates_of_bodies(
     measurement = Measurement(place, noise, np.zeros(2), np.ones(2), projections=projections)
     body = np.repeat(np.arange(n), 3)
     offset = random.normal(size=(3 * n, 2)) * 4.0
-    rates = BodyRates(some(3 * n), np.full(3 * n, 0.04), body, offset, np.zeros(2), np.ones(2)) if rated else None
+    spread, sensor = random.random(3 * n), (np.zeros(2), np.ones(2))
+    rates = BodyRates(some(3 * n), np.full(3 * n, 0.04), body, offset, spread, *sensor) if rated else None
 
     def computed() -> list[Floats]:
         tracked = bodies_of(bodies, modes)

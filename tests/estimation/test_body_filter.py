@@ -85,7 +85,8 @@ def updated(bodies: BodyFilter, rows: Indices, measurement: Measurement, alike: 
     rates, m = None, len(rows)
     if measurement.range_rate is not None and measurement.range_rate_variance is not None:
         values = measurement.range_rate, measurement.range_rate_variance
-        rates = BodyRates(*values, np.arange(m), np.zeros((m, 2)), measurement.origin, measurement.velocity)
+        known = np.zeros((m, 2)), np.zeros(m)
+        rates = BodyRates(*values, np.arange(m), *known, measurement.origin, measurement.velocity)
     return bodies.update(rows, measurement, alike, rates)
 
 
@@ -250,7 +251,7 @@ def test_range_rates_of_one_body_tell_what_they_tell_one_after_the_other() -> No
     body, offset = np.array([0, 1, 0, 0, 1]), rng.normal(size=(5, 2)) * [8.0, 15.0]
     value, variance = rng.normal(size=5) * 5.0, rng.uniform(1e-4, 1e-3, 5)
     value[2] = np.nan
-    bodies.update(np.arange(2), measurement, 1.0, BodyRates(value, variance, body, offset, ORIGIN, OWN))
+    bodies.update(np.arange(2), measurement, 1.0, BodyRates(value, variance, body, offset, np.zeros(5), ORIGIN, OWN))
     for row in range(2):
         x, p = mean[row], covariance[row]
         for k in np.flatnonzero((body == row) & np.isfinite(value)):
@@ -265,12 +266,21 @@ def test_range_rates_of_one_body_tell_what_they_tell_one_after_the_other() -> No
 def test_a_component_that_hardly_anything_tells_is_left_out() -> None:
     """Two reflections side by side far away: they know the speed across to tens of metres a second, no better."""
     aside, value = np.array([[0.0, -0.5], [0.0, 0.5]]), np.array([19.0, 19.2])
-    rates = BodyRates(value, np.full(2, 0.04), np.zeros(2, np.intp), aside, np.zeros(2), np.zeros(2))
+    rates = BodyRates(value, np.full(2, 0.04), np.zeros(2, np.intp), aside, np.zeros(2), np.zeros(2), np.zeros(2))
     (only,) = rates.components(np.array([[100.0, 0.0, 20.0, 5.0]]))
     np.testing.assert_allclose(np.abs(only.direction), [[1.0, 0.0]], atol=1e-3)
     np.testing.assert_allclose(only.variance, 0.02, rtol=1e-3)
     silent = replace(rates, value=np.full(2, np.nan))
     assert silent.components(np.ones((1, 4))) == ()
+
+
+def test_close_by_the_range_rate_of_a_reflection_that_wanders_tells_less() -> None:
+    """At 3 m abreast of what passes at 12 m/s, half a metre along it is 2 m/s of range rate; at 60 m, a tenth."""
+    told = np.zeros(1), np.full(1, 0.01), np.zeros(1, np.intp)
+    rates = BodyRates(*told, np.zeros((1, 2)), np.full(1, 0.25), np.zeros(2), np.zeros(2))
+    for distance, deviation in ((3.0, 2.0), (60.0, 0.1)):
+        (only,) = rates.components(np.array([[0.0, distance, 12.0, 0.0]]))
+        np.testing.assert_allclose(only.variance, 0.01 + deviation**2)
 
 
 def test_speeds_that_were_not_measured_change_nothing() -> None:
