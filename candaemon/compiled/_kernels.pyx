@@ -2882,6 +2882,9 @@ def bodies_to_merge(
     const double[:, :] facing,
     const double[:] length,
     const unsigned char[:] confirmed,
+    const unsigned char[:] stood,
+    const double[:] fastest,
+    double moved,
     double along,
     double across,
     double speed,
@@ -2930,6 +2933,8 @@ def bodies_to_merge(
                     unclear = 1.0 + unclear / clear
                     needed[young] = smaller(course_time * unclear, merge_time)
                 elif not (by_box or ahead < along and aside < across and faster * faster + drift * drift < speed):
+                    continue
+                if stood[young] and fastest[old] > moved or stood[old] and fastest[young] > moved:
                     continue
                 if confirmed[old] and found[young] < 0:
                     found[young] = old

@@ -16,19 +16,28 @@ _COURSE_ALONG, _COURSE_ACROSS = 4.5, 1.8  # m between two obstacles of one cours
 _COURSE_FASTER, _COURSE_DRIFT = 1.5, 3.0  # m/s by which they may differ along and across
 _COURSE_TIME = 0.2  # s side by side, longer where their places are not clear
 _CLEAR = 0.4  # m
+_STOOD_SPEED, _STOOD_TIME = 0.5, 2.0  # m/s and s; what was never faster for so long has stood
+_MOVED_SPEED = 2.0  # m/s
 
 
-def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Integers, Floats]:
+def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tuple[Integers, Floats]:
     """Return for each obstacle the row of an older one that it is alongside of and moves like, or −1; and for how long.
 
     What moves is compared along and across its course: its speed across is known worst, and parts of one vehicle
     differ there by noise alone. What is slow is compared as before a course is known, in all directions alike. What
-    moves one behind the other as fast is one vehicle where no driver would follow so closely.
+    moves one behind the other as fast is one vehicle where no driver would follow so closely. What has stood all the
+    time is none of what has moved: a car that stops beside a post stays a car.
+
+    Args:
+        bodies: of the cycle.
+        settings: how near, and how alike.
+        time_ns: of the cycle.
 
     Returns:
         Rows (k,), and the time alongside that is needed (k,), s.
     """
     obstacles, moments = bodies.obstacles, bodies.moments()
+    stood = (obstacles.fastest < _STOOD_SPEED) & (time_ns - obstacles.first_ns > round(_STOOD_TIME * 1e9))
     if compiled.in_use:
         return compiled.kernels.bodies_to_merge(
             moments.shown,
@@ -38,6 +47,9 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
             obstacles.facing,
             obstacles.length,
             obstacles.confirmed,
+            stood,
+            obstacles.fastest,
+            _MOVED_SPEED,
             settings.along,
             settings.across,
             settings.speed**2,
@@ -86,7 +98,9 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings) -> tuple[Inte
         & (faster[:, 0] < settings.following_speed)
         & (faster[:, 1] < _COURSE_DRIFT)
     )
-    beside = (by_course | by_speed | by_box) & obstacles.confirmed[old]
+    moved = obstacles.fastest > _MOVED_SPEED
+    apart_before = (stood[young] & moved[old]) | (moved[young] & stood[old])
+    beside = (by_course | by_speed | by_box) & obstacles.confirmed[old] & ~apart_before
     found[young[beside][::-1]] = old[beside][::-1]  # reversed, so that the oldest of several is written last
     spread = moments.shown_covariance[:, 0, 0] + moments.shown_covariance[:, 1, 1]
     unclear = 1.0 + (spread[young] + spread[old]) / _CLEAR**2

@@ -698,7 +698,7 @@ class VehicleTracker:
         """Merge the younger of two obstacles that stay alongside each other into the older."""
         bodies, settings = self._bodies, self.settings.reflections
         obstacles = bodies.obstacles
-        older, needed = merge_candidates(bodies, settings)
+        older, needed = merge_candidates(bodies, settings, self._state.time_ns)
         merging = alongside_long(obstacles.alongside_ns, older, needed, int(self._dt * 1e9))
         if not merging:
             return

@@ -574,7 +574,8 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
     def computed() -> list[Floats]:
         bodies = bodies_on_road(60, 0)
         bodies.obstacles.confirmed |= confirmed
-        older, needed = merge_candidates(bodies, ReflectionSettings())
+        bodies.obstacles.fastest[::3] = 0.3
+        older, needed = merge_candidates(bodies, ReflectionSettings(), 5 * 10**9)
         assert 3 < np.count_nonzero(older >= 0) < 50
         alongside_ns = np.arange(60) * 10**7
         merging = alongside_long(alongside_ns, older, needed, 5 * 10**7)

@@ -296,6 +296,16 @@ def test_a_lorry_that_crosses_shows_its_front_then_its_rear(side: float) -> None
             assert hypot(told.vx[0], told.vy[0] - side * 10.0) < 0.3
 
 
+def test_a_car_that_stops_beside_a_post_stays_a_car() -> None:
+    """The post has stood all the time: it is none of what has moved."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(4)
+    for t in times(1, 200):
+        speed = max(8.0 - 2.0 * t, 0.0)
+        place = 40.0 - 0.5 * (16.0 - speed * speed / 4.0)
+        told = fed.scan(t, noisy(rng, [Seen(0, place, 0.0, -speed), Seen(1, 30.5, 1.0)]))
+    assert len(told) == 2
+
+
 def test_a_sensor_that_tells_velocities_adds_to_what_one_without_them_has_just_found() -> None:
     """It crosses: its range rate tells nothing, and its reflection slides from one scan to the next."""
     fed = HandFedVehicles()
