@@ -175,6 +175,7 @@ def update_bodies(
     noise: Floats,
     rates: object,
     projections: Sequence[object],
+    moves: Floats,
     least_information: float,
     evidence: float,
     unmeasured: float,

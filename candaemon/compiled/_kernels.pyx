@@ -15,7 +15,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 73
+REVISION = 74
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2298,29 +2298,33 @@ cdef void take_speeds(
     const double[:, :] direction,
     const double[:] value,
     const double[:] variance,
+    const double[:] lever,
+    const double[:, ::1] moves,
     double unmeasured,
     double[:, ::1] nis,
     double[:, ::1] area,
 ) noexcept nogil:
-    """Update bodies with a number each: slopes (m, 2) over places, directions over velocities.
+    """Update bodies with a number each: slopes (m, 2) over places, directions over velocities, levers over turn rates.
 
     Add to the NIS (M, m), and multiply the determinants by S, by what changes nothing where it was not measured. Without
-    slopes the number is of the velocity alone.
+    slopes the number is of the velocity alone; without levers no turn rate counts, nor ever that of what stands.
     """
     cdef Py_ssize_t m = mean.shape[1], n = rows.shape[0], group, t, lanes, i, a, l, at, k, c
     cdef const Py_ssize_t* row
     cdef bint together
     cdef double p[8][8][LANES]
     cdef double cross[8][LANES]
-    cdef double h[6][LANES]
-    cdef double own[6][LANES]
+    cdef double h[7][LANES]
+    cdef double own[7][LANES]
     cdef double x[8][LANES]
     cdef double innovation[LANES]
     cdef double root[LANES]
     cdef double s[LANES]
     cdef double known[LANES]
-    cdef Py_ssize_t[6] component
-    component[0], component[1], component[2], component[3], component[4], component[5] = 0, 1, 2, 3, 6, 7
+    cdef Py_ssize_t[7] component
+    cdef Py_ssize_t count = 6 if lever is None else 7
+    component[0], component[1], component[2], component[3] = 0, 1, 2, 3
+    component[4], component[5], component[6] = 6, 7, 4
     for group in range((n + LANES - 1) // LANES):
         t = group * LANES
         lanes = min(LANES, n - t)
@@ -2340,7 +2344,11 @@ cdef void take_speeds(
                     h[0][l] * (x[0][l] + x[6][l]) + h[1][l] * (x[1][l] + x[7][l]) + h[2][l] * x[2][l] + h[3][l] * x[3][l]
                 )
                 s[l] = variance[at]
-            for k in range(6):
+            if lever is not None:
+                for l in range(LANES):
+                    h[6][l] = lever[t + (l if l < lanes else lanes - 1)] * moves[i, 0]
+                    innovation[l] = innovation[l] - h[6][l] * x[4][l]
+            for k in range(count):
                 for l in range(LANES):
                     own[k][l] = h[k][l] if fabs(innovation[l]) < INFINITY else 0.0
             for l in range(LANES):
@@ -2350,11 +2358,11 @@ cdef void take_speeds(
             for a in range(8):
                 for l in range(LANES):
                     cross[a][l] = p[0][a][l] * own[0][l]
-                for k in range(1, 6):
+                for k in range(1, count):
                     c = component[k]
                     for l in range(LANES):
                         cross[a][l] = cross[a][l] + p[min(a, c)][max(a, c)][l] * own[k][l]
-            for k in range(6):
+            for k in range(count):
                 for l in range(LANES):
                     s[l] = s[l] + cross[component[k]][l] * own[k][l]
             for l in range(LANES):
@@ -2378,9 +2386,9 @@ cdef void take_speeds(
 cdef void see_bodies(
     const double[:, :, ::1] mean, const double[:, ::1] probability, const Py_ssize_t[::1] rows, double[:, ::1] seen
 ) noexcept nogil:
-    """Note where bodies are seen, place and bias, and how they move, over all modes (m, 4)."""
+    """Note where bodies are seen, place and bias, how they move, and turn, over all modes (m, 5)."""
     cdef Py_ssize_t n = rows.shape[0], modes = mean.shape[1], i, t, a, row
-    cdef double place, velocity
+    cdef double place, velocity, turn
     for t in range(n):
         row = rows[t]
         for a in range(2):
@@ -2390,6 +2398,10 @@ cdef void see_bodies(
                 place = place + probability[i, row] * (mean[a, i, row] + mean[6 + a, i, row])
                 velocity = velocity + probability[i, row] * mean[2 + a, i, row]
             seen[t, a], seen[t, 2 + a] = place, velocity
+        turn = probability[0, row] * mean[4, 0, row]
+        for i in range(1, modes):
+            turn = turn + probability[i, row] * mean[4, i, row]
+        seen[t, 4] = turn
 
 
 cdef void range_rate_terms(
@@ -2397,6 +2409,7 @@ cdef void range_rate_terms(
     const Py_ssize_t[:] body,
     const double[:, :] offset,
     const double[:] spread,
+    const double[:, :] arm,
     const double[:] value,
     const double[:] variance,
     const double[:] origin,
@@ -2404,8 +2417,8 @@ cdef void range_rate_terms(
     double[:, ::1] terms,
     double[:, ::1] principal,
 ) noexcept nogil:
-    """Note of range rates (6, n) slope and line of sight, weight and innovation; and of the bodies they are of (4, m) how
-    much they tell along the direction of which they tell most, and across it, and that direction."""
+    """Note of range rates (7, n) slope and line of sight, weight, innovation and lever; and of the bodies they are of
+    (4, m) how much they tell along the direction of which they tell most, and across it, and that direction."""
     cdef Py_ssize_t n = body.shape[0], m = state.shape[0], i, t
     cdef double x, y, vx, vy, distance, nearest, far, rate, weight, middle, half, root, most, least
     for t in range(m):
@@ -2424,7 +2437,10 @@ cdef void range_rate_terms(
         weight = 0.0
         if isfinite(value[i]):
             weight = 1.0 / (variance[i] + spread[i] * (terms[0, i] * terms[0, i] + terms[1, i] * terms[1, i]))
-        terms[4, i] = weight
+        terms[4, i], terms[6, i] = weight, 0.0
+        if arm is not None:
+            terms[6, i] = arm[i, 0] * y - arm[i, 1] * x
+            rate = rate + terms[6, i] * state[t, 4]
         terms[5, i] = value[i] - rate if isfinite(value[i]) else 0.0
         principal[0, t] = principal[0, t] + weight * x * x
         principal[1, t] = principal[1, t] + weight * x * y
@@ -2452,6 +2468,7 @@ cdef void speed_component(
     double[:, ::1] direction,
     double[::1] value,
     double[::1] variance,
+    double[::1] lever,
 ) noexcept nogil:
     """Note what range rates tell along the directions of which they tell most (0), or across them (1)."""
     cdef Py_ssize_t n = body.shape[0], m = state.shape[0], i, t
@@ -2460,19 +2477,28 @@ cdef void speed_component(
         direction[t, 0] = -principal[3, t] if which else principal[2, t]
         direction[t, 1] = principal[2, t] if which else principal[3, t]
         slope[t, 0] = slope[t, 1] = value[t] = 0.0
+        if lever is not None:
+            lever[t] = 0.0
     for i in range(n):
         t = body[i]
         part = terms[4, i] * (terms[2, i] * direction[t, 0] + terms[3, i] * direction[t, 1])
         slope[t, 0] = slope[t, 0] + part * terms[0, i]
         slope[t, 1] = slope[t, 1] + part * terms[1, i]
         value[t] = value[t] + part * terms[5, i]
+        if lever is not None:
+            lever[t] = lever[t] + part * terms[6, i]
     for t in range(m):
         divisor = principal[which, t] if principal[which, t] > least else 1.0
         slope[t, 0] = slope[t, 0] / divisor
         slope[t, 1] = slope[t, 1] / divisor
         part = slope[t, 0] * state[t, 0] + slope[t, 1] * state[t, 1]
         part = part + (direction[t, 0] * state[t, 2] + direction[t, 1] * state[t, 3])
-        value[t] = value[t] / divisor + part if principal[which, t] > least else NAN
+        value[t] = value[t] / divisor + part
+        if lever is not None:
+            lever[t] = lever[t] / divisor
+            value[t] = value[t] + lever[t] * state[t, 4]
+        if not principal[which, t] > least:
+            value[t] = NAN
         variance[t] = share / divisor
 
 
@@ -2536,6 +2562,7 @@ def update_bodies(
     const double[:, :, :] noise,
     rates,
     projections,
+    const double[:, ::1] moves,
     double least_information,
     double evidence,
     double unmeasured,
@@ -2544,11 +2571,11 @@ def update_bodies(
     """Update rows (m,) of bodies (8, M, n), (8, 8, M, n) and (M, n) in place, with places (m, 2), their noise (m, 2, 2),
     range rates and components of the velocity; return the NIS (m,), weighted as the modes were."""
     cdef Py_ssize_t modes = mean.shape[1], m = rows.shape[0]
-    cdef const double[:, :] along
+    cdef const double[:, :] along, arm
     cdef const double[:] number, spread, wander
     cdef const Py_ssize_t[:] body
     cdef double[:, ::1] state, terms, principal, slope, direction
-    cdef double[::1] value, variance
+    cdef double[::1] value, variance, lever = None
     cdef double share
     cdef int which
     area_array, told_array = np.empty((modes, m)), np.empty(m)
@@ -2556,23 +2583,28 @@ def update_bodies(
     cdef double[::1] told = told_array
     take_places(mean, covariance, rows, position, noise, nis, area)
     if rates is not None:
-        body, along, wander = rates.body, rates.offset, rates.spread
+        body, along, wander, arm = rates.body, rates.offset, rates.spread, rates.arm
         number, spread, share = rates.value, rates.variance, rates.share
-        state, terms, principal = np.empty((m, 4)), np.empty((6, body.shape[0])), np.empty((4, m))
+        state, terms, principal = np.empty((m, 5)), np.empty((7, body.shape[0])), np.empty((4, m))
         slope, direction, value, variance = np.empty((m, 2)), np.empty((m, 2)), np.empty(m), np.empty(m)
+        if arm is not None:
+            lever = np.empty(m)
         see_bodies(mean, probability, rows, state)
-        range_rate_terms(state, body, along, wander, number, spread, rates.origin, rates.velocity, terms, principal)
+        range_rate_terms(
+            state, body, along, wander, arm, number, spread, rates.origin, rates.velocity, terms, principal
+        )
         for which in range(2):
             if any_above(principal[which], least_information):
                 speed_component(
-                    terms, body, state, principal, which, share, least_information, slope, direction, value, variance
+                    terms, body, state, principal, which, share, least_information,
+                    slope, direction, value, variance, lever,
                 )
                 take_speeds(
-                    mean, covariance, rows, slope, direction, value, variance, unmeasured, nis, area
+                    mean, covariance, rows, slope, direction, value, variance, lever, moves, unmeasured, nis, area
                 )
     for part in projections:
         along, number, spread = part.direction, part.value, part.variance
-        take_speeds(mean, covariance, rows, None, along, number, spread, unmeasured, nis, area)
+        take_speeds(mean, covariance, rows, None, along, number, spread, None, moves, unmeasured, nis, area)
     np.log(area_array, out=area_array)
     mode_exponents(nis, area, evidence)
     np.exp(area_array, out=area_array)

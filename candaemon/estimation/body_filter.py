@@ -526,6 +526,7 @@ class BodyFilter:
                 measurement.noise,
                 rates,
                 measurement.projections,
+                self._moves,
                 LEAST_INFORMATION,
                 evidence,
                 _UNMEASURED,
@@ -544,9 +545,9 @@ class BodyFilter:
         return _total(prior * nis)
 
     def _seen(self, mean: Floats, probability: Floats) -> Floats:
-        """Return the places where the sensors see bodies, and their velocities, over all modes (m, 4)."""
+        """Return the places where the sensors see bodies, velocities and turn rates, over all modes (m, 5)."""
         place = _weighted(probability, mean[POSITION] + mean[BIAS])
-        return np.concatenate([place, _weighted(probability, mean[VELOCITY])]).T
+        return np.concatenate([place, _weighted(probability, mean[2:5])]).T
 
     def _take_places(self, mean: Floats, covariance: Floats, measurement: Measurement) -> tuple[Floats, Floats]:
         """Update with the positions, x + b; return NIS and determinants of the innovations' covariances, (M, m) each.
@@ -591,9 +592,12 @@ class BodyFilter:
         (slope_x, slope_y), (x, y) = speed.slope.T, speed.direction.T
         place_x, place_y = mean[0] + mean[6], mean[1] + mean[7]
         innovation = speed.value - (slope_x * place_x + slope_y * place_y + x * mean[2] + y * mean[3])
+        row = {0: slope_x, 1: slope_y, 2: x, 3: y, 6: slope_x, 7: slope_y}
+        if speed.lever is not None:  # what stands does not turn
+            row[TURN] = speed.lever * self._moves
+            innovation = innovation - row[TURN] * mean[TURN]
         known = np.isfinite(innovation)
         innovation = np.where(known, innovation, 0.0)
-        row = {0: slope_x, 1: slope_y, 2: x, 3: y, 6: slope_x, 7: slope_y}
         row = {component: np.where(known, value, 0.0) for component, value in row.items()}
         cross = sum((covariance[component] * value for component, value in row.items()), start=np.zeros(()))
         s = sum((cross[component] * value for component, value in row.items()), start=speed.variance)

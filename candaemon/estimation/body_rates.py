@@ -22,19 +22,21 @@ LEAST_INFORMATION: Final = 0.05
 
 @dataclass(frozen=True, slots=True)
 class SpeedComponent:
-    """One number of each of m bodies, which depends on place p and velocity v as slope · p + direction · v.
+    """One number of each of m bodies: of place p, velocity v and turn rate ω, slope · p + direction · v + lever ω.
 
     Attributes:
         slope: over the place that the sensor sees (m, 2), 1/s.
         direction: unit vectors over the velocity (m, 2).
         value: m/s (m,); NaN where nothing tells it.
         variance: (m/s)², (m,).
+        lever: over the turn rate (m,), m; None: it does not depend on that.
     """
 
     slope: Floats
     direction: Floats
     value: Floats
     variance: Floats
+    lever: Floats | None = None
 
 
 @dataclass(slots=True)  # made each cycle
@@ -50,6 +52,8 @@ class BodyRates:
         origin: position of the sensor (2,), m.
         velocity: of the sensor over ground (2,), m/s.
         share: times the variance of its own that a mean of several speeds is taken to have.
+        arm: from the centre of its body, about which that turns (n, 2), local frame, m; zero where it is not known.
+            None: no turning is counted.
     """
 
     value: Floats
@@ -60,12 +64,14 @@ class BodyRates:
     origin: Floats
     velocity: Floats
     share: float = 1.0
+    arm: Floats | None = None
 
     def components(self, state: Floats) -> tuple[SpeedComponent, ...]:
         """Return what the range rates tell, linearised about places and velocities, in order of what they know.
 
         Args:
-            state: place of the leading reflection and velocity of each body (m, 4), local frame.
+            state: place of the leading reflection, velocity and turn rate of each body (m, 5), local frame; without
+                the turn rates (m, 4) where no turning is counted.
         """
         terms, (xx, xy, yy) = self._terms(state)
         middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
@@ -82,7 +88,7 @@ class BodyRates:
         return tuple(found)
 
     def _terms(self, state: Floats) -> tuple[Floats, Floats]:
-        """Return slope and line of sight, weight and innovation of each range rate (6, n); their information (3, m)."""
+        """Return slope, line of sight, weight, innovation and lever of each range rate (7, n); information (3, m)."""
         each = state.take(self.body, axis=0)
         each[:, :2] += self.offset
         rate, row = line_of_sight(each, self.origin, self.velocity)
@@ -91,20 +97,27 @@ class BodyRates:
         variance = self.variance + self.spread * (slope_x * slope_x + slope_y * slope_y)
         weight = np.where(known, 1.0 / variance, 0.0)
         information = (self._total(each, len(state)) for each in (weight * x * x, weight * x * y, weight * y * y))
-        return np.vstack([row.T, weight, np.where(known, self.value - rate, 0.0)]), np.stack(list(information))
+        lever = np.zeros(len(rate))
+        if self.arm is not None:
+            lever = self.arm[:, 0] * y - self.arm[:, 1] * x
+            rate = rate + lever * each[:, 4]
+        return np.vstack([row.T, weight, np.where(known, self.value - rate, 0.0), lever]), np.stack(list(information))
 
     def _component(self, terms: Floats, state: Floats, information: Floats, cx: Floats, cy: Floats) -> SpeedComponent:
         """Return what the range rates tell along the directions (cx, cy) of so much information (m,)."""
-        m, (slope_x, slope_y, x, y, weight, innovation) = len(state), terms
+        m, (slope_x, slope_y, x, y, weight, innovation, lever) = len(state), terms
         tells = information > LEAST_INFORMATION
         divisor = np.where(tells, information, 1.0)
         part = weight * (x * cx[self.body] + y * cy[self.body])
         slope = np.stack([self._total(part * slope_x, m) / divisor, self._total(part * slope_y, m) / divisor], axis=1)
         direction = np.stack([cx, cy], axis=1)
         value = self._total(part * innovation, m) / divisor
-        value += (slope * state[:, :2]).sum(axis=1) + (direction * state[:, 2:]).sum(axis=1)
+        value += (slope * state[:, :2]).sum(axis=1) + (direction * state[:, 2:4]).sum(axis=1)
+        levers = None if self.arm is None else self._total(part * lever, m) / divisor
+        if levers is not None:
+            value += levers * state[:, 4]
         value[~tells] = np.nan
-        return SpeedComponent(slope, direction, value, self.share / divisor)
+        return SpeedComponent(slope, direction, value, self.share / divisor, levers)
 
     def _total(self, values: Floats, bodies: int) -> Floats:
         """Return the sums over the range rates of each body (m,)."""

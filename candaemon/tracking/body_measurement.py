@@ -14,7 +14,12 @@ _LEAST_VARIANCE = 1e-4  # m²; an angle's noise is none at range 0, and no place
 
 
 def of_bodies(
-    measurement: Measurement, body: Indices, offset: Floats, spread: Floats, speed_share: float
+    measurement: Measurement,
+    body: Indices,
+    offset: Floats,
+    spread: Floats,
+    speed_share: float,
+    arm: Floats | None = None,
 ) -> tuple[Indices, Measurement, BodyRates | None]:
     """Return the detected bodies, ascending, what their leading reflections would have measured, and the range rates.
 
@@ -28,6 +33,7 @@ def of_bodies(
         offset: of the reflections from the leading one (m, 2), local frame, m.
         spread: variance of each component of the offsets (m,), m².
         speed_share: times the stated variance that speeds are taken to have.
+        arm: of the reflections, as in `BodyRates`.
     """
     if compiled.in_use:
         rows, first, group, position, covariance = compiled.kernels.measure_bodies(
@@ -61,7 +67,7 @@ def of_bodies(
     if measurement.range_rate is None or measurement.range_rate_variance is None:
         return rows, combined, None
     told = measurement.range_rate, measurement.range_rate_variance
-    rates = BodyRates(*told, group, offset, spread, measurement.origin, measurement.velocity, speed_share)
+    rates = BodyRates(*told, group, offset, spread, measurement.origin, measurement.velocity, speed_share, arm)
     return rows, combined, rates
 
 

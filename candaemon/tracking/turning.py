@@ -40,6 +40,16 @@ class Turning:
         arm, rate = place - self.centre.take(body, axis=0), self.rate.take(body)
         return np.stack([-rate * arm[:, 1], rate * arm[:, 0]], axis=1)
 
+    def arms(self, body: Indices, place: Floats) -> Floats:
+        """Return r of places on bodies (n, 2), local frame, m; zero where the box is not known.
+
+        Args:
+            body: row of the body of each (n,).
+            place: (n, 2), local frame, m.
+        """
+        known = self.variance.take(body) > 0.0
+        return np.asarray((place - self.centre.take(body, axis=0)) * known[:, None])
+
     def left_out(self, measurement: Measurement, body: Indices, place: Floats) -> Measurement:
         """Return detections as they would be if the bodies did not turn; what is unknown of ω adds to their noise.
 

@@ -437,13 +437,16 @@ class VehicleTracker:
         if association.doubt is not None:
             measurement = measurement.weakened(association.doubt[rows])
         offset = bodies.offsets(row)
+        arm, plain = None, measurement
         if (turning := bodies.turning()) is not None:
-            measurement = turning.left_out(measurement, body, bodies.moments().shown[body, :2] + offset)
+            place = bodies.moments().shown[body, :2] + offset
+            arm, plain = turning.arms(body, place), turning.left_out(measurement, body, place)
+            measurement = replace(measurement, projections=plain.projections)
         bodies.note_detections(body, detections.time_ns)
-        self._note_rates(row, body, offset, measurement)
+        self._note_rates(row, body, offset, plain)
         alike = self._alike(detections.sensor)
         speed_share = 1.0 + alike * (self._places.speed_noise**2 - 1.0)
-        seen, combined, rates = of_bodies(measurement, body, offset, reflections.variance.take(row), speed_share)
+        seen, combined, rates = of_bodies(measurement, body, offset, reflections.variance.take(row), speed_share, arm)
         bodies.filter.update(seen, combined, alike, rates)
         bodies.changed()
         bodies.learn_offsets(row, measurement.position, measurement.noise, offset)

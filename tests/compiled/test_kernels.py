@@ -282,7 +282,7 @@ def test_what_all_modes_say_of_bodies(bodies: int, modes: Sequence[BodyMode], mo
 
 
 @pytest.mark.parametrize("parts", [0, 2])
-@pytest.mark.parametrize("rated", [False, True])
+@pytest.mark.parametrize(("rated", "turning"), [(False, False), (True, False), (True, True)])
 @pytest.mark.parametrize("modes", [MODES, MODES[:1]], ids=["all", "one"])
 @pytest.mark.parametrize(
     ("bodies", "rows"), [(0, []), (1, [0]), (9, []), (9, [7, 2]), (19, range(19)), (19, range(5, 18))]
@@ -292,6 +292,7 @@ def test_updates_of_bodies(
     rows: Sequence[int],
     modes: Sequence[BodyMode],
     rated: bool,
+    turning: bool,
     parts: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -307,7 +308,8 @@ def test_updates_of_bodies(
     body = np.repeat(np.arange(n), 3)
     offset = random.normal(size=(3 * n, 2)) * 4.0
     spread, sensor = random.random(3 * n), (np.zeros(2), np.ones(2))
-    rates = BodyRates(some(3 * n), np.full(3 * n, 0.04), body, offset, spread, *sensor) if rated else None
+    arm = random.normal(size=(3 * n, 2)) if turning else None
+    rates = BodyRates(some(3 * n), np.full(3 * n, 0.04), body, offset, spread, *sensor, arm=arm) if rated else None
 
     def computed() -> list[Floats]:
         tracked = bodies_of(bodies, modes)

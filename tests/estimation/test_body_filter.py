@@ -263,6 +263,28 @@ def test_range_rates_of_one_body_tell_what_they_tell_one_after_the_other() -> No
         np.testing.assert_allclose(bodies.state.covariance[row, 0], p, atol=ROUNDING)
 
 
+@pytest.mark.parametrize("mode", [DRIVING, MODES[STANDING]], ids=["drives", "stands"])
+def test_range_rates_of_two_ends_tell_how_a_body_turns(mode: BodyMode) -> None:
+    """As a Kalman filter whose measurement is u · (v + ω × r) does it; what stands turns in no way."""
+    bodies = spawned((mode,), 1, 31)
+    for side in (bodies.state.covariance, np.swapaxes(bodies.state.covariance, 2, 3)):
+        side[:, :, [0, 1, 6, 7]] = 0.0
+    x, p = bodies.state.mean[0, 0].copy(), bodies.state.covariance[0, 0].copy()
+    measurement = seen((x[:2] + x[6:])[None], 23, rated=False, projected=False)
+    arm, value, variance = np.array([[2.0, -1.0], [-1.5, 4.0]]), np.array([3.0, -2.0]), np.array([0.04, 0.01])
+    told = value, variance, np.zeros(2, np.intp), 5.0 * arm, np.zeros(2)
+    bodies.update(np.arange(1), measurement, 1.0, BodyRates(*told, ORIGIN, OWN, arm=arm))
+    place = x[:2] + x[6:]
+    for k in range(2):
+        sight, h = place + 5.0 * arm[k] - ORIGIN, np.zeros(8)
+        u = sight / hypot(*sight)
+        h[2:4], h[4] = u, mode.moves * (u[1] * arm[k, 0] - u[0] * arm[k, 1])
+        gain = p @ h / (h @ p @ h + variance[k])
+        x, p = x + gain * (value[k] + u @ OWN - h @ x), p - np.outer(gain, h @ p)
+    np.testing.assert_allclose(bodies.state.mean[0, 0], x, atol=ROUNDING)
+    np.testing.assert_allclose(bodies.state.covariance[0, 0], p, atol=ROUNDING)
+
+
 def test_a_component_that_hardly_anything_tells_is_left_out() -> None:
     """Two reflections side by side far away: they know the speed across to tens of metres a second, no better."""
     aside, value = np.array([[0.0, -0.5], [0.0, 0.5]]), np.array([19.0, 19.2])

@@ -296,6 +296,26 @@ def test_a_lorry_that_crosses_shows_its_front_then_its_rear(side: float) -> None
             assert hypot(told.vx[0], told.vy[0] - side * 10.0) < 0.3
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_car_that_turns_off_is_one_obstacle_with_the_velocity_of_its_centre(side: float) -> None:
+    """At 0.6 rad/s, what lies 1.6 m before and behind its centre moves 1 m/s to either side of the course."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(9)
+    turn, speed = side * 0.6, 7.0
+    for t in times(1, 80):
+        yaw = turn * max(t - 1.0, 0.0)
+        ahead, left = np.array([cos(yaw), sin(yaw)]), np.array([-sin(yaw), cos(yaw)])
+        circled = speed / turn * np.array([sin(yaw), 1.0 - cos(yaw)])
+        centre = np.array([18.0 + speed * min(t, 1.0), 0.0]) + circled
+        arms = [arm * ahead for arm in (-1.6, 1.6)]
+        swing = turn * left if t > 1.0 else np.zeros(2)
+        ends = [(centre + arm, speed * ahead + (arm @ ahead) * swing) for arm in arms]
+        seen = noisy(rng, [Seen(k, *place, *velocity) for k, (place, velocity) in enumerate(ends)])
+        told = fed.scan(t, seen, length=np.full(2, 4.8), width=np.full(2, 1.9))
+        assert len(told) == 1
+        if t > 1.5:
+            assert hypot(told.vx[0] - speed * ahead[0], told.vy[0] - speed * ahead[1]) < 2.0
+
+
 def test_a_car_that_stops_beside_a_post_stays_a_car() -> None:
     """The post has stood all the time: it is none of what has moved."""
     fed, rng = HandFedVehicles(), np.random.default_rng(4)
