@@ -41,6 +41,23 @@ def test_the_recorded_drive_is_predicted() -> None:
     assert found["duplicates"] < 5.0
 
 
+@pytest.mark.usefixtures("drive")
+@pytest.mark.parametrize("config", ["toyota_rav4", "toyota_rav4_ins"])
+def test_the_recorded_drive_needs_no_tracker_section(config: str) -> None:
+    """Its predictions, and what stands, keep within the same bounds with all defaults."""
+    found = list(drive_findings(config, (("default", None),), None))
+    bounded = [one for one in found if "ahead" in one.name or "stands" in one.name]
+    assert len(bounded) == 6
+    assert [one.name for one in bounded if not one.met] == []
+
+
+def test_a_car_is_one_obstacle_of_twelve_radars() -> None:
+    """Where it comes into the view of others, its speed across is hardly known yet."""
+    found = figures(list(around(Effort((5, 9), VEHICLE, seconds=2.2), numbers=(12,))))
+    assert found["12: laps in which the id changes"] == 0
+    assert found["12: cycles with duplicates"] == 0
+
+
 def test_a_car_is_one_obstacle_of_two_radars() -> None:
     found = figures(list(around(Effort((1,), VEHICLE, seconds=3.0), numbers=(2,))))
     assert found["2: error in the first radar's view"] < 2.5

@@ -66,13 +66,13 @@ MISTAKES = {
     ),
     "noise too small": (
         "toyota_rav4",
-        "noise: {x: 0.1, y: 0.105, range_rate: 0.06}",
+        "noise: {x: 0.14, y: 0.08, range_rate: 0.035}",
         "noise: {x: 0.01, y: 0.01, range_rate: 0.006}",
         "noise",
     ),
     "noise too large": (
         "toyota_rav4",
-        "noise: {x: 0.1, y: 0.105, range_rate: 0.06}",
+        "noise: {x: 0.14, y: 0.08, range_rate: 0.035}",
         "noise: {x: 1, y: 1, range_rate: 0.6}",
         "noise",
     ),
