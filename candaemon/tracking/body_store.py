@@ -236,13 +236,16 @@ class Bodies:
         return self._moments
 
     def turning(self) -> Turning | None:
-        """Return how those bodies turn whose box is known; None: none is."""
+        """Return how those bodies turn whose box is known; None: none is.
+
+        A walker or rider, taken for small where it shows one reflection, turns about that.
+        """
         if not self._turning_known:
             self._turning, self._turning_known = self._find_turning(), True
         return self._turning
 
     def _find_turning(self) -> Turning | None:
-        known = self.obstacles.sized & self.obstacles.directed
+        known = self.obstacles.sized & self.obstacles.directed & (self.obstacles.length >= SMALL)
         if not known.any():
             return None
         rate, variance = self.filter.turn_rates()
