@@ -308,6 +308,8 @@ def note_rates(
     vx0: float,
     vy0: float,
     share: Floats,
+    turn: Floats | None,
+    centre: Floats | None,
 ) -> None: ...
 def learn_offsets(
     offset: Floats,
@@ -446,8 +448,29 @@ def add_places(
     anywhere: float,
 ) -> None: ...
 def states_of_reflections(
-    shown: Floats, spread: Floats, body: Integers, offset: Floats, variance: Floats, axis: Floats
+    shown: Floats,
+    spread: Floats,
+    body: Integers,
+    offset: Floats,
+    variance: Floats,
+    axis: Floats,
+    turn: Floats | None,
+    centre: Floats | None,
 ) -> tuple[Floats, Floats]: ...
+def turning_of_bodies(
+    probability: Floats,
+    mean: Floats,
+    covariance: Floats,
+    overall: Floats,
+    facing: Floats,
+    length: Floats,
+    length_variance: Floats,
+    extent: Floats,
+    directed: Booleans,
+    told: float,
+    small: float,
+    enough: float,
+) -> tuple[Floats, Floats, Floats] | None: ...
 def weigh_existence(
     existence: Floats,
     in_sight: Floats,
@@ -522,6 +545,8 @@ def fit_reflections(
     vy0: float,
     confirmed_gate: float,
     gate: float,
+    turn: Floats | None,
+    centre: Floats | None,
 ) -> tuple[Indices, Floats, int]: ...
 def longer_ago(last_ns: Integers, time_ns: int, longest: float) -> Booleans | None: ...
 def bodies_to_forget(

@@ -15,7 +15,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 74
+REVISION = 75
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2314,17 +2314,16 @@ cdef void take_speeds(
     cdef bint together
     cdef double p[8][8][LANES]
     cdef double cross[8][LANES]
-    cdef double h[7][LANES]
-    cdef double own[7][LANES]
+    cdef double h[6][LANES]
+    cdef double own[6][LANES]
+    cdef double arm[LANES]
     cdef double x[8][LANES]
     cdef double innovation[LANES]
     cdef double root[LANES]
     cdef double s[LANES]
     cdef double known[LANES]
-    cdef Py_ssize_t[7] component
-    cdef Py_ssize_t count = 6 if lever is None else 7
-    component[0], component[1], component[2], component[3] = 0, 1, 2, 3
-    component[4], component[5], component[6] = 6, 7, 4
+    cdef Py_ssize_t[6] component
+    component[0], component[1], component[2], component[3], component[4], component[5] = 0, 1, 2, 3, 6, 7
     for group in range((n + LANES - 1) // LANES):
         t = group * LANES
         lanes = min(LANES, n - t)
@@ -2346,9 +2345,10 @@ cdef void take_speeds(
                 s[l] = variance[at]
             if lever is not None:
                 for l in range(LANES):
-                    h[6][l] = lever[t + (l if l < lanes else lanes - 1)] * moves[i, 0]
-                    innovation[l] = innovation[l] - h[6][l] * x[4][l]
-            for k in range(count):
+                    arm[l] = lever[t + (l if l < lanes else lanes - 1)] * moves[i, 0]
+                    innovation[l] = innovation[l] - arm[l] * x[4][l]
+                    arm[l] = arm[l] if fabs(innovation[l]) < INFINITY else 0.0
+            for k in range(6):
                 for l in range(LANES):
                     own[k][l] = h[k][l] if fabs(innovation[l]) < INFINITY else 0.0
             for l in range(LANES):
@@ -2358,13 +2358,19 @@ cdef void take_speeds(
             for a in range(8):
                 for l in range(LANES):
                     cross[a][l] = p[0][a][l] * own[0][l]
-                for k in range(1, count):
+                for k in range(1, 6):
                     c = component[k]
                     for l in range(LANES):
                         cross[a][l] = cross[a][l] + p[min(a, c)][max(a, c)][l] * own[k][l]
-            for k in range(count):
+                if lever is not None:
+                    for l in range(LANES):
+                        cross[a][l] = cross[a][l] + p[min(a, 4)][max(a, 4)][l] * arm[l]
+            for k in range(6):
                 for l in range(LANES):
                     s[l] = s[l] + cross[component[k]][l] * own[k][l]
+            if lever is not None:
+                for l in range(LANES):
+                    s[l] = s[l] + cross[4][l] * arm[l]
             for l in range(LANES):
                 at = t + (l if l < lanes else lanes - 1)
                 s[l] = larger(s[l], variance[at])
@@ -3182,16 +3188,22 @@ def note_rates(
     double vx0,
     double vy0,
     const double[:] share,
+    const double[:] turn,
+    const double[:, :] centre,
 ):
     """Note in place how much faster than their bodies reflections come nearer."""
     cdef Py_ssize_t m = row.shape[0], i, t
-    cdef double x, y, nearest, difference
+    cdef double x, y, vx, vy, nearest, difference
     with nogil:
         for i in range(m):
             t = body[i]
-            x, y = shown[t, 0] + offset[i, 0] - x0, shown[t, 1] + offset[i, 1] - y0
+            x, y = shown[t, 0] + offset[i, 0], shown[t, 1] + offset[i, 1]
+            vx, vy = shown[t, 2], shown[t, 3]
+            if turn is not None:
+                vx, vy = vx + -turn[t] * (y - centre[t, 1]), vy + turn[t] * (x - centre[t, 0])
+            x, y = x - x0, y - y0
             nearest = larger(sqrt(x * x + y * y), 1e-3)
-            difference = measured[i] - (x / nearest * (shown[t, 2] - vx0) + y / nearest * (shown[t, 3] - vy0))
+            difference = measured[i] - (x / nearest * (vx - vx0) + y / nearest * (vy - vy0))
             if not isfinite(difference):
                 difference = 0.0
             noted[row[i]] = noted[row[i]] + share[t] * (difference - noted[row[i]])
@@ -3558,6 +3570,8 @@ def states_of_reflections(
     const double[:, :] offset,
     const double[:] variance,
     const double[:, :] axis,
+    const double[:] turn,
+    const double[:, :] centre,
 ):
     """Return where reflections are expected and how they move, (n, 4) and (n, 4, 4)."""
     cdef Py_ssize_t n = body.shape[0], i, t
@@ -3571,9 +3585,55 @@ def states_of_reflections(
             memcpy(&covariance[i, 0, 0], &spread[t, 0, 0], 16 * sizeof(double))
             mean[i, 0] = mean[i, 0] + (offset[i, 0] * axis[t, 0] - offset[i, 1] * axis[t, 1])
             mean[i, 1] = mean[i, 1] + (offset[i, 1] * axis[t, 0] + offset[i, 0] * axis[t, 1])
+            if turn is not None:
+                mean[i, 2] = mean[i, 2] + -turn[t] * (mean[i, 1] - centre[t, 1])
+                mean[i, 3] = mean[i, 3] + turn[t] * (mean[i, 0] - centre[t, 0])
             covariance[i, 0, 0] = covariance[i, 0, 0] + variance[i]
             covariance[i, 1, 1] = covariance[i, 1, 1] + variance[i]
     return mean_array, covariance_array
+
+
+def turning_of_bodies(
+    const double[:, ::1] probability,
+    const double[:, :, ::1] mean,
+    const double[:, :, :, ::1] covariance,
+    const double[:, :] overall,
+    const double[:, :] facing,
+    const double[:] length,
+    const double[:] length_variance,
+    const double[:] extent,
+    const unsigned char[:] directed,
+    double told,
+    double small,
+    double enough,
+):
+    """Return turn rates and their variances over all modes of bodies whose boxes are known, 0 of others, (k,), and the
+    centres of boxes (k, 2); None: no box is known."""
+    cdef Py_ssize_t k = length.shape[0], modes = mean.shape[1], i, t
+    cdef bint some = False
+    cdef double apart
+    for t in range(k):
+        if directed[t] and length[t] >= small and (length_variance[t] < told or extent[t] > enough):
+            some = True
+            break
+    if not some:
+        return None
+    rate_array, variance_array, centre_array = np.zeros(k), np.zeros(k), np.empty((k, 2))
+    cdef double[::1] rate = rate_array, variance = variance_array
+    cdef double[:, ::1] centre = centre_array
+    with nogil:
+        for t in range(k):
+            centre[t, 0], centre[t, 1] = overall[t, 0] - facing[t, 0], overall[t, 1] - facing[t, 1]
+            if not (directed[t] and length[t] >= small and (length_variance[t] < told or extent[t] > enough)):
+                continue
+            rate[t] = probability[0, t] * mean[4, 0, t]
+            for i in range(1, modes):
+                rate[t] = rate[t] + probability[i, t] * mean[4, i, t]
+            for i in range(modes):
+                apart = mean[4, i, t] - rate[t]
+                apart = probability[i, t] * (covariance[4, 4, i, t] + apart * apart)
+                variance[t] = variance[t] + apart if i else apart
+    return rate_array, variance_array, centre_array
 
 
 def weigh_existence(
@@ -3750,6 +3810,8 @@ def fit_reflections(
     double vy0,
     double confirmed_gate,
     double gate,
+    const double[:] turn,
+    const double[:, :] centre,
 ):
     """Return which reflection each detection fits of those that its id stands for (m,), −1: none; the NIS, NaN where it
     fits none; and how many do not fit."""
@@ -3774,6 +3836,9 @@ def fit_reflections(
                     p[a][b] = spread[t, a, b]
             state[0] = state[0] + (offset[r, 0] * axis[t, 0] - offset[r, 1] * axis[t, 1])
             state[1] = state[1] + (offset[r, 1] * axis[t, 0] + offset[r, 0] * axis[t, 1])
+            if turn is not None:
+                state[2] = state[2] + -turn[t] * (state[1] - centre[t, 1])
+                state[3] = state[3] + turn[t] * (state[0] - centre[t, 0])
             p[0][0] = p[0][0] + variance[r]
             p[1][1] = p[1][1] + variance[r]
             x, y, vx, vy = state[0] - x0, state[1] - y0, state[2] - vx0, state[3] - vy0

@@ -17,6 +17,7 @@ from candaemon.tracking.association import best_pairs, gated_pairs, pair_nis
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.joint_association import doubts, likelihood_ratios
 from candaemon.tracking.reflections import to_travel_axes
+from candaemon.tracking.turning import rate_and_centre
 
 _NEAREST = 1e-3  # m, nearer than which there is no line of sight
 _LEAST_AGE = 0.05  # s, of a body that began just before
@@ -108,8 +109,7 @@ def _by_id(bodies: Bodies, detections: Detections, settings: AssociationSettings
     """Associate by ids; one that comes twice in a scan stands for nothing, nor does that of an object called new."""
     keys = detections.object_id
     rows, distinct = bodies.rows_of(detections.sensor, keys)
-    plain = not detections.measurement.projections and bodies.turning() is None
-    if compiled.in_use and distinct and settings.method != "id" and plain:
+    if compiled.in_use and distinct and settings.method != "id" and not detections.measurement.projections:
         return _fit(bodies, detections, settings, vague, rows)
     found = _nothing(len(keys))
     row = np.where(detections.new | vague.take(bodies.reflections.body.take(rows)), -1, rows)
@@ -171,6 +171,7 @@ def _fit(
         vy0,
         settings.id_gate,
         settings.gate,
+        *rate_and_centre(bodies.turning()),
     )
     return Association(np.full(len(rows), -1, np.intp), reflection, nis, slot_jumps=slot_jumps)
 

@@ -23,7 +23,7 @@ from candaemon.tracking.columns import Table
 from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
-from candaemon.tracking.turning import Turning
+from candaemon.tracking.turning import Turning, rate_and_centre
 
 _LEAST_NORMAL = 1e-12  # 1/m²
 _BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
@@ -245,12 +245,28 @@ class Bodies:
         return self._turning
 
     def _find_turning(self) -> Turning | None:
-        known = self.obstacles.sized & self.obstacles.directed & (self.obstacles.length >= SMALL)
+        obstacles, mean = self.obstacles, self.moments().mean
+        if compiled.in_use:
+            found = compiled.kernels.turning_of_bodies(
+                self.filter.probability.T,
+                self.filter.state.mean.T,
+                self.filter.state.covariance.T,
+                mean,
+                obstacles.facing,
+                obstacles.length,
+                obstacles.length_variance,
+                obstacles.extent,
+                obstacles.directed,
+                TOLD_LENGTH,
+                SMALL,
+                ENOUGH,
+            )
+            return None if found is None else Turning(*found)
+        known = obstacles.sized & obstacles.directed & (obstacles.length >= SMALL)
         if not known.any():
             return None
         rate, variance = self.filter.turn_rates()
-        centre = self.moments().mean[:, POSITION] - self.obstacles.facing
-        return Turning(np.where(known, rate, 0.0), np.where(known, variance, 0.0), centre)
+        return Turning(np.where(known, rate, 0.0), np.where(known, variance, 0.0), mean[:, POSITION] - obstacles.facing)
 
     def reflection_states(self, rows: Indices | None = None) -> tuple[Floats, Floats]:
         """Return where reflections are expected and how they move: means (n, 4), covariances (n, 4, 4).
@@ -263,14 +279,13 @@ class Bodies:
         variance = reflections.variance if rows is None else reflections.variance.take(rows)
         if compiled.in_use:
             offset = reflections.offset if rows is None else reflections.offset.take(rows, axis=0)
-            mean, covariance = compiled.kernels.states_of_reflections(
-                moments.shown, moments.shown_covariance, body, offset, variance, self.obstacles.axis
-            )
-        else:
-            mean, covariance = moments.shown.take(body, axis=0), moments.shown_covariance.take(body, axis=0)
-            mean[:, :2] += self.offsets(rows)
-            covariance[:, 0, 0] += variance
-            covariance[:, 1, 1] += variance
+            shown, spread, axis = moments.shown, moments.shown_covariance, self.obstacles.axis
+            turn, centre = rate_and_centre(self.turning())
+            return compiled.kernels.states_of_reflections(shown, spread, body, offset, variance, axis, turn, centre)
+        mean, covariance = moments.shown.take(body, axis=0), moments.shown_covariance.take(body, axis=0)
+        mean[:, :2] += self.offsets(rows)
+        covariance[:, 0, 0] += variance
+        covariance[:, 1, 1] += variance
         if (turning := self.turning()) is not None:
             mean[:, 2:] += turning.velocities(body, mean[:, :2])
         return mean, covariance

@@ -13,8 +13,6 @@ import numpy as np
 from candaemon.arrays import Floats, Indices
 from candaemon.estimation.measurement import Measurement
 
-_NEAREST = 1e-3  # m, nearer than which there is no line of sight
-
 
 @dataclass(frozen=True, slots=True)
 class Turning:
@@ -51,27 +49,28 @@ class Turning:
         return np.asarray((place - self.centre.take(body, axis=0)) * known[:, None])
 
     def left_out(self, measurement: Measurement, body: Indices, place: Floats) -> Measurement:
-        """Return detections as they would be if the bodies did not turn; what is unknown of ω adds to their noise.
+        """Return detections with the velocities that they would have if the bodies did not turn.
+
+        What is unknown of ω adds to their noise. Range rates, which tell of ω themselves, are left as they are.
 
         Args:
             measurement: m detections.
             body: row of the body of each (m,).
             place: of the reflections (m, 2), local frame, m.
         """
-        rate, variance = measurement.range_rate, measurement.range_rate_variance
-        if rate is not None and variance is not None:
-            sight = place - measurement.origin
-            sight /= np.maximum(np.sqrt((sight * sight).sum(axis=1)), _NEAREST)[:, None]
-            added, unknown = self._along(sight, body, place)
-            rate, variance = rate - added, variance + unknown
         projections = []
         for part in measurement.projections:
             added, unknown = self._along(part.direction, body, place)
             projections.append(replace(part, value=part.value - added, variance=part.variance + unknown))
-        return replace(measurement, range_rate=rate, range_rate_variance=variance, projections=tuple(projections))
+        return replace(measurement, projections=tuple(projections))
 
     def _along(self, direction: Floats, body: Indices, place: Floats) -> tuple[Floats, Floats]:
         """Return ω × r along unit vectors (n, 2) and its variance, m/s and (m/s)² (n,)."""
         arm = place - self.centre.take(body, axis=0)
         lever = direction[:, 1] * arm[:, 0] - direction[:, 0] * arm[:, 1]
         return lever * self.rate.take(body), lever * lever * self.variance.take(body)
+
+
+def rate_and_centre(turning: Turning | None) -> tuple[Floats | None, Floats | None]:
+    """Return ω and the centres of boxes as the kernels take them; None of bodies of which none is known to turn."""
+    return (None, None) if turning is None else (turning.rate, turning.centre)

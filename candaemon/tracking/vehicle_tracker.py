@@ -40,6 +40,7 @@ from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.sensor_visibility import VisibilityState
 from candaemon.tracking.smoother_history import SmootherHistory
 from candaemon.tracking.tracker import EARLIEST_NS, LATEST_RETRODICTION, MISSED_SCAN
+from candaemon.tracking.turning import rate_and_centre
 from candaemon.tracking.update import PredictedReflections, TrackerCounts, Update, Used
 
 _HISTORY = (1 << 32) - 1
@@ -437,13 +438,14 @@ class VehicleTracker:
         if association.doubt is not None:
             measurement = measurement.weakened(association.doubt[rows])
         offset = bodies.offsets(row)
-        arm, plain = None, measurement
+        arm = None
         if (turning := bodies.turning()) is not None:
-            place = bodies.moments().shown[body, :2] + offset
-            arm, plain = turning.arms(body, place), turning.left_out(measurement, body, place)
-            measurement = replace(measurement, projections=plain.projections)
+            place = bodies.moments().shown.take(body, axis=0)[:, :2] + offset
+            arm = turning.arms(body, place)
+            if measurement.projections:
+                measurement = turning.left_out(measurement, body, place)
         bodies.note_detections(body, detections.time_ns)
-        self._note_rates(row, body, offset, plain)
+        self._note_rates(row, body, offset, measurement)
         alike = self._alike(detections.sensor)
         speed_share = 1.0 + alike * (self._places.speed_noise**2 - 1.0)
         seen, combined, rates = of_bodies(measurement, body, offset, reflections.variance.take(row), speed_share, arm)
@@ -461,12 +463,16 @@ class VehicleTracker:
         share = -np.expm1(-self._bodies.obstacles.interval / _RATE_MEMORY)
         noted, shown = self._bodies.reflections.rate_difference, self._bodies.moments().shown
         sensor, rates = (measurement.origin, measurement.velocity), measurement.range_rate
+        turning = self._bodies.turning()
         if compiled.in_use:
-            numbers = (*measurement.origin.tolist(), *measurement.velocity.tolist(), share)
-            compiled.kernels.note_rates(noted, row, body, shown, offset, rates, *numbers)
+            (x, y), (vx, vy) = measurement.origin.tolist(), measurement.velocity.tolist()
+            turn, centre = rate_and_centre(turning)
+            compiled.kernels.note_rates(noted, row, body, shown, offset, rates, x, y, vx, vy, share, turn, centre)
             return
         mean = shown[body]
         mean[:, :2] += offset
+        if turning is not None:
+            mean[:, 2:] += turning.velocities(body, mean[:, :2])
         difference = rates - line_of_sight(mean, *sensor)[0]
         difference[~np.isfinite(difference)] = 0.0
         noted[row] += share[body] * (difference - noted[row])

@@ -678,12 +678,16 @@ def test_marks_of_what_is_detected(identified: bool, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("speeds", [True, False])
 @pytest.mark.parametrize("twice", [True, False])
-def test_what_detections_are_of_by_their_ids(twice: bool, speeds: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("turning", [True, False])
+def test_what_detections_are_of_by_their_ids(
+    turning: bool, twice: bool, speeds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     vague, ids = np.arange(20) == 2, np.arange(15)
     ids[14] = 13 if twice else 99
 
     def computed() -> list[Floats]:
         bodies, scan = bodies_on_road(20, 9), scan_of(15, speeds)
+        bodies.obstacles.directed[::3] = turning
         states, _ = bodies.reflection_states()
         scan.measurement.position[:] = states[:15, :2] + np.linspace(0.0, 4.0, 15)[:, None]
         scan.new[5] = True
@@ -691,7 +695,9 @@ def test_what_detections_are_of_by_their_ids(twice: bool, speeds: bool, monkeypa
         found = associate(bodies, scan, AssociationSettings(), ReflectionSettings(merge=False), vague)
         assert found.slot_jumps > 0
         assert 2 < np.count_nonzero(np.isfinite(found.nis)) < 15
-        return [found.body.astype(np.float64), found.reflection.astype(np.float64), found.nis]
+        assert (bodies.turning() is not None) == turning
+        turns = [] if (of := bodies.turning()) is None else [of.rate, of.variance, of.centre]
+        return [found.body.astype(np.float64), found.reflection.astype(np.float64), found.nis, states, *turns]
 
     both(monkeypatch, computed)
 

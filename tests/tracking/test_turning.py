@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.tracking.turning import Turning
@@ -18,27 +17,17 @@ def test_the_front_of_what_turns_to_the_left_goes_to_the_left() -> None:
     np.testing.assert_allclose(TURNING.velocities(BODY, PLACE), [[0.0, 1.0], [0.5, 0.0], [0.0, 0.0]], atol=1e-12)
 
 
-def test_what_turning_adds_is_left_out_and_what_is_unknown_of_it_is_noise() -> None:
+def test_what_turning_adds_is_left_out_of_velocities_and_what_is_unknown_of_it_is_noise() -> None:
     left, ahead = np.array([[0.0, 1.0]] * 3), np.array([[1.0, 0.0]] * 3)
     parts = tuple(Projection(each, np.full(3, 7.0), np.full(3, 0.1)) for each in (left, ahead))
-    below = Measurement(
-        PLACE, np.zeros((3, 2, 2)), np.array([22.0, 0.0]), np.zeros(2), np.zeros(3), np.full(3, 0.01), parts
-    )
-    told = TURNING.left_out(below, BODY, PLACE)
-    assert told.range_rate is not None
-    assert told.range_rate_variance is not None
-    np.testing.assert_allclose(told.range_rate[[0, 2]], [-1.0, 0.0], atol=1e-12)  # seen from right below
-    np.testing.assert_allclose(told.range_rate_variance[[0, 2]], [0.01 + 2.0**2 * 0.04, 0.01])
+    rate = np.array([1.0, 2.0, 3.0])
+    seen = Measurement(PLACE, np.zeros((3, 2, 2)), np.zeros(2), np.zeros(2), rate, np.full(3, 0.01), parts)
+    told = TURNING.left_out(seen, BODY, PLACE)
     np.testing.assert_allclose(told.projections[0].value, [6.0, 7.0, 7.0])
     np.testing.assert_allclose(told.projections[0].variance, [0.1 + 2.0**2 * 0.04, 0.1, 0.1])
     np.testing.assert_allclose(told.projections[1].value, [7.0, 6.5, 7.0])
-    np.testing.assert_array_equal(below.range_rate, np.zeros(3))
+    assert told.range_rate is rate
 
 
-@pytest.mark.parametrize("place", [[20.0, 10.0], [22.0, 10.0]])
-def test_a_place_at_the_sensor_has_no_line_of_sight(place: list[float]) -> None:
-    at = np.array([place])
-    here = Measurement(at, np.zeros((1, 2, 2)), at[0], np.zeros(2), np.ones(1), np.ones(1))
-    told = TURNING.left_out(here, np.array([1]), at)
-    assert told.range_rate == pytest.approx(1.0)
-    assert told.range_rate_variance == pytest.approx(1.0)
+def test_arms_are_those_of_bodies_whose_box_is_known() -> None:
+    np.testing.assert_allclose(TURNING.arms(BODY, PLACE), [[2.0, 0.0], [0.0, -1.0], [0.0, 0.0]])
