@@ -54,8 +54,7 @@ class DriveScore:
         """Update all scores with one cycle."""
         update = cycle.update
         if update is not None:
-            known = np.isfinite(update.nis)
-            self.nis.add(update.nis[known], update.degrees_of_freedom[known])
+            self.nis.add(update.nis, update.degrees_of_freedom)
         if self.brief:
             return
         obstacles = cycle.obstacles
@@ -386,9 +385,27 @@ class NisScore:
         self._sum = 0.0
         self._dof = 0
         self._inside = 0
+        self._waiting: list[tuple[Floats, Integers]] = []
 
     def add(self, nis: Floats, dof: Integers) -> None:
-        """Add n innovations by their normalised innovation squared and degrees of freedom (≥ 1), shape (n,)."""
+        """Add innovations, those left out that there are none of.
+
+        Args:
+            nis: their normalised innovations squared (n,); NaN: there is none.
+            dof: their degrees of freedom (n,), 1 and more.
+        """
+        self._waiting.append((nis, dof))
+        if len(self._waiting) >= _TOGETHER:
+            self._count_waiting()
+
+    def _count_waiting(self) -> None:
+        """Count what waits."""
+        if not self._waiting:
+            return
+        nis, dof = (np.concatenate(each) for each in zip(*self._waiting, strict=True))
+        self._waiting.clear()
+        known = np.isfinite(nis)
+        nis, dof = nis[known], dof[known]
         if not len(nis):
             return
         limits = np.array([0.0, *(chi2_quantile(0.95, k) for k in range(1, int(dof.max()) + 1))])
@@ -400,19 +417,20 @@ class NisScore:
     @property
     def samples(self) -> int:
         """Number of innovations so far."""
+        self._count_waiting()
         return self._samples
 
     @property
     def mean(self) -> float:
         """Mean NIS; NaN without samples."""
-        return self._sum / self._samples if self._samples else nan
+        return self._sum / self.samples if self.samples else nan
 
     @property
     def expected(self) -> float:
         """Mean number of degrees of freedom: the expected mean NIS of a consistent filter."""
-        return self._dof / self._samples if self._samples else nan
+        return self._dof / self.samples if self.samples else nan
 
     @property
     def coverage(self) -> float:
         """Share of innovations within their 95 % quantile; 0.95 for a consistent filter."""
-        return self._inside / self._samples if self._samples else nan
+        return self._inside / self.samples if self.samples else nan
