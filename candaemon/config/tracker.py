@@ -52,6 +52,28 @@ class AssociationSettings(Settings):
     )
 
 
+class CourseSettings(Settings):
+    """When two obstacles that drive on one course are one vehicle; of the estimator `vehicle`."""
+
+    speed: float = Field(4.0, gt=0, le=30, description="m/s of both, above which their course is known well enough")
+    along: float = Field(4.5, gt=0, le=30, description="m along it from one to the other")
+    across: float = Field(1.8, gt=0, le=5, description="m across it")
+    faster: float = Field(1.5, gt=0, le=10, description="m/s along it by which they may differ")
+    drift: float = Field(3.0, gt=0, le=10, description="m/s across it, which is known worst")
+    time: float = Field(0.2, ge=0, le=10, description="s side by side, longer where their places are not clear …")
+    clear: float = Field(0.4, gt=0.01, le=10, description="… m, standard deviation of a place with which that is twice")
+
+
+class StoodSettings(Settings):
+    """What has stood all the time is none of what has moved; of the estimator `vehicle`."""
+
+    time: float = Field(
+        2.0, ge=0, le=60, description="s since its first detection, for which it was never faster than …"
+    )
+    speed: float = Field(0.5, ge=0, le=10, description="… m/s")
+    moved: float = Field(2.0, gt=0, le=30, description="m/s, what was ever faster has moved")
+
+
 class ReflectionSettings(Settings):
     """When several detections are one vehicle."""
 
@@ -74,6 +96,8 @@ class ReflectionSettings(Settings):
         description="s to a vehicle in which nobody follows: what is on its course there, and as fast, is a part of it",
     )
     following_speed: float = Field(0.5, gt=0, le=10, description="m/s along the course by which the two may differ")
+    course: CourseSettings = Field(default_factory=CourseSettings.defaults)
+    stood: StoodSettings = Field(default_factory=StoodSettings.defaults)
     merge_time: float = Field(0.5, ge=0, le=10, description="s side by side until two obstacles become one")
     patience: float = Field(
         0.15,

@@ -11,14 +11,6 @@ from candaemon.estimation.body_filter import POSITION, VELOCITY
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import near_pairs, to_travel_axes
 
-_COURSE_SPEED = 4.0  # m/s, above which the course is known well enough to join by it
-_COURSE_ALONG, _COURSE_ACROSS = 4.5, 1.8  # m between two obstacles of one course
-_COURSE_FASTER, _COURSE_DRIFT = 1.5, 3.0  # m/s by which they may differ along and across
-_COURSE_TIME = 0.2  # s side by side, longer where their places are not clear
-_CLEAR = 0.4  # m
-_STOOD_SPEED, _STOOD_TIME = 0.5, 2.0  # m/s and s; what was never faster for so long has stood
-_MOVED_SPEED = 2.0  # m/s
-
 
 def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tuple[Integers, Floats]:
     """Return for each obstacle the row of an older one that it is alongside of and moves like, or −1; and for how long.
@@ -37,7 +29,8 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         Rows (k,), and the time alongside that is needed (k,), s.
     """
     obstacles, moments = bodies.obstacles, bodies.moments()
-    stood = (obstacles.fastest < _STOOD_SPEED) & (time_ns - obstacles.first_ns > round(_STOOD_TIME * 1e9))
+    course, standing = settings.course, settings.stood
+    stood = (obstacles.fastest < standing.speed) & (time_ns - obstacles.first_ns > round(standing.time * 1e9))
     if compiled.in_use:
         return compiled.kernels.bodies_to_merge(
             moments.shown,
@@ -49,7 +42,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             obstacles.confirmed,
             stood,
             obstacles.fastest,
-            _MOVED_SPEED,
+            standing.moved,
             settings.along,
             settings.across,
             settings.speed**2,
@@ -57,17 +50,17 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             settings.following,
             settings.following_speed,
             settings.extent,
-            _COURSE_SPEED,
-            _COURSE_ALONG,
-            _COURSE_ACROSS,
-            _COURSE_FASTER,
-            _COURSE_DRIFT,
-            _COURSE_TIME,
-            _CLEAR**2,
+            course.speed,
+            course.along,
+            course.across,
+            course.faster,
+            course.drift,
+            course.time,
+            course.clear**2,
         )
     found, needed = np.full(len(obstacles), -1, dtype=np.int64), np.full(len(obstacles), settings.merge_time)
     place, velocity = moments.shown[:, :2], moments.mean[:, VELOCITY]
-    reach = max(settings.along, _COURSE_ALONG, settings.extent) + max(settings.across, _COURSE_ACROSS)
+    reach = max(settings.along, course.along, settings.extent) + max(settings.across, course.across)
     young, old = near_pairs(place[:, 0], place[:, 1], reach)
     if not len(young):
         return found, needed
@@ -75,13 +68,13 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     apart = np.abs(to_travel_axes(place[young] - place[old], axis))
     faster = np.abs(to_travel_axes(velocity[young] - velocity[old], axis))
     speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
-    moving = np.minimum(speed[young], speed[old]) > _COURSE_SPEED
+    moving = np.minimum(speed[young], speed[old]) > course.speed
     by_course = (
         moving
-        & (apart[:, 0] < _COURSE_ALONG)
-        & (apart[:, 1] < _COURSE_ACROSS)
-        & (faster[:, 0] < _COURSE_FASTER)
-        & (faster[:, 1] < _COURSE_DRIFT)
+        & (apart[:, 0] < course.along)
+        & (apart[:, 1] < course.across)
+        & (faster[:, 0] < course.faster)
+        & (faster[:, 1] < course.drift)
     )
     by_speed = (
         (apart[:, 0] < settings.along)
@@ -94,17 +87,17 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         moving
         & (np.abs(beyond[:, 0]) - 0.5 * obstacles.length[old] < settings.following * speed[old])
         & (np.abs(beyond[:, 0]) < settings.extent)
-        & (apart[:, 1] < _COURSE_ACROSS)
+        & (apart[:, 1] < course.across)
         & (faster[:, 0] < settings.following_speed)
-        & (faster[:, 1] < _COURSE_DRIFT)
+        & (faster[:, 1] < course.drift)
     )
-    moved = obstacles.fastest > _MOVED_SPEED
+    moved = obstacles.fastest > standing.moved
     apart_before = (stood[young] & moved[old]) | (moved[young] & stood[old])
     beside = (by_course | by_speed | by_box) & obstacles.confirmed[old] & ~apart_before
     found[young[beside][::-1]] = old[beside][::-1]  # reversed, so that the oldest of several is written last
     spread = moments.shown_covariance[:, 0, 0] + moments.shown_covariance[:, 1, 1]
-    unclear = 1.0 + (spread[young] + spread[old]) / _CLEAR**2
-    needed[young[by_course]] = np.minimum(_COURSE_TIME * unclear[by_course], settings.merge_time)
+    unclear = 1.0 + (spread[young] + spread[old]) / course.clear**2
+    needed[young[by_course]] = np.minimum(course.time * unclear[by_course], settings.merge_time)
     return found, needed
 
 
@@ -133,10 +126,10 @@ def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans |
     if len(reflections) == len(bodies):
         return None
     if compiled.in_use:
-        limits = _COURSE_ALONG, settings.extent, 2 * settings.across, settings.speed
+        limits = settings.course.along, settings.extent, 2 * settings.across, settings.speed
         offset, difference = reflections.offset, reflections.rate_difference
         return compiled.kernels.reflections_to_split(offset, difference, leader, *limits)
-    far = np.abs(reflections.offset[:, 0]) > _COURSE_ALONG
+    far = np.abs(reflections.offset[:, 0]) > settings.course.along
     away = (
         (np.abs(reflections.offset[:, 0]) > settings.extent)
         | (np.abs(reflections.offset[:, 1]) > 2 * settings.across)
