@@ -226,6 +226,7 @@ class Bodies:
 
     def restart(self) -> None:
         """Let what the filter says follow from its state alone, to the last bit, as after that was restored."""
+        self._turning, self._turning_known = None, False
         if self._shifted:
             self.changed()
 
