@@ -208,6 +208,7 @@ def slide_references(
     width: Floats,
     length_variance: Floats,
     extent: Floats,
+    alone: Floats,
     directed: Booleans,
     body: Integers,
     offset: Floats,

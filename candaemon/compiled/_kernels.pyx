@@ -15,7 +15,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 75
+REVISION = 76
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2775,6 +2775,7 @@ def slide_references(
     const double[:] width,
     const double[:] length_variance,
     const double[:] extent,
+    const double[:] alone,
     const unsigned char[:] directed,
     const Py_ssize_t[:] body,
     double[:, :] offset,
@@ -2789,7 +2790,7 @@ def slide_references(
     double enough,
     double turn_error,
 ):
-    """Slide the reference points of bodies whose axes, turned by given angles, and sizes are known to where they face us.
+    """Slide the reference points of bodies whose axes, turned by given angles, are known to where they face us.
 
     Return by how much (n, 2), None where no point slides; take it from what their reflections are off (m, 2), and add it
     to the reference points minus the centres. We are at a place and move at a velocity; turn rates err by so much.
@@ -2823,7 +2824,8 @@ def slide_references(
             for l in range(lanes):
                 at = t + l
                 known = directed[at] and (
-                    length_variance[at] < told_length or length[at] < small or extent[at] > enough
+                    alone[at] < 0.0
+                    or length_variance[at] < told_length or length[at] < small or extent[at] > enough
                 )
                 if not known:
                     continue

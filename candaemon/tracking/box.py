@@ -206,9 +206,10 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
 
 
 def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:
-    """Let another point of what is known to be so large be its reference point, as it shows us another side.
+    """Let another point of a body of known axis be its reference point, as it shows us another side.
 
-    The body moves as it did: of a lorry that crosses ahead the point goes from its front to its rear. Between a
+    The body moves as it did: of a lorry that crosses ahead the point goes from its front to its rear, of a car that
+    passes us likewise; what has shown several reflections and no size is taken for as long as a car. Between a
     prediction and an update nothing but the aspect changes which point that is. What circles us shows the same side all
     the time: only what the aspect changes beyond the error of the turn rate counts.
 
@@ -231,6 +232,7 @@ def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:
             obstacles.width,
             obstacles.length_variance,
             obstacles.extent,
+            obstacles.alone,
             obstacles.directed,
             reflections.body,
             reflections.offset,
@@ -248,7 +250,8 @@ def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:
         if slid is not None:
             bodies.shift(slid)
         return
-    known, turned = obstacles.sized & obstacles.directed, np.stack([c, s], axis=1)
+    known = obstacles.directed & (obstacles.sized | (obstacles.alone < 0.0))
+    turned = np.stack([c, s], axis=1)
     axis, before = from_travel_axes(obstacles.axis, turned), from_travel_axes(obstacles.facing, turned)
     sight = mean[:, POSITION] - before - np.array([pose.east, pose.north])
     after = from_travel_axes(

@@ -339,6 +339,20 @@ def test_a_sensor_that_tells_velocities_adds_to_what_one_without_them_has_just_f
     assert told.sensors.tolist() == [0b11]
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_car_that_passes_shows_its_front_then_its_rear(side: float) -> None:
+    """No sensor tells how long it is: it showed several reflections, and is as long as a car."""
+    fed = HandFedVehicles()
+    for t in times(1, 100):
+        centre = 12.0 * t - 30.0
+        shown = [2.2, 1.4] if centre < -3.0 else [0.8, -0.8] if centre < 3.0 else [-1.4, -2.2]
+        seen = [Seen(round(10 * (at + 3.0)), centre + at, side * 3.5, 12.0) for at in shown]
+        told = fed.scan(t, seen)
+        assert len(told) == 1
+        if abs(centre) > 8.0 and t > 0.5:
+            assert told.x[0] - centre == pytest.approx(-2.2 if centre > 0.0 else 2.2, abs=1.2)
+
+
 def test_a_size_or_heading_that_nothing_has_told_is_not_told() -> None:
     """One reflection, at first of a speed along the line of sight alone; later the course tells the heading."""
     fed, rng = HandFedVehicles(), np.random.default_rng(8)
@@ -647,12 +661,16 @@ def test_the_first_reflection_does_not_lead_for_long() -> None:
 
 
 def test_a_sensor_that_sees_an_end_does_not_outweigh_one_that_sees_more() -> None:
-    """A crossing car's side shows five reflections to one sensor, and its front to another."""
-    fed, side = HandFedVehicles(), np.linspace(-1.0, 1.0, 5)
-    for t in times(1, 80):
-        for sensor, shown in ((0, side), (1, np.array([2.2]))):
-            at = t + 0.02 * sensor
-            seen = [Seen(key, 20.0, -20.0 + along + 8.0 * at, 0.0, 8.0) for key, along in enumerate(shown.tolist())]
-            told = fed.scan(at, seen, sensor=sensor)
-    assert len(told) == 1
-    assert told.y[0] + 20.0 - 8.0 * at == pytest.approx(2.2 / 6, abs=0.2)
+    """A crossing car's side shows five reflections to one sensor, and its front to another: as all six to one do."""
+    side, front = np.linspace(-1.0, 1.0, 5), np.array([2.2])
+    found = []
+    for views in ([side, front], [np.append(side, front)]):
+        fed = HandFedVehicles()
+        for t in times(1, 80):
+            for sensor, shown in enumerate(views):
+                at = t + 0.02 * sensor
+                seen = [Seen(key, 20.0, -20.0 + along + 8.0 * at, 0.0, 8.0) for key, along in enumerate(shown.tolist())]
+                told = fed.scan(at, seen, sensor=sensor)
+        assert len(told) == 1
+        found.append(told.y[0] + 20.0 - 8.0 * at)
+    assert found[0] == pytest.approx(found[1], abs=0.2)
