@@ -280,7 +280,20 @@ def bodies_to_merge(
     course_time: float,
     clear: float,
 ) -> tuple[Integers, Floats]: ...
-def beyond_bodies(mean: Floats, axis: Floats, length: Floats, width: Floats) -> tuple[Floats, bool]: ...
+def beyond_bodies(
+    mean: Floats,
+    axis: Floats,
+    facing: Floats,
+    length: Floats,
+    width: Floats,
+    length_variance: Floats,
+    extent: Floats,
+    directed: Booleans,
+    told_length: float,
+    small: float,
+    enough: float,
+    margin: float,
+) -> tuple[Floats, bool]: ...
 def reference_targets(
     body: Integers,
     last_ns: Integers,

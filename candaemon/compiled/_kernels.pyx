@@ -15,7 +15,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 76
+REVISION = 77
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3042,7 +3042,20 @@ cdef inline double velocity_of(const double[:, :] mean, Py_ssize_t t) noexcept n
     return sqrt(mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3])
 
 
-def beyond_bodies(const double[:, :] mean, const double[:, :] axis, const double[:] length, const double[:] width):
+def beyond_bodies(
+    const double[:, :] mean,
+    const double[:, :] axis,
+    const double[:, :] facing,
+    const double[:] length,
+    const double[:] width,
+    const double[:] length_variance,
+    const double[:] extent,
+    const unsigned char[:] directed,
+    double told_length,
+    double small,
+    double enough,
+    double margin,
+):
     """Return how far the biases of bodies reach beyond their boxes, along and across (n, 2), and whether any does."""
     cdef Py_ssize_t n = mean.shape[0], t
     cdef bint any_does = False
@@ -3055,6 +3068,9 @@ def beyond_bodies(const double[:, :] mean, const double[:, :] axis, const double
             for a in range(2):
                 if a == 0:
                     value, half = mean[t, 6] * axis[t, 0] + mean[t, 7] * axis[t, 1], 0.5 * length[t]
+                    if directed[t] and (length_variance[t] < told_length or length[t] < small or extent[t] > enough):
+                        value = value + (facing[t, 0] * axis[t, 0] + facing[t, 1] * axis[t, 1])
+                        half = half + margin
                 else:
                     value, half = mean[t, 7] * axis[t, 0] - mean[t, 6] * axis[t, 1], 0.5 * width[t]
                 out[t, a] = value - smaller(larger(value, -half), half)

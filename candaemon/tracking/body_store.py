@@ -26,6 +26,7 @@ from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.turning import Turning, rate_and_centre
 
 _LEAST_NORMAL = 1e-12  # 1/m²
+_MARGIN = 0.3  # m by which reflections lie beyond a box
 _BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
 _DRIFT_TIME = 1.0  # s, time constant of the mean speed of that
 _OPENING_TIME = 0.03  # s, after which the square of that speed is added to the variance of the velocity
@@ -561,7 +562,7 @@ class Bodies:
         velocity is not what it seemed to be.
         """
         obstacles = self.obstacles
-        beyond, some = _beyond(self.moments().mean, obstacles.axis, obstacles.length, obstacles.width)
+        beyond, some = _beyond(self.moments().mean, obstacles)
         if not some and not obstacles.drift.any():
             return
         dt = self._detected_after(time_ns)[:, None]
@@ -691,12 +692,39 @@ _COPIED = (
 )
 
 
-def _beyond(mean: Floats, axis: Floats, length: Floats, width: Floats) -> tuple[Floats, bool]:
-    """Return how far biases reach beyond the boxes, along and across (k, 2), m, and whether any does."""
+def _beyond(mean: Floats, obstacles: BodyTable) -> tuple[Floats, bool]:
+    """Return how far biases reach beyond the boxes, along and across (k, 2), m, and whether any does.
+
+    Along a box that is known they reach from its reference point, which lies where it faces us; of others it is not
+    known where on the body that is.
+
+    Args:
+        mean: of the bodies (k, 8).
+        obstacles: their columns.
+    """
     if compiled.in_use:
-        return compiled.kernels.beyond_bodies(mean, axis, length, width)
-    bias, half = to_travel_axes(mean[:, BIAS], axis), 0.5 * np.stack([length, width], axis=1)
-    beyond = bias - np.minimum(np.maximum(bias, -half), half)
+        return compiled.kernels.beyond_bodies(
+            mean,
+            obstacles.axis,
+            obstacles.facing,
+            obstacles.length,
+            obstacles.width,
+            obstacles.length_variance,
+            obstacles.extent,
+            obstacles.directed,
+            TOLD_LENGTH,
+            SMALL,
+            ENOUGH,
+            _MARGIN,
+        )
+    place, half = (
+        to_travel_axes(mean[:, BIAS], obstacles.axis),
+        0.5 * np.stack([obstacles.length, obstacles.width], axis=1),
+    )
+    known = obstacles.directed & obstacles.sized
+    place[:, 0] = np.where(known, place[:, 0] + to_travel_axes(obstacles.facing, obstacles.axis)[:, 0], place[:, 0])
+    half[:, 0] = np.where(known, half[:, 0] + _MARGIN, half[:, 0])
+    beyond = place - np.minimum(np.maximum(place, -half), half)
     return beyond, bool(beyond.any())
 
 

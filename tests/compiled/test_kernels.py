@@ -539,9 +539,9 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
         bodies.return_reference(10**9, 0.5, 10**8)
         obstacles.facing = box.facing_offsets(bodies, POSE)
         obstacles.length_variance[::2] = 0.1
-        before = moments.mean.copy()
+        before = bodies.moments().mean.copy()
         box.follow_aspect(bodies, replace(POSE, east=9.0, north=-5.0, ve=30.0), 0.3)
-        assert 0 < np.count_nonzero((moments.mean != before).any(axis=1)) < 20
+        assert 0 < np.count_nonzero((bodies.moments().mean != before).any(axis=1)) < 20
         told = report(bodies, POSE, Used(np.zeros(0, np.intp), 0, np.zeros(0, np.int64)), 0, 0.5, obstacles.id > 0)
         columns = [
             getattr(told, name)

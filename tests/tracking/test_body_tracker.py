@@ -639,6 +639,19 @@ def test_no_reflection_lies_beyond_its_body_for_long() -> None:
     assert abs(bodies.moments().mean[0, BIAS][0]) < bodies.obstacles.length[0] / 2 + 0.2
 
 
+def test_the_reference_point_of_a_known_box_lies_where_its_rear_is_seen() -> None:
+    """It was two metres ahead of that, with a bias as great: no reflection lies so far behind a box."""
+    fed, sizes = HandFedVehicles(), {"length": np.array([4.5]), "width": np.array([1.8])}
+    for t in times(1, 60):
+        fed.scan(t, [car(0, t, 40.0)], **sizes)
+    fed.tracker._bodies.filter.settle(np.array([[2.0, 0.0]]))
+    fed.tracker._bodies.changed()
+    for t in times(60, 90):
+        told = fed.scan(t, [car(0, t, 40.0)], **sizes)
+    assert told.x[0] - 40.0 - SPEED * t == pytest.approx(0.0, abs=0.5)
+    assert told.vx[0] == pytest.approx(SPEED, abs=0.3)
+
+
 def test_scans_of_sensors_that_see_nothing_change_nothing_of_where_a_body_is() -> None:
     """The reference point returns to the middle of what is seen by time, not by the scans of whatever sensor."""
     alone, among = HandFedVehicles(), HandFedVehicles()
