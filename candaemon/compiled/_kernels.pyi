@@ -481,7 +481,7 @@ def turning_of_bodies(
     length_variance: Floats,
     extent: Floats,
     directed: Booleans,
-    told: float,
+    told_length: float,
     small: float,
     enough: float,
 ) -> tuple[Floats, Floats, Floats] | None: ...

@@ -15,7 +15,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 77
+REVISION = 78
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2765,6 +2765,13 @@ def facing_offsets(
     return out_array
 
 
+cdef inline bint has_size(
+    double length, double length_variance, double extent, double told_length, double small, double enough
+) noexcept nogil:
+    """Return whether the size of a body is known: told, small, or enough of it was seen."""
+    return length_variance < told_length or length < small or extent > enough
+
+
 def slide_references(
     const double[:, :] mean,
     double[:, :] facing,
@@ -2825,7 +2832,7 @@ def slide_references(
                 at = t + l
                 known = directed[at] and (
                     alone[at] < 0.0
-                    or length_variance[at] < told_length or length[at] < small or extent[at] > enough
+                    or has_size(length[at], length_variance[at], extent[at], told_length, small, enough)
                 )
                 if not known:
                     continue
@@ -3068,7 +3075,9 @@ def beyond_bodies(
             for a in range(2):
                 if a == 0:
                     value, half = mean[t, 6] * axis[t, 0] + mean[t, 7] * axis[t, 1], 0.5 * length[t]
-                    if directed[t] and (length_variance[t] < told_length or length[t] < small or extent[t] > enough):
+                    if directed[t] and has_size(
+                        length[t], length_variance[t], extent[t], told_length, small, enough
+                    ):
                         value = value + (facing[t, 0] * axis[t, 0] + facing[t, 1] * axis[t, 1])
                         half = half + margin
                 else:
@@ -3621,17 +3630,18 @@ def turning_of_bodies(
     const double[:] length_variance,
     const double[:] extent,
     const unsigned char[:] directed,
-    double told,
+    double told_length,
     double small,
     double enough,
 ):
     """Return turn rates and their variances over all modes of bodies whose boxes are known, 0 of others, (k,), and the
     centres of boxes (k, 2); None: no box is known."""
     cdef Py_ssize_t k = length.shape[0], modes = mean.shape[1], i, t
-    cdef bint some = False
+    cdef bint known, some = False
     cdef double apart
     for t in range(k):
-        if directed[t] and length[t] >= small and (length_variance[t] < told or extent[t] > enough):
+        known = has_size(length[t], length_variance[t], extent[t], told_length, small, enough)
+        if known and directed[t] and length[t] >= small:
             some = True
             break
     if not some:
@@ -3642,7 +3652,8 @@ def turning_of_bodies(
     with nogil:
         for t in range(k):
             centre[t, 0], centre[t, 1] = overall[t, 0] - facing[t, 0], overall[t, 1] - facing[t, 1]
-            if not (directed[t] and length[t] >= small and (length_variance[t] < told or extent[t] > enough)):
+            known = has_size(length[t], length_variance[t], extent[t], told_length, small, enough)
+            if not (known and directed[t] and length[t] >= small):
                 continue
             rate[t] = probability[0, t] * mean[4, 0, t]
             for i in range(1, modes):

@@ -61,7 +61,9 @@ class CourseSettings(Settings):
     faster: float = Field(1.5, gt=0, le=10, description="m/s along it by which they may differ")
     drift: float = Field(3.0, gt=0, le=10, description="m/s across it, which is known worst")
     time: float = Field(0.2, ge=0, le=10, description="s side by side, longer where their places are not clear …")
-    clear: float = Field(0.4, gt=0.01, le=10, description="… m, standard deviation of a place with which that is twice")
+    clear: float = Field(
+        0.4, gt=0.01, le=10, description="… m: twice as long where the variances of both places sum up to its square"
+    )
 
 
 class StoodSettings(Settings):
@@ -86,7 +88,8 @@ class ReflectionSettings(Settings):
         1.5,
         ge=0,
         le=10,
-        description="m by which reflections slide over a vehicle; over its age, velocities told may differ by so much",
+        description="m by which reflections may have slid over a vehicle since it was first seen: divided by its age, "
+        "that is added to `speed` where a sensor tells velocities",
     )
     extent: float = Field(15.0, gt=0, le=50, description="m, longest vehicle")
     following: float = Field(

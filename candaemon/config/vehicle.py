@@ -88,6 +88,12 @@ class ReflectionPlaceSettings(Settings):
         description="m/s, faster than which it does not: there the course tells the axis; settling would let it lag",
     )
     body: float = Field(0.3, ge=0, le=5, description="m, standard deviation of the bias once two are seen")
+    beyond: float = Field(
+        0.3,
+        ge=0,
+        le=5,
+        description="m beyond an end of a known box, from which on the reference point moves, not the bias",
+    )
     return_time: float = Field(
         1.0, gt=0.02, le=60, description="s, with which the reference point returns to the middle of what is seen"
     )

@@ -26,7 +26,6 @@ from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.turning import Turning, rate_and_centre
 
 _LEAST_NORMAL = 1e-12  # 1/m²
-_MARGIN = 0.3  # m by which reflections lie beyond a box
 _BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
 _DRIFT_TIME = 1.0  # s, time constant of the mean speed of that
 _OPENING_TIME = 0.03  # s, after which the square of that speed is added to the variance of the velocity
@@ -562,7 +561,7 @@ class Bodies:
         velocity is not what it seemed to be.
         """
         obstacles = self.obstacles
-        beyond, some = _beyond(self.moments().mean, obstacles)
+        beyond, some = _beyond(self.moments().mean, obstacles, self._places.beyond)
         if not some and not obstacles.drift.any():
             return
         dt = self._detected_after(time_ns)[:, None]
@@ -692,7 +691,7 @@ _COPIED = (
 )
 
 
-def _beyond(mean: Floats, obstacles: BodyTable) -> tuple[Floats, bool]:
+def _beyond(mean: Floats, obstacles: BodyTable, margin: float) -> tuple[Floats, bool]:
     """Return how far biases reach beyond the boxes, along and across (k, 2), m, and whether any does.
 
     Along a box that is known they reach from its reference point, which lies where it faces us; of others it is not
@@ -701,6 +700,7 @@ def _beyond(mean: Floats, obstacles: BodyTable) -> tuple[Floats, bool]:
     Args:
         mean: of the bodies (k, 8).
         obstacles: their columns.
+        margin: beyond an end of a known box, that a bias may reach, m.
     """
     if compiled.in_use:
         return compiled.kernels.beyond_bodies(
@@ -715,15 +715,13 @@ def _beyond(mean: Floats, obstacles: BodyTable) -> tuple[Floats, bool]:
             TOLD_LENGTH,
             SMALL,
             ENOUGH,
-            _MARGIN,
+            margin,
         )
-    place, half = (
-        to_travel_axes(mean[:, BIAS], obstacles.axis),
-        0.5 * np.stack([obstacles.length, obstacles.width], axis=1),
-    )
+    place = to_travel_axes(mean[:, BIAS], obstacles.axis)
+    half = 0.5 * np.stack([obstacles.length, obstacles.width], axis=1)
     known = obstacles.directed & obstacles.sized
     place[:, 0] = np.where(known, place[:, 0] + to_travel_axes(obstacles.facing, obstacles.axis)[:, 0], place[:, 0])
-    half[:, 0] = np.where(known, half[:, 0] + _MARGIN, half[:, 0])
+    half[:, 0] = np.where(known, half[:, 0] + margin, half[:, 0])
     beyond = place - np.minimum(np.maximum(place, -half), half)
     return beyond, bool(beyond.any())
 
