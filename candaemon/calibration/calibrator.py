@@ -13,7 +13,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from candaemon.arrays import Floats
+from candaemon.arrays import ComplexPlane, Floats
 from candaemon.binding.bound import BoundSensor
 from candaemon.calibration.ego_path import EgoPath, ego_path
 from candaemon.calibration.parameters import (
@@ -119,6 +119,10 @@ class CalibratedEgo(Protocol):
 
     def pose(self, time_ns: int) -> EgoPose | None:
         """Return the ego pose at an instant; None before anything is known."""
+        ...
+
+    def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats] | None:
+        """Return places, east + i north, m, and headings, rad, at even steps (count,), if all are known."""
         ...
 
     def correct(self, scale: float, yaw_rate: float, scale_sd: float, yaw_rate_sd: float) -> None:
@@ -284,7 +288,7 @@ class Calibrator:
         """Return ego motion between two instants, as its sensors read it."""
         times = np.array([(each.time_ns - first_ns) * 1e-9 for each in window])
         return ego_path(
-            self._ego.pose,
+            self._ego.course,
             first_ns,
             last_ns,
             np.array([times, [each.scale for each in window]]),

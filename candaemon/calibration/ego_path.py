@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from candaemon.arrays import ComplexPlane, Floats
-from candaemon.ego.pose import EgoPose, EgoStatus
 
 STEP_NS: Final = 50_000_000
 _STEP: Final = STEP_NS * 1e-9
@@ -22,7 +22,7 @@ _SPAN: Final = 2
 MARGIN_NS: Final = 2 * _SPAN * STEP_NS
 """Before and after the instants asked for, from which rates of rates are taken."""
 
-_KNOWN: Final = (EgoStatus.VALID, EgoStatus.INITIALISING)
+_Value = TypeVar("_Value", np.float64, np.complex128)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,54 +78,56 @@ class EgoPath:
             scale: of the speed, 1 where it is right.
             bias: of the yaw rate, rad/s.
         """
-        grid: Floats = _STEP * np.arange(len(self.heading), dtype=np.float64)
-        middle = (self.heading[1:] + self.heading[:-1]) / 2 - bias * (grid[1:] + grid[:-1]) / 2
-        steps = self.distance * np.exp(1j * middle)
-        ahead = np.concatenate([[0.0], np.cumsum(steps)])
-        offset = np.concatenate([[0.0], np.cumsum(_STEP * np.exp(1j * middle))])
-        turned = np.concatenate([[0.0], np.cumsum(-0.5j * (grid[1:] + grid[:-1]) * scale * steps)])
-        driven = np.concatenate([[0.0], np.cumsum(self.distance)])
-        speed, turn = _rate(driven), _rate(self.heading)
-        acceleration, turn_change = _rate(speed), _rate(turn)
+        middle_time = _STEP * (np.arange(len(self.distance)) + 0.5)
+        unit = np.exp(1j * ((self.heading[1:] + self.heading[:-1]) / 2 - bias * middle_time))
+        steps = self.distance * unit
+        summed = np.zeros((3, len(self.heading)), np.complex128)
+        np.cumsum([steps, _STEP * unit, (-1j * scale) * middle_time * steps], axis=1, out=summed[:, 1:])
+        driven = np.zeros((2, len(self.heading)))
+        np.cumsum(self.distance, out=driven[0, 1:])
+        driven[1] = self.heading
+        rates = _rate(driven)
         t = times_ns * 1e-9
-        heading = np.interp(t, grid, self.heading) - bias * t
+        ahead, offset, turned = _between(t, summed)
+        heading, speed, turn, acceleration, turn_change = _between(t, np.concatenate([driven[1:], rates, _rate(rates)]))
+        heading = heading - bias * t
         return EgoMoments(
-            scale * _between(t, grid, ahead),
+            scale * ahead,
             heading,
-            scale * np.interp(t, grid, speed),
-            np.interp(t, grid, turn) - bias,
-            scale * np.interp(t, grid, acceleration),
-            np.interp(t, grid, turn_change),
-            _between(t, grid, ahead),
-            _between(t, grid, offset),
-            _between(t, grid, turned),
+            scale * speed,
+            turn - bias,
+            scale * acceleration,
+            turn_change,
+            ahead,
+            offset,
+            turned,
             t,
             np.exp(1j * heading),
         )
 
 
 def ego_path(
-    pose: Callable[[int], EgoPose | None], first_ns: int, last_ns: int, scales: Floats, biases: Floats
+    course: Callable[[int, int, int], tuple[ComplexPlane, Floats] | None],
+    first_ns: int,
+    last_ns: int,
+    scales: Floats,
+    biases: Floats,
 ) -> EgoPath | None:
     """Return the path between two instants and `MARGIN_NS` beyond; None where ego motion was not known throughout.
 
     Args:
-        pose: of the ego motion.
+        course: of the ego motion: where it was, and how it headed, at even steps.
         first_ns: the first instant.
         last_ns: the last.
-        scales: times, s since the first instant, and the factor that is in the pose's speed then (2, k).
-        biases: likewise the yaw rate that was taken out of the pose's heading, rad/s (2, k).
+        scales: times, s since the first instant, and the factor that is in the speed of the course then (2, k).
+        biases: likewise the yaw rate that was taken out of its heading, rad/s (2, k).
     """
     begin_ns = first_ns - MARGIN_NS
     count = -(-(last_ns + MARGIN_NS - begin_ns) // STEP_NS) + 1
-    poses = []
-    for k in range(count):
-        each = pose(begin_ns + k * STEP_NS)
-        if each is None or each.status not in _KNOWN:
-            return None
-        poses.append(each)
-    place = np.array([complex(each.east, each.north) for each in poses])
-    heading = np.unwrap(np.array([each.heading for each in poses]))
+    known = course(begin_ns, STEP_NS, count)
+    if known is None:
+        return None
+    place, heading = known
     middle = (heading[1:] + heading[:-1]) / 2
     distance = np.real(np.diff(place) * np.exp(-1j * middle))
     grid = _STEP * (np.arange(count - 1) + 0.5) - MARGIN_NS * 1e-9
@@ -135,13 +137,17 @@ def ego_path(
 
 
 def _rate(values: Floats) -> Floats:
-    """Return the rate over `_SPAN` steps to each side, held at the ends."""
+    """Return the rates (n, k) of values (n, k) over `_SPAN` steps to each side, held at the ends."""
     rate = np.empty_like(values)
-    rate[_SPAN:-_SPAN] = (values[2 * _SPAN :] - values[: -2 * _SPAN]) / (2 * _SPAN * _STEP)
-    rate[:_SPAN], rate[-_SPAN:] = rate[_SPAN], rate[-_SPAN - 1]
+    rate[:, _SPAN:-_SPAN] = (values[:, 2 * _SPAN :] - values[:, : -2 * _SPAN]) / (2 * _SPAN * _STEP)
+    rate[:, :_SPAN], rate[:, -_SPAN:] = rate[:, _SPAN, None], rate[:, -_SPAN - 1, None]
     return rate
 
 
-def _between(t: Floats, grid: Floats, values: ComplexPlane) -> ComplexPlane:
-    """Return values between the steps of a grid."""
-    return np.asarray(np.interp(t, grid, values.real) + 1j * np.interp(t, grid, values.imag))
+def _between(t: Floats, values: NDArray[_Value]) -> NDArray[_Value]:
+    """Return the values (n, k) of a grid of `_STEP` at times within it (n, m)."""
+    steps = t / _STEP
+    before = np.minimum(np.maximum(steps.astype(np.int64), 0), values.shape[1] - 2)
+    left = values.take(before, axis=1)
+    between: NDArray[_Value] = left + (steps - before) * (values.take(before + 1, axis=1) - left)
+    return between

@@ -179,7 +179,8 @@ class SensorReader:
         noise = settings.noise
         if settings.signals.polar:
             distance, angle = values[rows["range"]], values[rows["azimuth"]]
-            place = distance * np.exp(1j * angle)
+            place = np.empty(len(distance), np.complex128)
+            place.real, place.imag = distance * np.cos(angle), distance * np.sin(angle)
             along = np.full(len(distance), np.hypot(noise.range or 0.0, WANDERING))
             across = distance * radians(noise.azimuth_deg or 0.0)
         else:
@@ -188,9 +189,12 @@ class SensorReader:
             x, y = noise.x or 0.0, noise.y or 0.0
             along = np.hypot(np.hypot(x * unit.real, y * unit.imag), WANDERING)
             across = np.hypot(x * unit.imag, y * unit.real)
-        known = np.where(values == _UNKNOWN, np.nan, values)
         speeds = tuple(
-            Speeds(name, known[rows[name]], np.full(len(place), getattr(noise, name) or 1.0))
+            Speeds(
+                name,
+                np.where(values[rows[name]] == _UNKNOWN, np.nan, values[rows[name]]),
+                np.full(len(place), getattr(noise, name) or 1.0),
+            )
             for name in self.relative
             if name in rows
         )
@@ -203,5 +207,5 @@ class SensorReader:
             np.hypot(across, WANDERING),
             speeds,
         )
-        near = np.abs(place) < _FARTHEST
+        near = (np.abs(place.real) < _FARTHEST) & (np.abs(place.imag) < _FARTHEST)
         return readings if near.all() else readings.take(near)

@@ -39,6 +39,8 @@ _LARGEST_SHARE: Final = 0.5
 """Of what a scan says of a shared error, above which a residual says nothing of its own."""
 _AS_STRAIGHT: Final = 0.03
 """m across from one scan to the next, which rounding may make of none."""
+_SHORTEST: Final = 1e-3
+"""s, at least, between two measurements."""
 _JUMP: Final = 3.0
 """m over ground from scan to scan, from which on it is another object."""
 
@@ -203,12 +205,12 @@ class WindowReader:
         moments = path.at(times_ns - latency * 1e9, 1.0 + scale, bias)
         if moments.speed.min(initial=LEAST_SPEED) < LEAST_SPEED:
             return None
-        slow = np.abs(readings.place) > _NEAREST
-        if self._identified:
-            slow &= ~_coasted(readings)
+        slow = _squared(readings.place) > _NEAREST**2
         for speeds in readings.sight_speeds:
             residual, rows = self._speed_rows(speeds, readings, moments, at)
             slow &= np.abs(residual) < _SLOWEST + _GATE * np.hypot(speeds.noise, _expected(rows, at))
+        if self._identified and slow.any():
+            slow &= ~_coasted(readings)
         if np.count_nonzero(slow) < _FEWEST:
             return None
         if not slow.all():
@@ -222,27 +224,49 @@ class WindowReader:
         """Return the measurements by what they are of, without what drifts more than any estimate explains."""
         scan = readings.scan
         seen = self._seen(readings.place, at)
-        place = moments.position[scan] + moments.ahead[scan] * seen
+        place = moments.position.take(scan) + moments.ahead.take(scan) * seen
         if self._identified:
-            order, track = self._by_identity(readings, moments.since, place)
+            order, first = self._by_identity(readings, moments.since, place)
         else:
-            track = _by_place(readings, place)
-            order = np.lexsort((scan, track))
-            track = track[order]
-        bounds = np.flatnonzero(np.diff(track, prepend=-1))
-        counts = np.diff(bounds, append=len(track))
-        seconds = moments.since[scan[order]]
-        length = seconds[bounds + counts - 1] - seconds[bounds]
-        window = np.ptp(seconds) if len(seconds) else 0.0
+            order, first = _by_place(readings, place)
+        counts = np.diff(first, append=len(order))
+        begin, end = order.take(first), order.take(first + counts - 1)
+        length = moments.since.take(scan.take(end)) - moments.since.take(scan.take(begin))
+        window = moments.since[scan[-1]] - moments.since[scan[0]]
         kept = (counts >= _FEWEST) & (length >= _SHARE * window)
+        length = np.maximum(length, _SHORTEST)
+        drift = np.abs(place.take(end) - place.take(begin)) / length
+        kept &= drift < _SLOWEST + _GATE * self._likely_drift(readings.take(begin), moments, at, length, walk)
         if not kept.any():
             return None
         rows = order[np.repeat(kept, counts)]
-        returns = self._returns(readings.take(rows), seen[rows], moments, counts[kept])
+        returns = self._returns(readings.take(rows), seen.take(rows), moments, counts[kept])
         still = _stands(returns, at, walk)
         if not still.any():
             return None
         return returns if still.all() else returns.take(still)
+
+    def _likely_drift(
+        self, begin: Readings, moments: EgoMoments, at: Estimate, length: Floats, walk: tuple[float, float]
+    ) -> Floats:
+        """Return how fast k returns that stand may seem to drift from first to last, m/s (k,).
+
+        No smaller than one standard deviation of that: what drifts faster is told without any derivatives.
+
+        Args:
+            begin: their first measurements (k,).
+            moments: at each scan.
+            at: the estimate.
+            length: s from the first measurement to the last (k,).
+            walk: as for `residuals`.
+        """
+        speed, turn = float(np.abs(moments.speed).max()), float(np.abs(moments.turn).max())
+        faster, sharper = float(np.abs(moments.acceleration).max()), float(np.abs(moments.turn_change).max())
+        distance = np.abs(begin.place) + (abs(self._mount) + speed * length)  # the farthest meanwhile
+        latency, yaw, scale, bias = at.deviation.tolist()
+        drift = (latency * (turn**2 + sharper) + 2.0 * bias) * distance
+        drift += latency * (faster + 2.0 * speed * turn) + (yaw + scale / (1.0 + float(at.mean[SCALE]))) * speed
+        return np.asarray(drift + 2.0 * (begin.along + begin.across) / length + np.sqrt(sum(walk) / length))
 
     def _returns(
         self, readings: Readings, seen: ComplexPlane, moments: EgoMoments, counts: Integers
@@ -324,7 +348,7 @@ class WindowReader:
             zip((each.name for each in turned), _without_shared(shared, readings.scan), strict=True)
         )
 
-    def _by_identity(self, readings: Readings, since: Floats, place: ComplexPlane) -> tuple[Indices, Integers]:
+    def _by_identity(self, readings: Readings, since: Floats, place: ComplexPlane) -> tuple[Indices, Indices]:
         """Return which measurements are of one return, by the sensor's ids and where they jump.
 
         Args:
@@ -333,15 +357,21 @@ class WindowReader:
             place: of the measurements over ground (n,).
 
         Returns:
-            Rows of the measurements, sorted by return and scan (n,), and the number of the return of each of these.
+            Rows of the measurements, sorted by return and scan (n,), and where in these each return begins (k,).
         """
-        order = np.lexsort((readings.scan, readings.object_id))
-        key = readings.object_id[order]
-        breaks = np.zeros(len(order), dtype=np.bool_)
-        breaks[1:] = (key[1:] != key[:-1]) | readings.new[order][1:]
-        breaks[1:] |= np.abs(np.diff(place[order])) > _JUMP
-        breaks[1:] |= np.diff(since[readings.scan[order]]) > self._longest_gap
-        return order, np.cumsum(breaks)
+        order = readings.object_id.argsort(kind="stable")  # the scans ascend
+        key, place = readings.object_id.take(order), place.take(order)
+        begins = readings.new.take(order)
+        begins[0] = True
+        begins[1:] |= key[1:] != key[:-1]
+        begins[1:] |= _squared(place[1:] - place[:-1]) > _JUMP**2
+        begins[1:] |= np.diff(since.take(readings.scan.take(order))) > self._longest_gap
+        return order, np.flatnonzero(begins)
+
+
+def _squared(plane: ComplexPlane) -> Floats:
+    """Return the squares of lengths; the lengths themselves take five times as long."""
+    return np.asarray(plane.real**2 + plane.imag**2)
 
 
 def _without_shared(parts: Sequence[tuple[Floats, Floats, Floats]], scan: Indices) -> list[Floats]:
@@ -386,8 +416,8 @@ def _coasted(readings: Readings) -> Booleans:
     return coasted
 
 
-def _by_place(readings: Readings, place: ComplexPlane) -> Integers:
-    """Return the number of the return that each measurement is of, of a sensor without ids: what is nearest."""
+def _by_place(readings: Readings, place: ComplexPlane) -> tuple[Indices, Indices]:
+    """Return which measurements are of one return, as `_by_identity`, of a sensor without ids: what is nearest."""
     track = np.empty(len(place), np.int64)
     last = np.empty(0, np.complex128)
     numbers = np.empty(0, np.int64)
@@ -408,7 +438,8 @@ def _by_place(readings: Readings, place: ComplexPlane) -> Integers:
         given += len(fresh)
         last, numbers = np.concatenate([last, here[fresh]]), np.concatenate([numbers, number[fresh]])
         track[rows] = number
-    return track
+    order = track.argsort(kind="stable")
+    return order, np.flatnonzero(np.diff(track.take(order), prepend=-1))
 
 
 def _stands(returns: StandingReturns, at: Estimate, walk: tuple[float, float]) -> Booleans:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Floats, Indices, Integers
+from candaemon.arrays import ComplexPlane, Floats, Indices, Integers
 from candaemon.config.ego import BiasSettings, InsSettings
 from candaemon.ego.motion import MotionHistory, MotionHistoryState, Sample, SampleCounts, StationaryReturns
 from candaemon.ego.motion_epoch import EARLY, LATE, SHORTEST_PERIOD_NS, MotionEpoch, MotionEpochState
@@ -414,6 +414,10 @@ class InsMotion:
     def pose(self, time_ns: int) -> EgoPose | None:
         """Return the ego pose at an instant; None before the first complete sample."""
         return self.history.pose(time_ns)
+
+    def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats] | None:
+        """Return places, east + i north, m, and headings, rad, at even steps (count,), if all are known."""
+        return self.history.course(begin_ns, step_ns, count)
 
     @property
     def corrections(self) -> tuple[float, float]:

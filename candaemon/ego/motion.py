@@ -14,6 +14,9 @@ from itertools import pairwise
 from math import cos, hypot, inf, sin, sqrt
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
+from candaemon.arrays import ComplexPlane, Floats
 from candaemon.config.ego import BiasSettings
 from candaemon.ego.pose import EgoPose, EgoStatus
 
@@ -98,6 +101,10 @@ class EgoMotion(Protocol):
 
     def pose(self, time_ns: int) -> EgoPose | None:
         """Return the ego pose at an instant; None before anything is known."""
+        ...
+
+    def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats] | None:
+        """Return places, east + i north, m, and headings, rad, at even steps (count,), if all are known."""
         ...
 
     def learn(self, returns: StationaryReturns) -> None:
@@ -288,18 +295,41 @@ class MotionHistory:
                 return self._interpolated(before, behind, time_ns)
         return self._extrapolated(samples[max(after - 1, 0)], time_ns)
 
+    def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats] | None:
+        """Return places, east + i north, m, and headings, not wrapped, rad, at even steps (count,).
+
+        None where one of them would be dead reckoning, or less.
+        """
+        samples, limit_ns = self.state.samples, self._age_limit * 1e9
+        if not samples:
+            return None
+        places, headings = [], []
+        after, newest = bisect_right(samples, (begin_ns, inf)), len(samples) - 1
+        for time_ns in range(begin_ns, begin_ns + count * step_ns, step_ns):
+            while after < newest and samples[after].time_ns <= time_ns:
+                after += 1
+            a, b = samples[after - 1], samples[min(after, newest)]
+            if a.seen_ns == a.time_ns <= time_ns < b.time_ns == b.seen_ns and b.time_ns - a.time_ns <= limit_ns:
+                share, east, north, _, _ = _between(a, b, time_ns)
+                heading = a.heading + share * (b.heading - a.heading)
+            else:
+                pose = self.pose(time_ns)
+                if pose is None or pose.status is not EgoStatus.VALID:
+                    return None
+                east, north, heading = pose.east, pose.north, pose.heading
+            places.append(complex(east, north))
+            headings.append(heading)
+        return np.array(places), np.array(headings)
+
     def _interpolated(self, a: Sample, b: Sample, time_ns: int) -> EgoPose:
-        span = (b.time_ns - a.time_ns) * 1e-9
-        dt = (time_ns - a.time_ns) * 1e-9
-        share = dt / span
-        ve, vn = a.ve + share * (b.ve - a.ve), a.vn + share * (b.vn - a.vn)
+        share, east, north, ve, vn = _between(a, b, time_ns)
         variance, status = self._speed_variance, EgoStatus.VALID
         if a.seen_ns < a.time_ns or b.seen_ns < b.time_ns:
             variance, status = self._reliability((time_ns - a.seen_ns) * 1e-9)
         return EgoPose(
             time_ns,
-            a.east + dt * (a.ve + ve) / 2,
-            a.north + dt * (a.vn + vn) / 2,
+            east,
+            north,
             a.heading + share * (b.heading - a.heading),
             ve,
             vn,
@@ -354,3 +384,11 @@ class MotionHistory:
         """Acceleration along the velocity, m/s²."""
         speed = hypot(sample.ve, sample.vn)
         return (sample.ae * sample.ve + sample.an * sample.vn) / speed if speed > 0.1 else 0.0
+
+
+def _between(a: Sample, b: Sample, time_ns: int) -> tuple[float, float, float, float, float]:
+    """Return which share of the time from a sample to the next is over, and place and velocity, east and north."""
+    dt = (time_ns - a.time_ns) * 1e-9
+    share = dt / ((b.time_ns - a.time_ns) * 1e-9)
+    ve, vn = a.ve + share * (b.ve - a.ve), a.vn + share * (b.vn - a.vn)
+    return share, a.east + dt * (a.ve + ve) / 2, a.north + dt * (a.vn + vn) / 2, ve, vn

@@ -7,6 +7,9 @@ from dataclasses import dataclass, field, replace
 from math import cos, radians, sin
 from typing import Final
 
+import numpy as np
+
+from candaemon.arrays import ComplexPlane, Floats
 from candaemon.config.ego import BiasSettings, OdometrySettings
 from candaemon.ego.bias import MotionBias, MotionBiasState
 from candaemon.ego.motion import MotionHistory, MotionHistoryState, SampleCounts, StationaryReturns
@@ -217,6 +220,10 @@ class OdometryMotion:
             return replace(pose, status=EgoStatus.INITIALISING)
         return pose
 
+    def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats] | None:
+        """Return places, east + i north, m, and headings, rad, at even steps (count,), if all are known."""
+        return self.history.course(begin_ns, step_ns, count)
+
     def learn(self, returns: StationaryReturns) -> None:
         """Correct the speed's factor and the yaw rate's bias by what stands still."""
         self.bias.learn_from_returns(returns, self._state.wheel_speed, by_wheels=self._state.by_wheels)
@@ -251,6 +258,11 @@ class StandingStill:
     def pose(self, time_ns: int) -> EgoPose:
         """Return the origin, at rest."""
         return EgoPose(time_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EgoStatus.VALID)
+
+    def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats]:
+        """Return the origin and 0, count times."""
+        del begin_ns, step_ns  # it is there at any time
+        return np.zeros(count, np.complex128), np.zeros(count)
 
     @property
     def corrections(self) -> tuple[float, float]:

@@ -255,9 +255,9 @@ class _LogClock:
         """Pass blocks on unchanged."""
         for block in blocks:
             if len(block):
-                times = block.time_ns.tolist() if isinstance(block, FrameBlock) else [item[0] for item in block]
-                self.first_ns = self.first_ns or next(filter(None, times), 0)
-                self.last_ns = times[-1]
+                times = block.time_ns if isinstance(block, FrameBlock) else [item[0] for item in block]
+                self.first_ns = self.first_ns or int(next(filter(None, times), 0))
+                self.last_ns = int(times[-1])
             for sink in self.sinks:
                 sink.add_frames(block)
             yield block

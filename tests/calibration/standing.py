@@ -8,7 +8,7 @@ from math import radians
 
 import numpy as np
 
-from candaemon.arrays import Floats
+from candaemon.arrays import ComplexPlane, Floats
 from candaemon.binding.bound import BoundSensor
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.radar.scan import Scan
@@ -64,6 +64,11 @@ class Drive:
         """Return the pose as read."""
         heading, turn, ve, vn, east, north = self._at(self._read, (time_ns - BEGIN_NS) * 1e-9)
         return EgoPose(time_ns, east, north, heading, ve, vn, turn, 0.01, EgoStatus.VALID)
+
+    def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats]:
+        """Return places and headings as read."""
+        poses = [self.pose(begin_ns + k * step_ns) for k in range(count)]
+        return np.array([complex(each.east, each.north) for each in poses]), np.array([each.heading for each in poses])
 
     def correct(self, *found: float) -> None:
         """Remember what is to be corrected."""
