@@ -15,7 +15,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 78
+REVISION = 79
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2921,6 +2921,18 @@ def turn_axes_of_bodies(
     return out_array
 
 
+cdef inline bint stands(
+    const double[:, :] mean,
+    const unsigned char[:] directed,
+    const double[:] fastest,
+    Py_ssize_t body,
+    double slow,
+    double moved,
+) noexcept nogil:
+    """Whether a body stands and never showed a course."""
+    return not directed[body] and fastest[body] <= moved and velocity_of(mean, body) < slow
+
+
 def bodies_to_merge(
     const double[:, :] shown,
     const double[:, :, :] spread,
@@ -2929,8 +2941,11 @@ def bodies_to_merge(
     const double[:, :] facing,
     const double[:] length,
     const unsigned char[:] confirmed,
+    const unsigned char[:] directed,
+    const Py_ssize_t[:] last_ns,
     const unsigned char[:] stood,
     const double[:] fastest,
+    double slow,
     double moved,
     double along,
     double across,
@@ -2951,7 +2966,7 @@ def bodies_to_merge(
     cdef Py_ssize_t n = mean.shape[0], young, old
     cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond
     cdef double reach = larger(larger(along, course_along), extent) + larger(across, course_across)
-    cdef bint moving, by_course, by_box
+    cdef bint moving, by_course, by_box, near
     found_array, needed_array = np.empty(n, np.int64), np.empty(n)
     cdef Py_ssize_t[::1] found = found_array
     cdef double[::1] needed = needed_array
@@ -2979,8 +2994,14 @@ def bodies_to_merge(
                     unclear = spread[young, 0, 0] + spread[young, 1, 1] + (spread[old, 0, 0] + spread[old, 1, 1])
                     unclear = 1.0 + unclear / clear
                     needed[young] = smaller(course_time * unclear, merge_time)
-                elif not (by_box or ahead < along and aside < across and faster * faster + drift * drift < speed):
-                    continue
+                elif not by_box:
+                    near = ahead < along and aside < across
+                    if not near and ahead * ahead + aside * aside < along * along:
+                        near = stands(mean, directed, fastest, young, slow, moved)
+                        near = near and stands(mean, directed, fastest, old, slow, moved)
+                        near = near and last_ns[young] != last_ns[old]
+                    if not (near and faster * faster + drift * drift < speed):
+                        continue
                 if stood[young] and fastest[old] > moved or stood[old] and fastest[young] > moved:
                     continue
                 if confirmed[old] and found[young] < 0:
@@ -2991,23 +3012,32 @@ def bodies_to_merge(
 def reflections_to_split(
     const double[:, :] offset,
     const double[:] rate_difference,
+    const Py_ssize_t[:] body,
     const Py_ssize_t[:] leader,
+    const double[:, :] mean,
+    const unsigned char[:] directed,
+    const double[:] fastest,
     double along,
     double extent,
     double across,
+    double around,
     double speed,
+    double slow,
+    double moved,
 ):
     """Return which reflections that do not lead (n,) are too far away or of another speed for their bodies; None:
     there is none."""
     cdef Py_ssize_t n = offset.shape[0], i
-    cdef bint some = False
+    cdef bint some = False, near
     out_array = np.empty(n, np.bool_)
     cdef unsigned char[::1] out = out_array
     with nogil:
         for i in range(n):
+            near = stands(mean, directed, fastest, body[i], slow, moved)
+            near = near and offset[i, 0] * offset[i, 0] + offset[i, 1] * offset[i, 1] < around
             out[i] = (
                 fabs(offset[i, 0]) > extent
-                or fabs(offset[i, 1]) > across
+                or fabs(offset[i, 1]) > across and not near
                 or fabs(rate_difference[i]) > (speed if fabs(offset[i, 0]) > along else 2.0 * speed)
             )
         for i in range(leader.shape[0]):

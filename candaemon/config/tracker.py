@@ -80,7 +80,12 @@ class ReflectionSettings(Settings):
     """When several detections are one vehicle."""
 
     merge: bool = Field(True, description="false: every object of the sensor is an obstacle")
-    along: float = Field(3.5, gt=0, le=30, description="m along the travel from a known reflection")
+    along: float = Field(
+        3.5,
+        gt=0,
+        le=30,
+        description="m along the travel from a known reflection; around what stands, if its course was never seen",
+    )
     across: float = Field(1.2, gt=0, le=5, description="m across it")
     edge: float = Field(0.5, ge=0, le=5, description="m beyond the box of a vehicle whose size is known")
     speed: float = Field(1.2, gt=0, le=10, description="m/s difference of speed along the line of sight")
@@ -93,7 +98,7 @@ class ReflectionSettings(Settings):
     )
     extent: float = Field(15.0, gt=0, le=50, description="m, longest vehicle")
     following: float = Field(
-        0.1,
+        0.2,
         ge=0,
         le=5,
         description="s to a vehicle in which nobody follows: what is on its course there, and as fast, is a part of it",

@@ -6,7 +6,7 @@ import numpy as np
 
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Integers
-from candaemon.config.tracker import ReflectionSettings
+from candaemon.config.tracker import ReflectionSettings, StoodSettings
 from candaemon.estimation.body_filter import POSITION, VELOCITY
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import near_pairs, to_travel_axes
@@ -16,9 +16,10 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     """Return for each obstacle the row of an older one that it is alongside of and moves like, or −1; and for how long.
 
     What moves is compared along and across its course: its speed across is known worst, and parts of one vehicle
-    differ there by noise alone. What is slow is compared as before a course is known, in all directions alike. What
-    moves one behind the other as fast is one vehicle where no driver would follow so closely. What has stood all the
-    time is none of what has moved: a car that stops beside a post stays a car.
+    differ there by noise alone. What stands and never showed a course is compared in all directions alike, for it may
+    be parked across; but what one scan shows apart is two, as who stands beside a car. What moves one behind the other
+    as fast is one vehicle where no driver would follow so closely. What has stood all the time is none of what has
+    moved: a car that stops beside a post stays a car.
 
     Args:
         bodies: of the cycle.
@@ -40,8 +41,11 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             obstacles.facing,
             obstacles.length,
             obstacles.confirmed,
+            obstacles.directed,
+            obstacles.last_ns,
             stood,
             obstacles.fastest,
+            standing.speed,
             standing.moved,
             settings.along,
             settings.across,
@@ -76,11 +80,15 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         & (faster[:, 0] < course.faster)
         & (faster[:, 1] < course.drift)
     )
-    by_speed = (
-        (apart[:, 0] < settings.along)
-        & (apart[:, 1] < settings.across)
-        & ((faster * faster).sum(axis=1) < settings.speed**2)
+    stands = _stands(bodies, standing)
+    near = (apart[:, 0] < settings.along) & (apart[:, 1] < settings.across)
+    near |= (
+        stands[young]
+        & stands[old]
+        & ((apart * apart).sum(axis=1) < settings.along**2)
+        & (obstacles.last_ns[young] != obstacles.last_ns[old])
     )
+    by_speed = near & ((faster * faster).sum(axis=1) < settings.speed**2)
     # Nearer to the box than any driver follows: another part of the vehicle, however long it proves to be.
     beyond = to_travel_axes(place[young] - (moments.mean[old, POSITION] - obstacles.facing[old]), axis)
     by_box = (
@@ -101,6 +109,13 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     return found, needed
 
 
+def _stands(bodies: Bodies, settings: StoodSettings) -> Booleans:
+    """Return which bodies stand and never showed a course (k,): their reflections may lie in any direction."""
+    obstacles, velocity = bodies.obstacles, bodies.moments().mean[:, VELOCITY]
+    speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
+    return (speed < settings.speed) & (obstacles.fastest <= settings.moved) & ~obstacles.directed
+
+
 def alongside_long(alongside_ns: Integers, older: Integers, needed: Floats, dt_ns: int) -> list[int]:
     """Return the rows of the obstacles that have been alongside of an older one for long enough.
 
@@ -119,20 +134,35 @@ def alongside_long(alongside_ns: Integers, older: Integers, needed: Floats, dt_n
 def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans | None:
     """Return which reflections are none of their obstacle's (n,): too far away, or of another speed; None: none is.
 
-    The bounds are twice those for joining, so that a reflection at the edge does not come and go; what lies far along
-    the body may be another vehicle in a queue, and is to move as the body does.
+    The bounds are wider than those for joining, so that a reflection at the edge does not come and go; what lies far
+    along the body may be another vehicle in a queue, and is to move as the body does.
     """
-    reflections, leader = bodies.reflections, bodies.obstacles.leader
+    obstacles, reflections, leader = bodies.obstacles, bodies.reflections, bodies.obstacles.leader
     if len(reflections) == len(bodies):
         return None
     if compiled.in_use:
-        limits = settings.course.along, settings.extent, 2 * settings.across, settings.speed
-        offset, difference = reflections.offset, reflections.rate_difference
-        return compiled.kernels.reflections_to_split(offset, difference, leader, *limits)
+        return compiled.kernels.reflections_to_split(
+            reflections.offset,
+            reflections.rate_difference,
+            reflections.body,
+            leader,
+            bodies.moments().mean,
+            obstacles.directed,
+            obstacles.fastest,
+            settings.course.along,
+            settings.extent,
+            2 * settings.across,
+            (settings.along + settings.across) ** 2,
+            settings.speed,
+            settings.stood.speed,
+            settings.stood.moved,
+        )
     far = np.abs(reflections.offset[:, 0]) > settings.course.along
+    around = _stands(bodies, settings.stood)[reflections.body]
+    around &= (reflections.offset * reflections.offset).sum(axis=1) < (settings.along + settings.across) ** 2
     away = (
         (np.abs(reflections.offset[:, 0]) > settings.extent)
-        | (np.abs(reflections.offset[:, 1]) > 2 * settings.across)
+        | ((np.abs(reflections.offset[:, 1]) > 2 * settings.across) & ~around)
         | (np.abs(reflections.rate_difference) > np.where(far, settings.speed, 2 * settings.speed))
     )
     away[leader] = False

@@ -578,12 +578,24 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         bodies.obstacles.confirmed |= confirmed
         bodies.obstacles.fastest[::3] = 0.3
         older, needed = merge_candidates(bodies, ReflectionSettings(), 5 * 10**9)
+        bodies.filter.state.mean[::2, :, 2:4] *= 0.01
+        bodies.obstacles.fastest[::2] = 0.2
+        bodies.obstacles.directed[::4] = True
+        bodies.changed()
+        across, _ = merge_candidates(bodies, ReflectionSettings(), 5 * 10**9)
+        assert np.count_nonzero(across != older) > 3
         assert 3 < np.count_nonzero(older >= 0) < 50
         alongside_ns = np.arange(60) * 10**7
         merging = alongside_long(alongside_ns, older, needed, 5 * 10**7)
         assert 0 < len(merging) < np.count_nonzero(older >= 0)
         assert not alongside_ns[older < 0].any()
-        return [older.astype(np.float64), needed, alongside_ns.astype(np.float64), np.array(merging, np.float64)]
+        return [
+            older.astype(np.float64),
+            across.astype(np.float64),
+            needed,
+            alongside_ns.astype(np.float64),
+            np.array(merging, np.float64),
+        ]
 
     both(monkeypatch, computed)
 
@@ -597,6 +609,10 @@ def test_reflections_to_split_and_places_expected(monkeypatch: pytest.MonkeyPatc
         assert split_candidates(bodies, ReflectionSettings(across=5.0)) is None
         bodies.reflections.offset *= 6.0
         bodies.reflections.rate_difference = difference
+        bodies.filter.state.mean[::2, :, 2:4] *= 0.01
+        bodies.obstacles.fastest[::2] = 0.2
+        bodies.obstacles.directed[::4] = True
+        bodies.changed()
         splitting = split_candidates(bodies, ReflectionSettings())
         assert splitting is not None
         assert 0 < np.count_nonzero(splitting) < 9

@@ -326,6 +326,24 @@ def test_a_car_that_stops_beside_a_post_stays_a_car() -> None:
     assert len(told) == 2
 
 
+@pytest.mark.parametrize(("apart", "obstacles"), [(3.0, 1), (5.0, 2)])
+def test_a_car_that_stands_across_is_one_obstacle(apart: float, obstacles: int) -> None:
+    """It never showed a course: its ends, of which a scan shows one, may lie in any direction from each other."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(6)
+    for k, t in enumerate(times(1, 60)):
+        told = fed.scan(t, noisy(rng, [Seen(k % 2, 15.0, apart * (k % 2))]))
+    assert len(told) == obstacles
+
+
+def test_who_stands_beside_a_car_and_walks_away_is_an_obstacle_of_its_own() -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(6)
+    for t in times(1, 120):
+        left = 2.5 + 1.4 * max(t - 1.5, 0.0)
+        told = fed.scan(t, noisy(rng, [Seen(0, 15.0, 0.0), Seen(1, 15.0, left, 0.0, 1.4 if t > 1.5 else 0.0)]))
+    assert len(told) == 2
+    assert told.vy.max() == pytest.approx(1.4, abs=0.3)
+
+
 def test_a_sensor_that_tells_velocities_adds_to_what_one_without_them_has_just_found() -> None:
     """It crosses: its range rate tells nothing, and its reflection slides from one scan to the next."""
     fed = HandFedVehicles()
