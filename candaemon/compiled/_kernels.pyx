@@ -3,11 +3,12 @@
 
 Every number comes from the same operations in the same order as there: sums run from the first term to the last, and the
 build forbids fused multiply-adds. Logarithms, sines and the like, which libraries round in ways of their own, stay in
-numpy, or are those of Python's `math`. No shape is checked here: the callers give arrays of the right ones.
+numpy, or are those of Python: its `math`, and `pow` as in its powers. No shape is checked here: the callers give arrays
+of the right ones.
 """
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
-from libc.math cimport INFINITY, M_PI, NAN, copysign, fabs, fmod, isfinite, llrint, sqrt
+from libc.math cimport INFINITY, M_PI, NAN, copysign, fabs, fmod, isfinite, llrint, pow, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memchr, memcmp, memcpy
 
@@ -15,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 79
+REVISION = 80
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1391,29 +1392,35 @@ def directed_matrices(
     return out_array
 
 
-def decaying_elements(
+def axis_elements(
     const double[:, ::1] coefficients,
     const Py_ssize_t[::1] exponent,
-    const double[::1] powers,
-    double x,
+    double dt,
+    double rate,
     double intensity,
+    bint mean_decays,
 ):
-    """Return four elements of F and six of Q (10,) of an axis whose acceleration decays, by their series in x.
+    """Return four elements of F, of the mean's own F, and six of Q (14,) of an axis whose acceleration decays.
 
     The series are columns of coefficients (terms, 21), before which a power of time stands by its exponent (21,).
     """
     cdef Py_ssize_t terms = coefficients.shape[0], n, i, column
     cdef Py_ssize_t[10] chosen = [1, 2, 5, 8, 9, 10, 11, 13, 14, 17]
-    cdef double value
-    elements_array = np.empty(10)
+    cdef double value, x = -rate * dt
+    elements_array = np.empty(14)
     cdef double[::1] elements = elements_array
     for i in range(10):
         column = chosen[i]
         value = coefficients[terms - 1, column]
         for n in range(terms - 2, -1, -1):
             value = value * x + coefficients[n, column]
-        value = powers[exponent[column]] * value
-        elements[i] = value if i < 4 else intensity * value
+        value = pow(dt, <double>exponent[column]) * value
+        if i < 4:
+            elements[i] = elements[4 + i] = value
+        else:
+            elements[4 + i] = intensity * value
+    if not mean_decays:
+        elements[4], elements[5], elements[6], elements[7] = dt, dt * dt / 2.0, dt, 1.0
     return elements_array
 
 

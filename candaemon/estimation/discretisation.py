@@ -156,16 +156,23 @@ def decaying_axis(rate: float, dt: float, intensity: float, *, order: int) -> Ax
     return Axis(f, intensity * q, u)
 
 
-def decaying_elements(rate: float, dt: float, intensity: float) -> Floats:
-    """Return the elements of `decaying_axis` of order 2 that are neither one nor zero: four of F, six of Q, (10,).
+def axis_elements(rate: float, dt: float, intensity: float, *, mean_decays: bool) -> Floats:
+    """Return what tells a prediction of `decaying_axis` of order 2, (14,).
 
-    They are [0, 1], [0, 2], [1, 2] and [2, 2] of F and the upper triangle of Q, row by row; arguments as there.
+    The elements that are neither one nor zero of F and of the mean's own F, [0, 1], [0, 2], [1, 2] and [2, 2] of each,
+    and the upper triangle of Q, row by row.
+
+    Args:
+        rate: α, 1/s.
+        dt: T, s.
+        intensity: of the white noise that drives the acceleration.
+        mean_decays: whether F is the mean's own too: else its acceleration lasts, as in the CS model.
     """
     if compiled.in_use and rate * dt <= _LONG:
-        powers = _powers_of(dt, 2)
-        return compiled.kernels.decaying_elements(_COEFFICIENTS, _POWERS, powers, -rate * dt, intensity)
+        return compiled.kernels.axis_elements(_COEFFICIENTS, _POWERS, dt, rate, intensity, mean_decays)
     axis = decaying_axis(rate, dt, intensity, order=2)
-    return np.concatenate([axis.transition.take(_BEHIND), axis.noise.take(_UPPER)])
+    transition, noise = axis.transition.take(_BEHIND), axis.noise.take(_UPPER)
+    return np.concatenate([transition, transition if mean_decays else (dt, dt * dt / 2, dt, 1.0), noise])
 
 
 _BEHIND, _UPPER = np.array((1, 2, 5, 8)), np.array((0, 1, 2, 4, 5, 8))

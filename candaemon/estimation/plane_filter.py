@@ -12,7 +12,7 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.axis_filter import axis_matrices
-from candaemon.estimation.discretisation import X, Y, decaying_elements, isotropic
+from candaemon.estimation.discretisation import X, Y, axis_elements, isotropic
 from candaemon.estimation.estimator_state import PlaneFilterState
 from candaemon.estimation.filter_bank import FilterBank
 from candaemon.estimation.kalman import LEAST_VARIANCE, LOST, bounded, triangular_root
@@ -161,16 +161,10 @@ def _apart(columns: Floats) -> Floats:
 
 
 def _axis_elements(model: Singer | CurrentStatistical, dt: float) -> Floats:
-    """Return what tells a prediction of an axis over dt, s, (14,).
-
-    The elements that are neither one nor zero of F and of the mean's own F, [0, 1], [0, 2], [1, 2] and [2, 2] of each,
-    and the upper triangle of Q at a variance of one.
-    """
+    """Return what tells a prediction of an axis over dt, s, by `axis_elements` (14,), Q at a variance of one for CS."""
     if isinstance(model, Singer):
-        elements = decaying_elements(model.alpha, dt, 2 * model.alpha * model.deviation**2)
-        return np.concatenate([elements[:4], elements])
-    elements = decaying_elements(model.alpha, dt, 2 * model.alpha)
-    return np.concatenate([elements[:4], (dt, dt * dt / 2, dt, 1.0), elements[4:]])
+        return axis_elements(model.alpha, dt, 2 * model.alpha * model.deviation**2, mean_decays=True)
+    return axis_elements(model.alpha, dt, 2 * model.alpha, mean_decays=False)
 
 
 def _predict(columns: Floats, axis: Floats) -> None:

@@ -37,8 +37,9 @@ def report(
         state, motion.covariance, obstacles.direction, obstacles.forward, pose, min_speed * min_speed
     )
     x, y, vx, vy, ax, ay, sx, sy, svx, svy, yaw_rate, course_x, course_y = told
-    unknown = np.full(len(obstacles), np.nan)
-    heading = np.arctan2(course_y, course_x, out=unknown.copy(), where=obstacles.forward != 0.0)
+    unknown = np.empty(len(obstacles))
+    unknown.fill(np.nan)
+    heading = np.where(obstacles.forward != 0.0, np.arctan2(course_y, course_x), np.nan)
     status, age, existence = _lives(obstacles, pose.time_ns, slack_ns)
     used_sensor = np.empty(len(used.objects), np.int64)
     used_sensor.fill(used.sensor)
@@ -72,7 +73,7 @@ def report(
         kind=np.zeros(len(obstacles), np.int8),
         kind_likelihood=unknown,
         covariance=covariance,
-        used_row=reflections.obstacle[used.reflection],
+        used_row=reflections.obstacle.take(used.reflection),
         used_sensor=used_sensor,
         used_object=used.objects,
     )

@@ -230,7 +230,7 @@ class Tracker:
         """Return what this cycle's detections updated."""
         if self.update is None or detections is None:
             return Used(_NONE, 0, np.empty(0, dtype=np.int64))
-        return Used(self.update.reflection, detections.sensor, detections.object_id[self.update.detection])
+        return Used(self.update.reflection, detections.sensor, detections.object_id.take(self.update.detection))
 
     def _predict(self, time_ns: int) -> None:
         """Predict all tracks to an instant, or retrodict them: scans of several sensors may come out of order."""
@@ -365,7 +365,7 @@ class Tracker:
         if len(unassociated):
             tracks, rows = np.concatenate([tracks, initiated]), np.concatenate([rows, unassociated])
             nis = np.concatenate([nis, np.full(len(unassociated), np.nan)])
-        measured = detections.measurement.measured[rows]
+        measured = detections.measurement.measured.take(rows)
         if self._ranges is not None:
             measured = measured - 1  # of a place, its distance
         self.update = Update(rows, tracks, nis, measured)
