@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 80
+REVISION = 81
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1448,6 +1448,21 @@ def polar_points(
             noise[t, 1, 1] = along_s * sine[t] + across_c * cosine[t]
             noise[t, 0, 1] = noise[t, 1, 0] = (along_c - across_c) * sine[t]
     return position_array, noise_array
+
+
+def placed(const double[:, :] offset, const double[:] origin, double east, double north, double c, double s):
+    """Return points at offsets (n, 2) from an origin in the local frame (n, 2); x, y in axes with an own place (n,)."""
+    cdef Py_ssize_t n = offset.shape[0], t
+    cdef double ahead, left
+    position_array, x_array, y_array = np.empty((n, 2)), np.empty(n), np.empty(n)
+    cdef double[:, ::1] position = position_array
+    cdef double[::1] x = x_array, y = y_array
+    with nogil:
+        for t in range(n):
+            position[t, 0], position[t, 1] = offset[t, 0] + origin[0], offset[t, 1] + origin[1]
+            ahead, left = position[t, 0] - east, position[t, 1] - north
+            x[t], y[t] = ahead * c + left * s, left * c - ahead * s
+    return position_array, x_array, y_array
 
 
 def number_text(const double[:, :] values, int decimals):

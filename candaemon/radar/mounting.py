@@ -132,37 +132,34 @@ class Mounting:
         b = np.zeros(len(a)) if self._second is None else values[self._second]  # of a range: straight ahead
         yaw = pose.heading + self._yaw + turned
         if self._polar:
-            points, noise = _polar_points(a, b + yaw, self._first_variance, self._second_variance)
-            offset = points.view(np.complex128)[:, 0]
+            offset, noise = _polar_points(a, b + yaw, self._first_variance, self._second_variance)
         else:
-            offset = _plane(a, b) * exp(1j * yaw)
+            offset = _components(_plane(a, b) * exp(1j * yaw))
             noise = _noise(len(a), cos(yaw), sin(yaw), self._first_variance, self._second_variance)
         origin, velocity = pose.place(mount.x, mount.y)
-        position = offset + complex(origin[0], origin[1])
+        position, x, y = _placed(offset, origin, pose)
         known = self._range_rate is not None
         rate = values[self._range_rate] if known else None
         if rate is not None and self._compensated:  # what the sensor added for its own motion is taken off again
-            own = complex(velocity[0], velocity[1])
-            rate = rate - np.real(np.conj(offset) * own) / np.maximum(np.abs(offset), NEAREST)
+            rate = rate - offset @ velocity / np.maximum(np.hypot(offset[:, 0], offset[:, 1]), NEAREST)
         measurement = Measurement(
-            _components(position),
+            position,
             noise,
             origin,
             velocity,
             rate,
             _same(len(a), self._range_rate_variance + pose.speed_variance) if known else None,
-            self._projections(scan, pose, _components(offset), velocity, yaw),
+            self._projections(scan, pose, offset, velocity, yaw),
             scan.sensor,
         )
-        place = (position - complex(pose.east, pose.north)) * exp(-1j * pose.heading)
         return Detections(
             scan.time_ns,
             scan.sensor,
             scan.object_id,
             scan.new,
             measurement,
-            place.real,
-            place.imag,
+            x,
+            y,
             None if self._length is None else values[self._length],
             None if self._width is None else values[self._width],
             None if self._heading is None else np.remainder(values[self._heading] + (yaw + np.pi), 2 * np.pi) - np.pi,
@@ -215,6 +212,16 @@ def _polar_points(
         return compiled.kernels.polar_points(distance, c, s, range_variance, angle_variance)
     noise = _noise(len(distance), c, s, range_variance, angle_variance * distance * distance)
     return np.stack([distance * c, distance * s], axis=1), noise
+
+
+def _placed(offset: Floats, origin: Floats, pose: EgoPose) -> tuple[Floats, Floats, Floats]:
+    """Return points at offsets (n, 2) from an origin (2,), local frame (n, 2), and x, y in vehicle axes (n,)."""
+    c, s = cos(pose.heading), sin(pose.heading)
+    if compiled.in_use:
+        return compiled.kernels.placed(offset, origin, pose.east, pose.north, c, s)
+    position = offset + origin
+    east, north = position[:, 0] - pose.east, position[:, 1] - pose.north
+    return position, east * c + north * s, north * c - east * s
 
 
 def _noise(n: int, c: Floats | float, s: Floats | float, along: float, across: Floats | float) -> Floats:

@@ -40,7 +40,7 @@ from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.saved_state import dump
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.radar.detections import Detections
-from candaemon.radar.mounting import sensor_views
+from candaemon.radar.mounting import _placed, sensor_views
 from candaemon.tracking import box
 from candaemon.tracking.association import pair_nis
 from candaemon.tracking.body_association import Association, associate
@@ -525,6 +525,11 @@ def scan_of(rows: int, speeds: bool) -> Detections:
 
 
 POSE = EgoPose(10**9, 3.0, -1.0, 0.4, 9.0, 1.0, 0.1, 0.01, EgoStatus.VALID, 1e-4)
+
+
+def test_detections_in_the_local_frame_and_in_vehicle_axes(monkeypatch: pytest.MonkeyPatch) -> None:
+    offset, origin = np.random.default_rng(3).normal(size=(30, 2)) * 50.0, np.array([4.5, -1.5])
+    both(monkeypatch, lambda: list(_placed(offset, origin, POSE)))
 
 
 @pytest.mark.parametrize("extra", [0, 9])
