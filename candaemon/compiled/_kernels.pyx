@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 81
+REVISION = 82
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1201,10 +1201,11 @@ def vehicle_axes(
     """Return what is told of k obstacles in the axes of a vehicle at (east, north), whose heading has cosine c and sine s.
 
     Rows of the first (13, k): x, y, vx, vy, ax, ay, the deviations of the first four, the yaw rate of those whose speed
-    squared is above the least, else NaN, and the course, a vector. The second is the covariance (k, 4, 4).
+    squared is above the least, else NaN, and the course, a vector, NaN where forward is 0. The second is the covariance
+    (k, 4, 4).
     """
     cdef Py_ssize_t k = state.shape[0], t, a, b, i, j
-    cdef double first, second, square
+    cdef double first, second, square, way
     cdef double half[2][2]
     told_array, turned_array = np.empty((13, k)), np.empty((k, 4, 4))
     cdef double[:, ::1] told = told_array
@@ -1233,8 +1234,9 @@ def vehicle_axes(
             told[10, t] = NAN
             if square > least_square:
                 told[10, t] = (told[5, t] * told[2, t] - told[4, t] * told[3, t]) / square
-            told[11, t] = (direction[t, 0] * c + direction[t, 1] * s) * forward[t]
-            told[12, t] = (direction[t, 1] * c - direction[t, 0] * s) * forward[t]
+            way = forward[t] if forward[t] != 0.0 else NAN
+            told[11, t] = (direction[t, 0] * c + direction[t, 1] * s) * way
+            told[12, t] = (direction[t, 1] * c - direction[t, 0] * s) * way
     return told_array, turned_array
 
 

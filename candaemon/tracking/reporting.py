@@ -39,7 +39,7 @@ def report(
     x, y, vx, vy, ax, ay, sx, sy, svx, svy, yaw_rate, course_x, course_y = told
     unknown = np.empty(len(obstacles))
     unknown.fill(np.nan)
-    heading = np.where(obstacles.forward != 0.0, np.arctan2(course_y, course_x), np.nan)
+    heading = np.arctan2(course_y, course_x)
     status, age, existence = _lives(obstacles, pose.time_ns, slack_ns)
     used_sensor = np.empty(len(used.objects), np.int64)
     used_sensor.fill(used.sensor)
@@ -107,13 +107,13 @@ def in_vehicle_axes(
         state: [x, y, vx, vy, ax, ay], local frame (k, 6).
         spread: its covariance (k, 4, 4) or more.
         direction: of their travel, unit vectors (k, 2).
-        forward: 1 where they drive that way, −1 where the other way (k,).
+        forward: 1 where they drive that way, −1 where the other way, 0 where they show no course (k,).
         pose: ego pose.
         least_square: of a speed, (m/s)², above which an obstacle has a yaw rate.
 
     Returns:
-        x, y, vx, vy, ax, ay, the deviations of the first four, the yaw rate, NaN where there is none, and the course, a
-        vector, (13, k); and the covariance (k, 4, 4).
+        x, y, vx, vy, ax, ay, the deviations of the first four, the yaw rate and the course, a vector, NaN where there
+        is none, (13, k); and the covariance (k, 4, 4).
     """
     c, s = cos(pose.heading), sin(pose.heading)
     if compiled.in_use:
@@ -140,7 +140,7 @@ def in_vehicle_axes(
     square = vx * vx + vy * vy
     told[10] = np.nan
     np.divide(ay * vx - ax * vy, square, out=told[10], where=square > least_square)
-    told[11:] = np.stack(_turned(direction[:, 0], direction[:, 1], c, s)) * forward
+    told[11:] = np.stack(_turned(direction[:, 0], direction[:, 1], c, s)) * np.where(forward == 0.0, np.nan, forward)
     return told, covariance
 
 
