@@ -262,11 +262,13 @@ class WindowReader:
         """
         speed, turn = float(np.abs(moments.speed).max()), float(np.abs(moments.turn).max())
         faster, sharper = float(np.abs(moments.acceleration).max()), float(np.abs(moments.turn_change).max())
-        distance = np.abs(begin.place) + (abs(self._mount) + speed * length)  # the farthest meanwhile
+        nearest = np.abs(begin.place)
+        distance = nearest + (abs(self._mount) + speed * length)  # the farthest meanwhile
         latency, yaw, scale, bias = at.deviation.tolist()
         drift = (latency * (turn**2 + sharper) + 2.0 * bias) * distance
         drift += latency * (faster + 2.0 * speed * turn) + (yaw + scale / (1.0 + float(at.mean[SCALE]))) * speed
-        return np.asarray(drift + 2.0 * (begin.along + begin.across) / length + np.sqrt(sum(walk) / length))
+        noise = np.sqrt(2.0 * (begin.along**2 + (begin.across * distance / nearest) ** 2))  # of both ends
+        return np.asarray(drift + noise / length + np.sqrt(sum(walk) / length))
 
     def _returns(
         self, readings: Readings, seen: ComplexPlane, moments: EgoMoments, counts: Integers
