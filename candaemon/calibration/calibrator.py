@@ -32,7 +32,6 @@ from candaemon.calibration.window import WindowEquations, WindowReader
 from candaemon.calibration.windows import REACH, WindowsState, added, age, estimate, is_covariance
 from candaemon.config.calibration import CalibrationSettings
 from candaemon.config.ego import OdometrySettings
-from candaemon.ego.pose import EgoPose
 from candaemon.radar.scan import Scan
 
 WINDOW_NS: Final = 1_000_000_000
@@ -115,10 +114,6 @@ class CalibratedEgo(Protocol):
     @property
     def corrections(self) -> tuple[float, float]:
         """Factor on the speed as read, and what is taken from the yaw rate as read, rad/s."""
-        ...
-
-    def pose(self, time_ns: int) -> EgoPose | None:
-        """Return the ego pose at an instant; None before anything is known."""
         ...
 
     def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats] | None:

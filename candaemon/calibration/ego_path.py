@@ -145,7 +145,7 @@ def _rate(values: Floats) -> Floats:
 
 
 def _between(t: Floats, values: NDArray[_Value]) -> NDArray[_Value]:
-    """Return the values (n, k) of a grid of `_STEP` at times within it (n, m)."""
+    """Return values (n, k) on a grid of `_STEP` at times within it (m,): (n, m)."""
     steps = t / _STEP
     before = np.minimum(np.maximum(steps.astype(np.int64), 0), values.shape[1] - 2)
     left = values.take(before, axis=1)

@@ -266,7 +266,8 @@ class WindowReader:
         distance = nearest + (abs(self._mount) + speed * length)  # the farthest meanwhile
         latency, yaw, scale, bias = at.deviation.tolist()
         drift = (latency * (turn**2 + sharper) + 2.0 * bias) * distance
-        drift += latency * (faster + 2.0 * speed * turn) + (yaw + scale / (1.0 + float(at.mean[SCALE]))) * speed
+        drift += latency * (faster + 2.0 * speed * turn) + scale / (1.0 + float(at.mean[SCALE])) * speed
+        drift += yaw * (speed + turn * abs(self._mount))
         noise = np.sqrt(2.0 * (begin.along**2 + (begin.across * distance / nearest) ** 2))  # of both ends
         return np.asarray(drift + noise / length + np.sqrt(sum(walk) / length))
 
@@ -453,7 +454,7 @@ def _stands(returns: StandingReturns, at: Estimate, walk: tuple[float, float]) -
     swept = np.maximum(np.add.reduceat(seconds**2, returns.first), 1e-9)
     stands = np.ones(len(returns.first), dtype=np.bool_)
     last = returns.first + returns.count - 1
-    length = np.maximum(returns.seconds[last] - returns.seconds[returns.first], 1e-3)
+    length = np.maximum(returns.seconds[last] - returns.seconds[returns.first], _SHORTEST)
     for residual, rows, noise, density in (
         (returns.along, returns.along_rows, returns.readings.along, walk[0]),
         (returns.across, returns.across_rows, returns.readings.across, walk[1]),

@@ -67,12 +67,12 @@ class CourseSettings(Settings):
 
 
 class StoodSettings(Settings):
-    """What has stood all the time is none of what has moved; of the estimator `vehicle`."""
+    """What stands is none of what has moved, and may lie in any direction from what it is one with; of `vehicle`."""
 
     time: float = Field(
         2.0, ge=0, le=60, description="s since its first detection, for which it was never faster than …"
     )
-    speed: float = Field(0.5, ge=0, le=10, description="… m/s")
+    speed: float = Field(0.5, ge=0, le=10, description="… m/s; what is slower stands")
     moved: float = Field(2.0, gt=0, le=30, description="m/s, what was ever faster has moved")
 
 
@@ -80,12 +80,7 @@ class ReflectionSettings(Settings):
     """When several detections are one vehicle."""
 
     merge: bool = Field(True, description="false: every object of the sensor is an obstacle")
-    along: float = Field(
-        3.5,
-        gt=0,
-        le=30,
-        description="m along the travel from a known reflection; around what stands, if its course was never seen",
-    )
+    along: float = Field(3.5, gt=0, le=30, description="m along the travel from a known reflection")
     across: float = Field(1.2, gt=0, le=5, description="m across it")
     edge: float = Field(0.5, ge=0, le=5, description="m beyond the box of a vehicle whose size is known")
     speed: float = Field(1.2, gt=0, le=10, description="m/s difference of speed along the line of sight")

@@ -1,6 +1,6 @@
 """From sensor axes to the ground: the objects of a scan as detections in the local frame.
 
-Plane vectors are complex numbers here, x + iy: a turn is a product, and (n,) of them are (n, 2) in memory.
+Where a plane vector is a complex number, x + iy, a turn is a product, and (n,) of them are (n, 2) in memory.
 """
 
 from __future__ import annotations
@@ -141,7 +141,8 @@ class Mounting:
         known = self._range_rate is not None
         rate = values[self._range_rate] if known else None
         if rate is not None and self._compensated:  # what the sensor added for its own motion is taken off again
-            rate = rate - offset @ velocity / np.maximum(np.hypot(offset[:, 0], offset[:, 1]), NEAREST)
+            along = offset[:, 0] * velocity[0] + offset[:, 1] * velocity[1]
+            rate = rate - along / np.maximum(np.hypot(offset[:, 0], offset[:, 1]), NEAREST)
         measurement = Measurement(
             position,
             noise,

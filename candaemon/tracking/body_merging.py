@@ -6,7 +6,7 @@ import numpy as np
 
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Integers
-from candaemon.config.tracker import ReflectionSettings, StoodSettings
+from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.body_filter import POSITION, VELOCITY
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import near_pairs, to_travel_axes
@@ -17,9 +17,9 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
 
     What moves is compared along and across its course: its speed across is known worst, and parts of one vehicle
     differ there by noise alone. What stands and never showed a course is compared in all directions alike, for it may
-    be parked across; but what one scan shows apart is two, as who stands beside a car. What moves one behind the other
-    as fast is one vehicle where no driver would follow so closely. What has stood all the time is none of what has
-    moved: a car that stops beside a post stays a car.
+    be parked across; but what was last seen in one scan is two, as who stands beside a car. What moves one behind the
+    other as fast is one vehicle where no driver would follow so closely. What has stood all the time is none of what
+    has moved: a car that stops beside a post stays a car.
 
     Args:
         bodies: of the cycle.
@@ -80,12 +80,12 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         & (faster[:, 0] < course.faster)
         & (faster[:, 1] < course.drift)
     )
-    stands = _stands(bodies, standing)
+    stands = _stands(bodies, standing.speed, standing.moved)
     near = (apart[:, 0] < settings.along) & (apart[:, 1] < settings.across)
     near |= (
         stands[young]
         & stands[old]
-        & ((apart * apart).sum(axis=1) < settings.along**2)
+        & ((apart * apart).sum(axis=1) < settings.along * settings.along)
         & (obstacles.last_ns[young] != obstacles.last_ns[old])
     )
     by_speed = near & ((faster * faster).sum(axis=1) < settings.speed**2)
@@ -109,11 +109,17 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     return found, needed
 
 
-def _stands(bodies: Bodies, settings: StoodSettings) -> Booleans:
-    """Return which bodies stand and never showed a course (k,): their reflections may lie in any direction."""
+def _stands(bodies: Bodies, slow: float, moved: float) -> Booleans:
+    """Return which bodies stand and never showed a course (k,): their reflections may lie in any direction.
+
+    Args:
+        bodies: of the cycle.
+        slow: speed below which they stand, m/s.
+        moved: speed that they never exceeded, m/s.
+    """
     obstacles, velocity = bodies.obstacles, bodies.moments().mean[:, VELOCITY]
     speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
-    return (speed < settings.speed) & (obstacles.fastest <= settings.moved) & ~obstacles.directed
+    return (speed < slow) & (obstacles.fastest <= moved) & ~obstacles.directed
 
 
 def alongside_long(alongside_ns: Integers, older: Integers, needed: Floats, dt_ns: int) -> list[int]:
@@ -154,11 +160,11 @@ def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans |
             2 * settings.across,
             (settings.along + settings.across) ** 2,
             settings.speed,
-            settings.stood.speed,
+            2 * settings.stood.speed,
             settings.stood.moved,
         )
     far = np.abs(reflections.offset[:, 0]) > settings.course.along
-    around = _stands(bodies, settings.stood)[reflections.body]
+    around = _stands(bodies, 2 * settings.stood.speed, settings.stood.moved)[reflections.body]
     around &= (reflections.offset * reflections.offset).sum(axis=1) < (settings.along + settings.across) ** 2
     away = (
         (np.abs(reflections.offset[:, 0]) > settings.extent)

@@ -51,6 +51,25 @@ def feed(motion: InsMotion, circle: Circle, t: float, turn: str | None, arm: tup
         motion.update(ns(t), (turn,), (circle.rate if turn == "yaw_rate" else circle.rate / np.hypot(ve, vn),))
 
 
+def test_a_course_is_that_of_the_poses() -> None:
+    """Between samples, at one, before the first and after the last; unknown where a pose would be dead reckoning."""
+    told = history()
+    assert told.course(0, ns(0.05), 3) is None
+    told.add(0, 0.3, 8.0, 1.0, 0.1)
+    for k in range(1, 60):
+        time_ns = ns(0.037 * k if k < 30 else 0.037 * k + 2.0)  # a gap
+        told.add(time_ns, 0.3 + 0.01 * k, 8.0 - 0.05 * k, 1.0 + 0.02 * k, 0.1)
+    for begin in (ns(-0.2), 0, ns(0.037), ns(0.4), ns(3.3), ns(4.2)):
+        course = told.course(begin, ns(0.05), 8)
+        assert course is not None
+        for k, (place, heading) in enumerate(zip(*course, strict=True)):
+            pose = known(told.pose(begin + k * ns(0.05)))
+            assert place == pytest.approx(complex(pose.east, pose.north), abs=1e-9)
+            assert heading == pytest.approx(pose.heading, abs=1e-12)
+    assert told.course(ns(1.4), ns(0.05), 8) is None
+    assert told.course(ns(5.0), ns(0.05), 8) is None
+
+
 @pytest.mark.parametrize("arm", [(0.0, 0.0), (1.4, -0.3), (-0.5, 0.4)])
 @pytest.mark.parametrize("turn", ["yaw_rate", "curvature", None])
 def test_an_ins_on_a_circle_knows_the_rear_axle(turn: str | None, arm: tuple[float, float]) -> None:
