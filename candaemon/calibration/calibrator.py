@@ -117,7 +117,7 @@ class CalibratedEgo(Protocol):
         ...
 
     def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats] | None:
-        """Return places, east + i north, m, and headings, rad, at even steps (count,), if all are known."""
+        """Return places, east + i north, m, and unwrapped headings, rad, at even steps (count,), if all are known."""
         ...
 
     def correct(self, scale: float, yaw_rate: float, scale_sd: float, yaw_rate_sd: float) -> None:

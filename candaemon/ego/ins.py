@@ -416,7 +416,7 @@ class InsMotion:
         return self.history.pose(time_ns)
 
     def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats] | None:
-        """Return places, east + i north, m, and headings, rad, at even steps (count,), if all are known."""
+        """Return places, east + i north, m, and unwrapped headings, rad, at even steps (count,), if all are known."""
         return self.history.course(begin_ns, step_ns, count)
 
     @property

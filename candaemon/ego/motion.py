@@ -104,7 +104,7 @@ class EgoMotion(Protocol):
         ...
 
     def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats] | None:
-        """Return places, east + i north, m, and headings, rad, at even steps (count,), if all are known."""
+        """Return places, east + i north, m, and unwrapped headings, rad, at even steps (count,), if all are known."""
         ...
 
     def learn(self, returns: StationaryReturns) -> None:

@@ -221,7 +221,7 @@ class OdometryMotion:
         return pose
 
     def course(self, begin_ns: int, step_ns: int, count: int) -> tuple[ComplexPlane, Floats] | None:
-        """Return places, east + i north, m, and headings, rad, at even steps (count,), if all are known."""
+        """Return places, east + i north, m, and unwrapped headings, rad, at even steps (count,), if all are known."""
         return self.history.course(begin_ns, step_ns, count)
 
     def learn(self, returns: StationaryReturns) -> None:

@@ -13,6 +13,7 @@ from candaemon.arrays import Floats
 from candaemon.calibration.calibrator import MOST_HELD, Calibrator
 from candaemon.calibration.parameters import BIAS, LATENCY, SCALE, YAW, Estimate
 from candaemon.calibration.readings import MOST_OBJECTS, SensorReader
+from candaemon.calibration.window import WindowReader
 from candaemon.calibration.windows import MOST_WINDOWS
 from candaemon.config.calibration import CalibrationSettings
 from candaemon.radar.scan import Scan
@@ -51,6 +52,21 @@ def test_latency_and_yaw_are_found_within_twenty_seconds(latency: float, yaw_deg
     assert abs(state.mean[YAW] - radians(yaw_deg)) < 3 * deviation[YAW] < radians(0.6)
     assert calibrator.latency_ns(0) * 1e-9 == pytest.approx(state.mean[LATENCY] if latency else 0.0, abs=0.005)
     assert degrees(calibrator.yaw(0)) == pytest.approx(degrees(state.mean[YAW]) if yaw_deg else 0.0, abs=0.1)
+
+
+@pytest.mark.parametrize("radar", ["demo", "ars408"])
+@pytest.mark.parametrize(("latency", "yaw_deg"), [(0.0, 0.0), (0.25, 4.0)])
+def test_nothing_that_stands_is_left_out_by_its_ends(
+    latency: float, yaw_deg: float, radar: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever the estimate is off by within its deviations: only what drives is told by the ends alone."""
+    found = []
+    for _ in range(2):
+        calibrator = _calibrated("demo", Drive(), 20.0, latency=latency, yaw_deg=yaw_deg, radar=radar)
+        found.append(calibrator.state.sensors[0])
+        monkeypatch.setattr(WindowReader, "_likely_drift", lambda *_: np.inf)
+    np.testing.assert_array_equal(found[0].mean, found[1].mean)
+    np.testing.assert_array_equal(found[0].covariance, found[1].covariance)
 
 
 @pytest.mark.parametrize("radar", ["tesla_continental", "ars408"])
