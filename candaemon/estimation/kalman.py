@@ -18,11 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Floats
+from candaemon.arrays import Booleans, Floats
 from candaemon.estimation.psd import factorise
 
 LOG_2PI = float(np.log(2 * np.pi))
@@ -209,21 +210,53 @@ def propagate(covariance: Floats, transition: Floats, noise: Floats) -> None:
     if compiled.in_use and covariance.shape[-1] <= compiled.COMPONENTS:
         compiled.kernels.propagate(covariance, transition, noise)
         return
-    # Sums from the first term to the last, as the kernel adds them up; a matrix product does not. Tracks last: numpy is
-    # quickest along the last axis.
-    before, f = np.ascontiguousarray(covariance.transpose(1, 2, 0)), transition.transpose(1, 2, 0)
-    terms = np.argwhere((transition != 0.0).any(axis=0)).tolist()
-    half, both = np.zeros_like(before), np.zeros_like(before)
-    for i, k in terms:
-        row = half[i]
-        row += f[i, k] * before[k]
-    for i, k in terms:
-        column = both[:, i]
-        column += f[i, k] * half[:, k]
+    # Tracks last: numpy is quickest along the last axis.
+    before, diagonals = np.ascontiguousarray(covariance.transpose(1, 2, 0)), Diagonals(transition)
+    both = diagonals.times(np.swapaxes(diagonals.times(before), 0, 1))
     both += noise.transpose(1, 2, 0)
-    lower = np.tri(len(both), dtype=np.bool_)[:, :, None]
-    covariance[...] = np.where(lower, np.swapaxes(both, 0, 1), both).transpose(2, 0, 1)
+    covariance[...] = np.where(_lower(len(both)), both, np.swapaxes(both, 0, 1)).transpose(2, 0, 1)
     _forget_negative(covariance)
+
+
+class Diagonals:
+    """Matrices of many tracks by those of their diagonals that are not zero, which few of a transition are.
+
+    Args:
+        matrices: F (n or 1, D, D).
+    """
+
+    def __init__(self, matrices: Floats) -> None:
+        rows, size = matrices.transpose(1, 2, 0), matrices.shape[-1]
+        self._parts = [
+            (slice(first, end), slice(first + k, end + k), rows.diagonal(k).T[first + min(k, 0) : end + min(k, 0)])
+            for k, first, end in _spans((matrices != 0.0).any(axis=0).tobytes(), size)
+        ]
+
+    def times(self, p: Floats) -> Floats:
+        """Return F P for P (D, D, n), tracks last.
+
+        The sums run from the first column of F to the last, as the kernels add them up; a matrix product's do not.
+        """
+        product = np.zeros(p.shape)
+        for rows, columns, diagonal in self._parts:
+            part = product[rows]
+            part += diagonal[:, None] * p[columns]
+        return product
+
+
+@lru_cache
+def _spans(used: bytes, size: int) -> list[tuple[int, int, int]]:
+    """Return which diagonals have elements that are used, and from which row to before which, by those (size, size)."""
+    rows = dict[int, list[int]]()
+    for row, column in np.argwhere(np.frombuffer(used, dtype=np.bool_).reshape(size, size)).tolist():
+        rows.setdefault(column - row, []).append(row)
+    return [(k, rows[k][0], rows[k][-1] + 1) for k in sorted(rows)]
+
+
+@lru_cache
+def _lower(size: int) -> Booleans:
+    """Return which elements of a matrix are on or below its diagonal, (size, size, 1)."""
+    return np.tri(size, dtype=np.bool_)[:, :, None]
 
 
 def symmetrise(covariance: Floats) -> None:

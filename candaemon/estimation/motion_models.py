@@ -19,6 +19,7 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Floats
 from candaemon.estimation.discretisation import Axis, X, Y, decaying_axis, directed, isotropic, white_axis, white_plane
+from candaemon.estimation.kalman import Diagonals
 
 POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6
 JERK = slice(7, 9)
@@ -347,10 +348,7 @@ def _moved(mean: Floats, transition: Floats) -> Floats:
     """Return F x of means (n, D) for transitions (n or 1, D, D)."""
     if compiled.in_use:
         return compiled.kernels.moved(mean, transition)
-    moved = np.zeros_like(mean)
-    for k in range(mean.shape[1]):  # as the kernel adds it up; a matrix product does not
-        moved += transition[:, :, k] * mean[:, k, None]
-    return moved
+    return Diagonals(transition).times(mean.T[:, None])[:, 0].T
 
 
 def _driven(mean: Floats, axis: Axis, transition: Floats) -> Floats:
