@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 82
+REVISION = 83
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3371,35 +3371,38 @@ def grow_boxes(
     const double[:] length_variance,
     const double[:] width_variance,
     const Py_ssize_t[:] first_ns,
+    const Py_ssize_t[:] latest_ns,
+    const double[:] interval,
     const double[:, :] mean,
     const Py_ssize_t[:] body,
     const Py_ssize_t[:] last_ns,
     const double[:, :] offset,
     Py_ssize_t time_ns,
-    double shrinkage,
+    Py_ssize_t since_ns,
+    double shrinkage_time,
     double car_length,
     double axis_speed,
     double age,
     double margin,
-    double growth,
+    double growth_time,
     double truck_length,
     double told,
     double truck_width,
 ):
-    """Let boxes in place hold, along them, the reflections of the scan at a time."""
+    """Let boxes in place, of what was detected at a time, hold along them the reflections detected since another."""
     cdef Py_ssize_t n = body.shape[0], k = length.shape[0], i, t
-    cdef double shown
+    cdef double shown, passed, share
     cdef bint known
     ends_array = np.empty((2, k))
     cdef double[:, ::1] ends = ends_array
     with nogil:
         for t in range(k):
-            if length_variance[t] > 1.0:
-                length[t] = length[t] - shrinkage * larger(length[t] - car_length, 0.0)
+            if length_variance[t] > 1.0 and latest_ns[t] == time_ns:
+                length[t] = length[t] - interval[t] / shrinkage_time * larger(length[t] - car_length, 0.0)
             ends[0, t], ends[1, t] = INFINITY, -INFINITY
         if n != k:
             for i in range(n):
-                if last_ns[i] == time_ns:
+                if last_ns[i] >= since_ns:
                     t = body[i]
                     ends[0, t] = smaller(ends[0, t], offset[i, 0])
                     ends[1, t] = larger(ends[1, t], offset[i, 0])
@@ -3407,8 +3410,10 @@ def grow_boxes(
                 known = mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3] > axis_speed * axis_speed
                 known = known and (time_ns - first_ns[t]) * 1e-9 > age
                 shown = ends[1, t] - ends[0, t] + margin if known and ends[1, t] > ends[0, t] else 0.0
-                length[t] = length[t] + growth * larger(shown - length[t], 0.0)
-                extent[t] = extent[t] + growth * larger(shown - extent[t], 0.0)
+                passed = interval[t] if latest_ns[t] == time_ns else 0.0
+                share = smaller(passed / growth_time, 1.0)
+                length[t] = length[t] + share * larger(shown - length[t], 0.0)
+                extent[t] = extent[t] + share * larger(shown - extent[t], 0.0)
                 if length[t] > truck_length and width_variance[t] > told:
                     width[t] = truck_width
 

@@ -106,7 +106,8 @@ class ReflectionSettings(Settings):
         0.15,
         ge=0,
         le=2,
-        description="s without a detection until another reflection leads: hand-over delay",
+        description="s without a detection until another reflection leads: hand-over delay; for so long it tells, too, "
+        "where its vehicle is and how long",
     )
     return_time: float = Field(
         2.0, gt=0, le=60, description="s, with which the reference point returns to the leading reflection"

@@ -24,8 +24,8 @@ _SIZE_NOISE = 0.5  # m, of a size that a sensor tells
 _HEADING_SHARE = 0.1  # of a heading that a sensor tells, a scan
 _SIZE_WALK = 0.05  # m²/s, at which what is known of a size grows old
 _MARGIN = 0.4  # m by which a body goes on behind its outermost reflections, both sides together
-_GROWTH = 0.1  # share of what reflections show beyond a size, a scan
-_SHRINKAGE = 0.002  # share of what a length not told has beyond a car's, a scan
+_GROWTH_TIME = 0.2  # s, in which a size grows to what reflections show
+_SHRINKAGE_TIME = 25.0  # s, in which a length not told, while it is seen, returns to a car's
 _AXIS_SPEED, _AXIS_AGE = 3.0, 1.0  # m/s and s from which on the axis is known well enough
 TRUCK_WIDTH = 2.5  # m
 WALKER, RIDER = (0.5, 0.6), (1.9, 0.7)  # m, length and width
@@ -43,7 +43,7 @@ _LENGTHS = np.array([NARROW, ENOUGH, TRUCK_LENGTH])  # m, at which walkers, ride
 _WIDTHS = np.array([WALKER[1], RIDER[1], CAR_WIDTH, TRUCK_WIDTH])
 
 
-def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detections) -> None:
+def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detections, recent: float) -> None:
     """Let boxes learn from the detections of a scan.
 
     Args:
@@ -51,6 +51,7 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
         rows: of the detections that belong to a reflection (m,).
         reflections: rows of those (m,).
         detections: the scan.
+        recent: s, for which a reflection seen before, by whatever sensor, still tells how long its body is.
     """
     obstacles, body = bodies.obstacles, bodies.reflections.body.take(reflections)
     if detections.length is not None:
@@ -62,7 +63,7 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
     _note_size(bodies, body, detections, rows)
     if detections.length is not None and detections.width is None:
         _suit_widths(bodies)
-    _grow(bodies, detections.time_ns)
+    _grow(bodies, detections.time_ns, detections.time_ns - round(recent * 1e9))
 
 
 def _average(size: Floats, variance: Floats, body: Indices, told: Floats, interval: Floats) -> None:
@@ -142,10 +143,16 @@ def _suit_widths(bodies: Bodies) -> None:
     obstacles.width = np.where(untold, usual, obstacles.width)
 
 
-def _grow(bodies: Bodies, time_ns: int) -> None:
-    """Let boxes of known axis hold the reflections of this scan, along them; a long one is as wide as lorries are.
+def _grow(bodies: Bodies, time_ns: int, since_ns: int) -> None:
+    """Let boxes of known axis hold the reflections seen lately, along them; a long one is as wide as lorries are.
 
-    Across, the spread of reflections is mostly noise.
+    A lorry shows its front to one sensor and its rear to another, so that no scan alone tells how long it is. Across,
+    the spread of reflections is mostly noise.
+
+    Args:
+        bodies: with their reflections.
+        time_ns: of the scan; boxes of what it did not detect stay as they are.
+        since_ns: from when on detected reflections count.
     """
     obstacles, reflections, mean = bodies.obstacles, bodies.reflections, bodies.moments().mean
     if compiled.in_use:
@@ -156,35 +163,41 @@ def _grow(bodies: Bodies, time_ns: int) -> None:
             obstacles.length_variance,
             obstacles.width_variance,
             obstacles.first_ns,
+            obstacles.last_ns,
+            obstacles.interval,
             mean,
             reflections.body,
             reflections.last_ns,
             reflections.offset,
             time_ns,
-            _SHRINKAGE,
+            since_ns,
+            _SHRINKAGE_TIME,
             CAR_LENGTH,
             _AXIS_SPEED,
             _AXIS_AGE,
             _MARGIN,
-            _GROWTH,
+            _GROWTH_TIME,
             TRUCK_LENGTH,
             _TOLD,
             TRUCK_WIDTH,
         )
         return
-    obstacles.length -= _SHRINKAGE * np.maximum(obstacles.length - CAR_LENGTH, 0.0) * (obstacles.length_variance > 1.0)
+    passed = np.where(obstacles.last_ns == time_ns, obstacles.interval, 0.0)
+    untold = obstacles.length_variance > 1.0
+    obstacles.length -= passed / _SHRINKAGE_TIME * np.maximum(obstacles.length - CAR_LENGTH, 0.0) * untold
     if len(reflections) == len(obstacles):
         return
-    now = np.flatnonzero(reflections.last_ns == time_ns)
-    body, place = reflections.body[now], reflections.offset[now, 0]
+    lately = np.flatnonzero(reflections.last_ns >= since_ns)
+    body, place = reflections.body[lately], reflections.offset[lately, 0]
     low, high = np.full(len(obstacles), np.inf), np.full(len(obstacles), -np.inf)
     np.minimum.at(low, body, place)
     np.maximum.at(high, body, place)
     known = mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3] > _AXIS_SPEED**2
     known &= (time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     shown = np.where(known & (high > low), high - low + _MARGIN, 0.0)
-    obstacles.length += _GROWTH * np.maximum(shown - obstacles.length, 0.0)
-    obstacles.extent += _GROWTH * np.maximum(shown - obstacles.extent, 0.0)
+    share = np.minimum(passed / _GROWTH_TIME, 1.0)
+    obstacles.length += share * np.maximum(shown - obstacles.length, 0.0)
+    obstacles.extent += share * np.maximum(shown - obstacles.extent, 0.0)
     long = (obstacles.length > TRUCK_LENGTH) & (obstacles.width_variance > _TOLD)
     obstacles.width = np.where(long, TRUCK_WIDTH, obstacles.width)
 

@@ -747,7 +747,8 @@ def test_what_boxes_learn(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
     def computed() -> list[Floats]:
         bodies, names = bodies_on_road(20, extra), ("length", "width", "extent", "alone", "fastest")
         bodies.obstacles.first_ns[::5] = 9 * 10**8
-        box.learn(bodies, np.arange(15), np.arange(extra, 15 + extra), scan_of(15, speeds=False))
+        bodies.reflections.last_ns[::3] = 95 * 10**7
+        box.learn(bodies, np.arange(15), np.arange(extra, 15 + extra), scan_of(15, speeds=False), 0.1)
         return [getattr(bodies.obstacles, name) for name in names]
 
     both(monkeypatch, computed)

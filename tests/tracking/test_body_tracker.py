@@ -57,6 +57,29 @@ def test_reflections_of_one_vehicle_are_one_obstacle() -> None:
     assert fed.tracker.counts.used == fed.tracker.counts.detections
 
 
+def test_a_vehicle_is_as_long_as_its_reflections_of_all_sensors_show() -> None:
+    """None of two sensors in turn sees all of it."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(4)
+    for k, t in enumerate(times(1, 80)):
+        shown = lorry(t)
+        told = fed.scan(t, noisy(rng, shown[1:] or shown if k % 2 else shown[:-1] or shown), sensor=k % 2)
+    assert len(told) == 1
+    assert told.length[0] == pytest.approx(8.0, abs=0.6)
+
+
+@pytest.mark.parametrize("sensors", [1, 4])
+def test_a_length_once_shown_is_forgotten_no_faster_where_more_sensors_look(sensors: int) -> None:
+    fed = HandFedVehicles()
+    for t in times(1, 80):
+        shown = fed.scan(t, lorry(t))
+    for t in times(80, 180):
+        for sensor in range(sensors):
+            later = t + sensor * 0.05 / sensors
+            told = fed.scan(later, [car(0, later, 40.0)], sensor=sensor)
+    assert len(told) == 1
+    assert told.length[0] == pytest.approx(4.5 + (shown.length[0] - 4.5) * np.exp(-5.0 / 25.0), abs=0.1)
+
+
 def test_reflections_of_the_first_scan_are_joined() -> None:
     """The range rate tells the first speed: nothing of it goes to what would stand."""
     fed = HandFedVehicles()
