@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 83
+REVISION = 84
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2957,6 +2957,33 @@ cdef inline bint stands(
     return not directed[body] and fastest[body] <= moved and velocity_of(mean, body) < slow
 
 
+cdef bint touch(
+    const double[:, :] shown,
+    const double[:, :] axis,
+    const Py_ssize_t[:] body,
+    const Py_ssize_t[:] seen_ns,
+    const double[:, :] offset,
+    Py_ssize_t since_ns,
+    Py_ssize_t one,
+    Py_ssize_t other,
+    double reach,
+) noexcept nogil:
+    """Return whether of two bodies two reflections seen since a time lie nearer to one another than a reach."""
+    cdef Py_ssize_t n = body.shape[0], i, j
+    cdef double x, y, dx, dy
+    for i in range(n):
+        if body[i] == one and seen_ns[i] >= since_ns:
+            x = shown[one, 0] + (offset[i, 0] * axis[one, 0] - offset[i, 1] * axis[one, 1])
+            y = shown[one, 1] + (offset[i, 1] * axis[one, 0] + offset[i, 0] * axis[one, 1])
+            for j in range(n):
+                if body[j] == other and seen_ns[j] >= since_ns:
+                    dx = x - (shown[other, 0] + (offset[j, 0] * axis[other, 0] - offset[j, 1] * axis[other, 1]))
+                    dy = y - (shown[other, 1] + (offset[j, 1] * axis[other, 0] + offset[j, 0] * axis[other, 1]))
+                    if dx * dx + dy * dy < reach * reach:
+                        return True
+    return False
+
+
 def bodies_to_merge(
     const double[:, :] shown,
     const double[:, :, :] spread,
@@ -2969,8 +2996,14 @@ def bodies_to_merge(
     const Py_ssize_t[:] last_ns,
     const unsigned char[:] stood,
     const double[:] fastest,
+    const Py_ssize_t[:] body,
+    const Py_ssize_t[:] seen_ns,
+    const double[:, :] offset,
+    Py_ssize_t since_ns,
     double slow,
     double moved,
+    double touching,
+    double standing_extent,
     double along,
     double across,
     double speed,
@@ -2988,7 +3021,7 @@ def bodies_to_merge(
 ):
     """Return of each body the row of the oldest one it may be merged into, or −1, and the time alongside it takes, s."""
     cdef Py_ssize_t n = mean.shape[0], young, old
-    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond
+    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, distance
     cdef double reach = larger(larger(along, course_along), extent) + larger(across, course_across)
     cdef bint moving, by_course, by_box, near
     found_array, needed_array = np.empty(n, np.int64), np.empty(n)
@@ -3020,10 +3053,16 @@ def bodies_to_merge(
                     needed[young] = smaller(course_time * unclear, merge_time)
                 elif not by_box:
                     near = ahead < along and aside < across
-                    if not near and ahead * ahead + aside * aside < along * along:
+                    distance = ahead * ahead + aside * aside
+                    if not near and distance < larger(along * along, standing_extent):
                         near = stands(mean, directed, fastest, young, slow, moved)
                         near = near and stands(mean, directed, fastest, old, slow, moved)
-                        near = near and last_ns[young] != last_ns[old]
+                        near = near and (
+                            distance < along * along
+                            and last_ns[young] != last_ns[old]
+                            or distance < standing_extent
+                            and touch(shown, axis, body, seen_ns, offset, since_ns, young, old, touching)
+                        )
                     if not (near and faster * faster + drift * drift < speed):
                         continue
                 if stood[young] and fastest[old] > moved or stood[old] and fastest[young] > moved:

@@ -74,6 +74,14 @@ class StoodSettings(Settings):
     )
     speed: float = Field(0.5, ge=0, le=10, description="… m/s; what is slower stands")
     moved: float = Field(2.0, gt=0, le=30, description="m/s, what was ever faster has moved")
+    apart: float = Field(
+        1.8,
+        ge=0,
+        le=10,
+        description="m between the nearest reflections of two that stand: nearer, they are one though one scan shows "
+        "both …",
+    )
+    extent: float = Field(4.5, gt=0, le=30, description="… where their reference points are nearer than so many m")
 
 
 class ReflectionSettings(Settings):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Booleans, Floats, Integers
+from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.body_filter import POSITION, VELOCITY
 from candaemon.tracking.body_store import Bodies
@@ -17,9 +17,10 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
 
     What moves is compared along and across its course: its speed across is known worst, and parts of one vehicle
     differ there by noise alone. What stands and never showed a course is compared in all directions alike, for it may
-    be parked across; but what was last seen in one scan is two, as who stands beside a car. What moves one behind the
-    other as fast is one vehicle where no driver would follow so closely. What has stood all the time is none of what
-    has moved: a car that stops beside a post stays a car.
+    be parked across; but what was last seen in one scan is two, as who stands beside a car, unless some of its
+    reflections are nearer to one another than people stand to cars. What moves one behind the other as fast is one
+    vehicle where no driver would follow so closely. What has stood all the time is none of what has moved: a car that
+    stops beside a post stays a car.
 
     Args:
         bodies: of the cycle.
@@ -29,8 +30,9 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     Returns:
         Rows (k,), and the time alongside that is needed (k,), s.
     """
-    obstacles, moments = bodies.obstacles, bodies.moments()
+    obstacles, reflections, moments = bodies.obstacles, bodies.reflections, bodies.moments()
     course, standing = settings.course, settings.stood
+    since_ns = time_ns - round(settings.patience * 1e9)
     stood = (obstacles.fastest < standing.speed) & (time_ns - obstacles.first_ns > round(standing.time * 1e9))
     if compiled.in_use:
         return compiled.kernels.bodies_to_merge(
@@ -45,8 +47,14 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             obstacles.last_ns,
             stood,
             obstacles.fastest,
+            reflections.body,
+            reflections.last_ns,
+            reflections.offset,
+            since_ns,
             standing.speed,
             standing.moved,
+            standing.apart,
+            standing.extent**2,
             settings.along,
             settings.across,
             settings.speed**2,
@@ -82,12 +90,10 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     )
     stands = _stands(bodies, standing.speed, standing.moved)
     near = (apart[:, 0] < settings.along) & (apart[:, 1] < settings.across)
-    near |= (
-        stands[young]
-        & stands[old]
-        & ((apart * apart).sum(axis=1) < settings.along * settings.along)
-        & (obstacles.last_ns[young] != obstacles.last_ns[old])
-    )
+    distance = (apart * apart).sum(axis=1)
+    around = (distance < settings.along * settings.along) & (obstacles.last_ns[young] != obstacles.last_ns[old])
+    around |= (distance < standing.extent**2) & _touching(bodies, stands, young, old, standing.apart, since_ns)
+    near |= stands[young] & stands[old] & around
     by_speed = near & ((faster * faster).sum(axis=1) < settings.speed**2)
     # Nearer to the box than any driver follows: another part of the vehicle, however long it proves to be.
     beyond = to_travel_axes(place[young] - (moments.mean[old, POSITION] - obstacles.facing[old]), axis)
@@ -107,6 +113,28 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     unclear = 1.0 + (spread[young] + spread[old]) / course.clear**2
     needed[young[by_course]] = np.minimum(course.time * unclear[by_course], settings.merge_time)
     return found, needed
+
+
+def _touching(bodies: Bodies, stands: Booleans, young: Indices, old: Indices, reach: float, since_ns: int) -> Booleans:
+    """Return of which pairs of bodies (m,) two reflections lie nearer to one another than a reach.
+
+    Args:
+        bodies: of the cycle.
+        stands: which of them are looked at (k,).
+        young: later rows of the pairs (m,).
+        old: earlier rows (m,).
+        reach: m.
+        since_ns: from when on detected reflections count.
+    """
+    reflections = bodies.reflections
+    lately = np.flatnonzero((reflections.last_ns >= since_ns) & stands[reflections.body])
+    body = reflections.body[lately]
+    place = bodies.moments().shown[body, :2] + bodies.offsets(lately)
+    one, other = near_pairs(place[:, 0], place[:, 1], reach)
+    apart = place[one] - place[other]
+    one, other = (body[each[(apart * apart).sum(axis=1) < reach * reach]] for each in (one, other))
+    k = len(bodies)
+    return np.isin(young * k + old, np.maximum(one, other) * k + np.minimum(one, other))
 
 
 def _stands(bodies: Bodies, slow: float, moved: float) -> Booleans:

@@ -589,6 +589,12 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         bodies.changed()
         across, _ = merge_candidates(bodies, ReflectionSettings(), 5 * 10**9)
         assert np.count_nonzero(across != older) > 3
+        bodies.filter.state.mean[:, :, :2] *= 0.3
+        bodies.obstacles.last_ns[:] = bodies.reflections.last_ns[:] = 10**9
+        bodies.changed()
+        far, near = (ReflectionSettings.model_validate({"stood": {"apart": each}}) for each in (0.0, 3.0))
+        together, touching = (merge_candidates(bodies, each, 10**9)[0] for each in (far, near))
+        assert (touching != together).any()
         assert 3 < np.count_nonzero(older >= 0) < 50
         alongside_ns = np.arange(60) * 10**7
         merging = alongside_long(alongside_ns, older, needed, 5 * 10**7)
@@ -597,6 +603,7 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         return [
             older.astype(np.float64),
             across.astype(np.float64),
+            touching.astype(np.float64),
             needed,
             alongside_ns.astype(np.float64),
             np.array(merging, np.float64),

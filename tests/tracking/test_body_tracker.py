@@ -358,6 +358,17 @@ def test_a_car_that_stands_across_is_one_obstacle(apart: float, obstacles: int) 
     assert len(told) == obstacles
 
 
+@pytest.mark.parametrize(("between", "obstacles"), [((), 2), ((1.2, 2.6), 1)])
+def test_both_ends_of_what_stands_across_are_one_where_reflections_lie_between(
+    between: Sequence[float], obstacles: int
+) -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(7)
+    for t in times(1, 100):
+        shown = (0.0, 4.0) if t < 2.0 else (0.0, *between, 4.0)
+        told = fed.scan(t, noisy(rng, [Seen(round(10 * left), 15.0, left) for left in shown], 0.05))
+    assert len(told) == obstacles
+
+
 def test_who_stands_beside_a_car_and_walks_away_is_an_obstacle_of_its_own() -> None:
     fed, rng = HandFedVehicles(), np.random.default_rng(6)
     for t in times(1, 120):
