@@ -72,7 +72,7 @@ class StoodSettings(Settings):
     time: float = Field(
         2.0, ge=0, le=60, description="s since its first detection, for which it was never faster than …"
     )
-    speed: float = Field(0.5, ge=0, le=10, description="… m/s; what is slower stands")
+    speed: float = Field(0.7, ge=0, le=10, description="… m/s; what is slower stands")
     moved: float = Field(2.0, gt=0, le=30, description="m/s, what was ever faster has moved")
     apart: float = Field(
         1.8,
