@@ -542,7 +542,7 @@ class VehicleTracker:
             self._delete(lost if silent is None else lost | silent, ended)
 
     def _promoted(self, detections: Detections | None) -> Indices:
-        """Return rows of the obstacles that are to be confirmed."""
+        """Return rows of the obstacles that are to be confirmed; by existence, none that may be a part of another."""
         obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
         if not self._by_existence:
             hits = np.bitwise_count(obstacles.history & (1 << lifecycle.window) - 1)
@@ -553,9 +553,16 @@ class VehicleTracker:
             promoted = np.array(rows, dtype=np.intp)
         else:
             promoted = np.flatnonzero((existence >= lifecycle.sure) & (last_ns == time_ns) & ~obstacles.confirmed)
+        if len(promoted):
+            promoted = promoted[~np.isin(promoted, self._joining(promoted))]
         if detections is not None and len(promoted):
             promoted = promoted[~np.isin(promoted, self._images(promoted, detections))]
         return promoted
+
+    def _joining(self, candidates: Indices) -> Indices:
+        """Return those of some young obstacles that are about to merge with another, and not with their own past."""
+        alongside = candidates[self._bodies.obstacles.alongside_ns[candidates] > 0]
+        return alongside[~np.isfinite(self._continuations(alongside)[1]).any(axis=1)]
 
     def _silent(self, last_ns: Integers, longest: float) -> Booleans | None:
         """Return of what the latest detection (n,) is longer ago than a time, s; None: of nothing."""

@@ -358,6 +358,17 @@ def test_a_car_that_stands_across_is_one_obstacle(apart: float, obstacles: int) 
     assert len(told) == obstacles
 
 
+def test_what_is_about_to_be_a_part_of_an_obstacle_is_none_meanwhile() -> None:
+    """The mirror of a car, farther from its rear than a new reflection may be: the two merge after a while."""
+    fed = HandFedVehicles(noise=(0.3, 0.3, 0.06))
+    for t in times(1, 100):
+        seen = [car(0, t, 40.0)] if t < 2.0 else [car(0, t, 40.0), car(1, t, 43.9, 1.3)]
+        told = fed.scan(t, seen)
+        assert np.count_nonzero(told.state == CONFIRMED) <= 1
+    assert len(told) == 1
+    assert len(fed.tracker.state.tracks.reflections) == 2
+
+
 @pytest.mark.parametrize(("between", "obstacles"), [((), 2), ((1.2, 2.6), 1)])
 def test_both_ends_of_what_stands_across_are_one_where_reflections_lie_between(
     between: Sequence[float], obstacles: int
