@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 84
+REVISION = 85
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2991,6 +2991,7 @@ def bodies_to_merge(
     const double[:, :] axis,
     const double[:, :] facing,
     const double[:] length,
+    const double[:] width,
     const unsigned char[:] confirmed,
     const unsigned char[:] directed,
     const Py_ssize_t[:] last_ns,
@@ -3009,6 +3010,7 @@ def bodies_to_merge(
     double speed,
     double merge_time,
     double following,
+    double beside,
     double following_speed,
     double extent,
     double course_speed,
@@ -3040,13 +3042,15 @@ def bodies_to_merge(
                 faster = fabs(vx * axis[old, 0] + vy * axis[old, 1])
                 drift = fabs(vy * axis[old, 0] - vx * axis[old, 1])
                 moving = smaller(velocity_of(mean, young), velocity_of(mean, old)) > course_speed
-                moving = moving and aside < course_across and drift < course_drift
-                by_course = moving and ahead < course_along and faster < course_faster
+                moving = moving and drift < course_drift
+                by_course = moving and aside < course_across and ahead < course_along and faster < course_faster
                 x = shown[young, 0] - (mean[old, 0] - facing[old, 0])
                 y = shown[young, 1] - (mean[old, 1] - facing[old, 1])
                 beyond = fabs(x * axis[old, 0] + y * axis[old, 1])
                 by_box = moving and beyond - 0.5 * length[old] < following * velocity_of(mean, old)
                 by_box = by_box and beyond < extent and faster < following_speed
+                beyond = fabs(y * axis[old, 0] - x * axis[old, 1])
+                by_box = by_box and (aside < course_across or beyond - 0.5 * width[old] < beside)
                 if by_course:
                     unclear = spread[young, 0, 0] + spread[young, 1, 1] + (spread[old, 0, 0] + spread[old, 1, 1])
                     unclear = 1.0 + unclear / clear

@@ -75,7 +75,7 @@ class StoodSettings(Settings):
     speed: float = Field(0.7, ge=0, le=10, description="… m/s; what is slower stands")
     moved: float = Field(2.0, gt=0, le=30, description="m/s, what was ever faster has moved")
     apart: float = Field(
-        1.8,
+        2.0,
         ge=0,
         le=10,
         description="m between the nearest reflections of two that stand: nearer, they are one though one scan shows "
@@ -105,6 +105,9 @@ class ReflectionSettings(Settings):
         ge=0,
         le=5,
         description="s to a vehicle in which nobody follows: what is on its course there, and as fast, is a part of it",
+    )
+    beside: float = Field(
+        1.1, ge=0, le=5, description="m beside its box within which that is on its course; `course.across` likewise"
     )
     following_speed: float = Field(0.5, gt=0, le=10, description="m/s along the course by which the two may differ")
     course: CourseSettings = Field(default_factory=CourseSettings.defaults)

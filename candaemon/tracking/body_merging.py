@@ -42,6 +42,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             obstacles.axis,
             obstacles.facing,
             obstacles.length,
+            obstacles.width,
             obstacles.confirmed,
             obstacles.directed,
             obstacles.last_ns,
@@ -60,6 +61,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             settings.speed**2,
             settings.merge_time,
             settings.following,
+            settings.beside,
             settings.following_speed,
             settings.extent,
             course.speed,
@@ -101,7 +103,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         moving
         & (np.abs(beyond[:, 0]) - 0.5 * obstacles.length[old] < settings.following * speed[old])
         & (np.abs(beyond[:, 0]) < settings.extent)
-        & (apart[:, 1] < course.across)
+        & ((apart[:, 1] < course.across) | (np.abs(beyond[:, 1]) - 0.5 * obstacles.width[old] < settings.beside))
         & (faster[:, 0] < settings.following_speed)
         & (faster[:, 1] < course.drift)
     )
