@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 85
+REVISION = 87
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2957,7 +2957,7 @@ cdef inline bint stands(
     return not directed[body] and fastest[body] <= moved and velocity_of(mean, body) < slow
 
 
-cdef bint touch(
+cdef bint close_by(
     const double[:, :] shown,
     const double[:, :] axis,
     const Py_ssize_t[:] body,
@@ -2968,9 +2968,15 @@ cdef bint touch(
     Py_ssize_t other,
     double reach,
 ) noexcept nogil:
-    """Return whether of two bodies two reflections seen since a time lie nearer to one another than a reach."""
-    cdef Py_ssize_t n = body.shape[0], i, j
+    """Return whether of two bodies two reflections seen since a time lie nearer to one another than a reach, and more
+    were seen."""
+    cdef Py_ssize_t n = body.shape[0], i, j, seen = 0
     cdef double x, y, dx, dy
+    for i in range(n):
+        if (body[i] == one or body[i] == other) and seen_ns[i] >= since_ns:
+            seen += 1
+    if seen < 3:
+        return False
     for i in range(n):
         if body[i] == one and seen_ns[i] >= since_ns:
             x = shown[one, 0] + (offset[i, 0] * axis[one, 0] - offset[i, 1] * axis[one, 1])
@@ -3003,7 +3009,7 @@ def bodies_to_merge(
     Py_ssize_t since_ns,
     double slow,
     double moved,
-    double touching,
+    double apart,
     double standing_extent,
     double along,
     double across,
@@ -3023,8 +3029,8 @@ def bodies_to_merge(
 ):
     """Return of each body the row of the oldest one it may be merged into, or −1, and the time alongside it takes, s."""
     cdef Py_ssize_t n = mean.shape[0], young, old
-    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, distance
-    cdef double reach = larger(larger(along, course_along), extent) + larger(across, course_across)
+    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, squared
+    cdef double reach = larger(larger(along, course_along), larger(standing_extent, extent)) + larger(across, course_across)
     cdef bint moving, by_course, by_box, near
     found_array, needed_array = np.empty(n, np.int64), np.empty(n)
     cdef Py_ssize_t[::1] found = found_array
@@ -3057,15 +3063,15 @@ def bodies_to_merge(
                     needed[young] = smaller(course_time * unclear, merge_time)
                 elif not by_box:
                     near = ahead < along and aside < across
-                    distance = ahead * ahead + aside * aside
-                    if not near and distance < larger(along * along, standing_extent):
+                    squared = ahead * ahead + aside * aside
+                    if not near and squared < larger(along * along, standing_extent * standing_extent):
                         near = stands(mean, directed, fastest, young, slow, moved)
                         near = near and stands(mean, directed, fastest, old, slow, moved)
                         near = near and (
-                            distance < along * along
+                            squared < along * along
                             and last_ns[young] != last_ns[old]
-                            or distance < standing_extent
-                            and touch(shown, axis, body, seen_ns, offset, since_ns, young, old, touching)
+                            or squared < standing_extent * standing_extent
+                            and close_by(shown, axis, body, seen_ns, offset, since_ns, young, old, apart)
                         )
                     if not (near and faster * faster + drift * drift < speed):
                         continue
@@ -3414,8 +3420,8 @@ def grow_boxes(
     const double[:] length_variance,
     const double[:] width_variance,
     const Py_ssize_t[:] first_ns,
-    const Py_ssize_t[:] latest_ns,
-    const double[:] interval,
+    const double[:] passed,
+    const double[:] share,
     const double[:, :] mean,
     const Py_ssize_t[:] body,
     const Py_ssize_t[:] last_ns,
@@ -3427,21 +3433,20 @@ def grow_boxes(
     double axis_speed,
     double age,
     double margin,
-    double growth_time,
     double truck_length,
     double told,
     double truck_width,
 ):
-    """Let boxes in place, of what was detected at a time, hold along them the reflections detected since another."""
+    """Let boxes in place hold, along them, by shares of it the reflections detected since a time."""
     cdef Py_ssize_t n = body.shape[0], k = length.shape[0], i, t
-    cdef double shown, passed, share
+    cdef double shown
     cdef bint known
     ends_array = np.empty((2, k))
     cdef double[:, ::1] ends = ends_array
     with nogil:
         for t in range(k):
-            if length_variance[t] > 1.0 and latest_ns[t] == time_ns:
-                length[t] = length[t] - interval[t] / shrinkage_time * larger(length[t] - car_length, 0.0)
+            if length_variance[t] > 1.0:
+                length[t] = length[t] - passed[t] / shrinkage_time * larger(length[t] - car_length, 0.0)
             ends[0, t], ends[1, t] = INFINITY, -INFINITY
         if n != k:
             for i in range(n):
@@ -3453,10 +3458,8 @@ def grow_boxes(
                 known = mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3] > axis_speed * axis_speed
                 known = known and (time_ns - first_ns[t]) * 1e-9 > age
                 shown = ends[1, t] - ends[0, t] + margin if known and ends[1, t] > ends[0, t] else 0.0
-                passed = interval[t] if latest_ns[t] == time_ns else 0.0
-                share = smaller(passed / growth_time, 1.0)
-                length[t] = length[t] + share * larger(shown - length[t], 0.0)
-                extent[t] = extent[t] + share * larger(shown - extent[t], 0.0)
+                length[t] = length[t] + share[t] * larger(shown - length[t], 0.0)
+                extent[t] = extent[t] + share[t] * larger(shown - extent[t], 0.0)
                 if length[t] > truck_length and width_variance[t] > told:
                     width[t] = truck_width
 

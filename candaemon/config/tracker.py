@@ -78,10 +78,10 @@ class StoodSettings(Settings):
         2.0,
         ge=0,
         le=10,
-        description="m between the nearest reflections of two that stand: nearer, they are one though one scan shows "
-        "both …",
+        description="m between the nearest reflections of two that stand and show more: nearer, they are one though "
+        "one scan shows both …",
     )
-    extent: float = Field(4.5, gt=0, le=30, description="… where their reference points are nearer than so many m")
+    extent: float = Field(4.5, gt=0, le=30, description="… where their leading reflections are nearer than so many m")
 
 
 class ReflectionSettings(Settings):
@@ -107,18 +107,28 @@ class ReflectionSettings(Settings):
         description="s to a vehicle in which nobody follows: what is on its course there, and as fast, is a part of it",
     )
     beside: float = Field(
-        1.1, ge=0, le=5, description="m beside its box within which that is on its course; `course.across` likewise"
+        0.7,
+        ge=0,
+        le=5,
+        description="m beside its box, or `course.across` beside its leading reflection, within which that is on its "
+        "course",
     )
     following_speed: float = Field(0.5, gt=0, le=10, description="m/s along the course by which the two may differ")
     course: CourseSettings = Field(default_factory=CourseSettings.defaults)
     stood: StoodSettings = Field(default_factory=StoodSettings.defaults)
-    merge_time: float = Field(0.5, ge=0, le=10, description="s side by side until two obstacles become one")
+    merge_time: float = Field(
+        0.5,
+        ge=0,
+        le=10,
+        description="s side by side until two obstacles become one; by existence, what is younger than twice that is "
+        "not confirmed meanwhile",
+    )
     patience: float = Field(
         0.15,
         ge=0,
         le=2,
-        description="s without a detection until another reflection leads: hand-over delay; for so long it tells, too, "
-        "where its vehicle is and how long",
+        description="s without a detection until another reflection leads: hand-over delay; for so long a reflection "
+        "counts for the place and length of its vehicle, and for `stood.apart`",
     )
     return_time: float = Field(
         2.0, gt=0, le=60, description="s, with which the reference point returns to the leading reflection"

@@ -17,10 +17,10 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
 
     What moves is compared along and across its course: its speed across is known worst, and parts of one vehicle
     differ there by noise alone. What stands and never showed a course is compared in all directions alike, for it may
-    be parked across; but what was last seen in one scan is two, as who stands beside a car, unless some of its
-    reflections are nearer to one another than people stand to cars. What moves one behind the other as fast is one
-    vehicle where no driver would follow so closely. What has stood all the time is none of what has moved: a car that
-    stops beside a post stays a car.
+    be parked across; but what was last seen in one scan is two, as who stands beside a car, unless reflections of both
+    lie close together: so do those of a car parked across, and who stands that close to one is a part of it. What moves
+    one behind the other as fast is one vehicle where no driver would follow so closely. What has stood all the time is
+    none of what has moved: a car that stops beside a post stays a car.
 
     Args:
         bodies: of the cycle.
@@ -55,7 +55,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             standing.speed,
             standing.moved,
             standing.apart,
-            standing.extent**2,
+            standing.extent,
             settings.along,
             settings.across,
             settings.speed**2,
@@ -74,7 +74,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         )
     found, needed = np.full(len(obstacles), -1, dtype=np.int64), np.full(len(obstacles), settings.merge_time)
     place, velocity = moments.shown[:, :2], moments.mean[:, VELOCITY]
-    reach = max(settings.along, course.along, settings.extent) + max(settings.across, course.across)
+    reach = max(settings.along, course.along, standing.extent, settings.extent) + max(settings.across, course.across)
     young, old = near_pairs(place[:, 0], place[:, 1], reach)
     if not len(young):
         return found, needed
@@ -92,10 +92,12 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     )
     stands = _stands(bodies, standing.speed, standing.moved)
     near = (apart[:, 0] < settings.along) & (apart[:, 1] < settings.across)
-    distance = (apart * apart).sum(axis=1)
-    around = (distance < settings.along * settings.along) & (obstacles.last_ns[young] != obstacles.last_ns[old])
-    around |= (distance < standing.extent**2) & _touching(bodies, stands, young, old, standing.apart, since_ns)
-    near |= stands[young] & stands[old] & around
+    squared = (apart * apart).sum(axis=1)
+    either = (squared < settings.along * settings.along) & (obstacles.last_ns[young] != obstacles.last_ns[old])
+    either |= (squared < standing.extent * standing.extent) & _close_by(
+        bodies, stands, young, old, standing.apart, since_ns
+    )
+    near |= stands[young] & stands[old] & either
     by_speed = near & ((faster * faster).sum(axis=1) < settings.speed**2)
     # Nearer to the box than any driver follows: another part of the vehicle, however long it proves to be.
     beyond = to_travel_axes(place[young] - (moments.mean[old, POSITION] - obstacles.facing[old]), axis)
@@ -117,8 +119,10 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     return found, needed
 
 
-def _touching(bodies: Bodies, stands: Booleans, young: Indices, old: Indices, reach: float, since_ns: int) -> Booleans:
-    """Return of which pairs of bodies (m,) two reflections lie nearer to one another than a reach.
+def _close_by(bodies: Bodies, stands: Booleans, young: Indices, old: Indices, reach: float, since_ns: int) -> Booleans:
+    """Return which pairs of bodies (m,) have two reflections nearer to one another than a reach, and more than those.
+
+    Of one reflection each, they may as well be two people.
 
     Args:
         bodies: of the cycle.
@@ -135,8 +139,9 @@ def _touching(bodies: Bodies, stands: Booleans, young: Indices, old: Indices, re
     one, other = near_pairs(place[:, 0], place[:, 1], reach)
     apart = place[one] - place[other]
     one, other = (body[each[(apart * apart).sum(axis=1) < reach * reach]] for each in (one, other))
-    k = len(bodies)
-    return np.isin(young * k + old, np.maximum(one, other) * k + np.minimum(one, other))
+    k, several = len(bodies), np.bincount(body, minlength=len(bodies)) > 1
+    close = np.isin(young * k + old, np.maximum(one, other) * k + np.minimum(one, other))
+    return close & (several[young] | several[old])
 
 
 def _stands(bodies: Bodies, slow: float, moved: float) -> Booleans:

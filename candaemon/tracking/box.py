@@ -1,7 +1,7 @@
 """The boxes of bodies: length, width and axis from what sensors say and from where reflections lie; their class.
 
-Where reflections lie tells how long a body is at least, seldom how long it is: so a box grows at once with them, and
-what the sensors say of sizes and headings is averaged.
+Where reflections lie tells how long a body is at least, seldom how long it is: so a box grows with them quickly and
+shrinks slowly, and what the sensors say of sizes and headings is averaged.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _SIZE_NOISE = 0.5  # m, of a size that a sensor tells
 _HEADING_SHARE = 0.1  # of a heading that a sensor tells, a scan
 _SIZE_WALK = 0.05  # m²/s, at which what is known of a size grows old
 _MARGIN = 0.4  # m by which a body goes on behind its outermost reflections, both sides together
-_GROWTH_TIME = 0.2  # s, in which a size grows to what reflections show
-_SHRINKAGE_TIME = 25.0  # s, in which a length not told, while it is seen, returns to a car's
+_GROWTH_TIME = 0.2  # s, time constant with which a size grows to what reflections show
+_SHRINKAGE_TIME = 25.0  # s, time constant with which a length not told, while it is seen, returns to a car's
 _AXIS_SPEED, _AXIS_AGE = 3.0, 1.0  # m/s and s from which on the axis is known well enough
 TRUCK_WIDTH = 2.5  # m
 WALKER, RIDER = (0.5, 0.6), (1.9, 0.7)  # m, length and width
@@ -155,6 +155,9 @@ def _grow(bodies: Bodies, time_ns: int, since_ns: int) -> None:
         since_ns: from when on detected reflections count.
     """
     obstacles, reflections, mean = bodies.obstacles, bodies.reflections, bodies.moments().mean
+    passed = np.where(obstacles.last_ns == time_ns, obstacles.interval, 0.0)
+    several = len(reflections) > len(obstacles)
+    share = -np.expm1(passed / -_GROWTH_TIME) if several else passed  # of what is not asked for
     if compiled.in_use:
         compiled.kernels.grow_boxes(
             obstacles.length,
@@ -163,8 +166,8 @@ def _grow(bodies: Bodies, time_ns: int, since_ns: int) -> None:
             obstacles.length_variance,
             obstacles.width_variance,
             obstacles.first_ns,
-            obstacles.last_ns,
-            obstacles.interval,
+            passed,
+            share,
             mean,
             reflections.body,
             reflections.last_ns,
@@ -176,16 +179,14 @@ def _grow(bodies: Bodies, time_ns: int, since_ns: int) -> None:
             _AXIS_SPEED,
             _AXIS_AGE,
             _MARGIN,
-            _GROWTH_TIME,
             TRUCK_LENGTH,
             _TOLD,
             TRUCK_WIDTH,
         )
         return
-    passed = np.where(obstacles.last_ns == time_ns, obstacles.interval, 0.0)
     untold = obstacles.length_variance > 1.0
     obstacles.length -= passed / _SHRINKAGE_TIME * np.maximum(obstacles.length - CAR_LENGTH, 0.0) * untold
-    if len(reflections) == len(obstacles):
+    if not several:
         return
     lately = np.flatnonzero(reflections.last_ns >= since_ns)
     body, place = reflections.body[lately], reflections.offset[lately, 0]
@@ -195,7 +196,6 @@ def _grow(bodies: Bodies, time_ns: int, since_ns: int) -> None:
     known = mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3] > _AXIS_SPEED**2
     known &= (time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     shown = np.where(known & (high > low), high - low + _MARGIN, 0.0)
-    share = np.minimum(passed / _GROWTH_TIME, 1.0)
     obstacles.length += share * np.maximum(shown - obstacles.length, 0.0)
     obstacles.extent += share * np.maximum(shown - obstacles.extent, 0.0)
     long = (obstacles.length > TRUCK_LENGTH) & (obstacles.width_variance > _TOLD)

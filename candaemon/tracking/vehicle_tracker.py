@@ -55,6 +55,7 @@ _REMEMBERED = 8.0  # times as uncertain as one that is reported, an obstacle is 
 _ALIKE = np.array([1.0, 1.0, 0.25, 0.25])  # m², (m/s)²: reflections of one body differ so
 _FARTHEST = 8.0  # m between where an obstacle should be and one that takes up its identity
 _OVERLAP = 0.5  # s, for which two obstacles may have been one: the second began while the first was still detected
+_MERGING = 2.0  # times `merge_time`, the age up to which what is about to merge is held back
 _RATE_MEMORY = 0.3  # s, of a reflection's range rate beside its body's
 
 
@@ -560,8 +561,14 @@ class VehicleTracker:
         return promoted
 
     def _joining(self, candidates: Indices) -> Indices:
-        """Return those of some young obstacles that are about to merge with another, and not with their own past."""
-        alongside = candidates[self._bodies.obstacles.alongside_ns[candidates] > 0]
+        """Return those of some obstacles that are about to merge with an older one; none that was lost sight of.
+
+        Two that one scan shows and the next does not are alongside every other scan, and never merge: nothing is held
+        for longer than merging takes.
+        """
+        obstacles, longest_ns = self._bodies.obstacles, round(_MERGING * self.settings.reflections.merge_time * 1e9)
+        young = self._state.time_ns - obstacles.first_ns[candidates] < longest_ns
+        alongside = candidates[young & (obstacles.alongside_ns[candidates] > 0)]
         return alongside[~np.isfinite(self._continuations(alongside)[1]).any(axis=1)]
 
     def _silent(self, last_ns: Integers, longest: float) -> Booleans | None:
@@ -707,8 +714,7 @@ class VehicleTracker:
             bodies.split(rows)
             self.counts.obstacles += len(rows)
             self._delete(splitting & ~detected, np.zeros(len(bodies), dtype=np.bool_))
-        if len(bodies) > 1:
-            self._merge()
+        self._merge()
 
     def _merge(self) -> None:
         """Merge the younger of two obstacles that stay alongside each other into the older."""

@@ -576,6 +576,10 @@ def test_an_axis_spread_over_the_plane(size: int, width: int, alike: bool, monke
     both(monkeypatch, lambda: [directed(along, across, direction, width)])
 
 
+def stood(**settings: float) -> ReflectionSettings:
+    return ReflectionSettings.model_validate({"stood": settings})
+
+
 @pytest.mark.parametrize("confirmed", [True, False])
 def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     def computed() -> list[Floats]:
@@ -589,13 +593,19 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         bodies.changed()
         across, _ = merge_candidates(bodies, ReflectionSettings(), 5 * 10**9)
         assert np.count_nonzero(across != older) > 3
+        bodies = bodies_on_road(60, 30)
         bodies.filter.state.mean[:, :, :2] *= 0.3
+        bodies.filter.state.mean[:, :, 2:4] *= 0.01
+        bodies.obstacles.fastest[:], bodies.obstacles.confirmed[:] = 0.2, True
         bodies.obstacles.last_ns[:] = bodies.reflections.last_ns[:] = 10**9
         bodies.changed()
-        far, near = (ReflectionSettings.model_validate({"stood": {"apart": each}}) for each in (0.0, 3.0))
-        together, touching = (merge_candidates(bodies, each, 10**9)[0] for each in (far, near))
-        assert (touching != together).any()
-        assert 3 < np.count_nonzero(older >= 0) < 50
+        apart, close = (merge_candidates(bodies, stood(apart=each), 10**9)[0] for each in (0.0, 3.0))
+        assert (apart != close).any()
+        bodies.filter.state.mean[:, :, 2:4] = (9.0, 0.0)
+        bodies.obstacles.fastest[:], bodies.obstacles.axis[:] = 9.0, (1.0, 0.0)
+        bodies.changed()
+        behind, abreast = (merge_candidates(bodies, ReflectionSettings(beside=each), 10**9)[0] for each in (0.0, 3.0))
+        assert (behind != abreast).any()
         alongside_ns = np.arange(60) * 10**7
         merging = alongside_long(alongside_ns, older, needed, 5 * 10**7)
         assert 0 < len(merging) < np.count_nonzero(older >= 0)
@@ -603,7 +613,7 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         return [
             older.astype(np.float64),
             across.astype(np.float64),
-            touching.astype(np.float64),
+            *(each.astype(np.float64) for each in (apart, close, behind, abreast)),
             needed,
             alongside_ns.astype(np.float64),
             np.array(merging, np.float64),

@@ -369,6 +369,32 @@ def test_what_is_about_to_be_a_part_of_an_obstacle_is_none_meanwhile() -> None:
     assert len(fed.tracker.state.tracks.reflections) == 2
 
 
+def test_what_was_about_to_merge_with_an_obstacle_that_has_gone_is_confirmed() -> None:
+    fed = HandFedVehicles()
+    for t in times(1, 60):
+        seen = [car(0, t, 40.0)] if t < 0.28 else [car(0, t, 40.0), car(1, t, 46.0)] if t < 0.33 else [car(1, t, 46.0)]
+        told = fed.scan(t, seen)
+    assert told.state.tolist() == [CONFIRMED]
+
+
+@pytest.mark.parametrize("left", [2.2, 3.0])
+def test_who_stands_beside_a_car_that_a_second_sensor_sees_alone_is_confirmed(left: float) -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(9)
+    for t in times(1, 60):
+        told = fed.scan(t, noisy(rng, [Seen(0, 15.0, 0.0), Seen(1, 15.0, left)], 0.05))
+        fed.scan(t + 0.025, noisy(rng, [Seen(0, 15.0, 0.0)], 0.05), sensor=1)
+    assert np.count_nonzero(told.state == CONFIRMED) == 2
+
+
+@pytest.mark.parametrize(("aside", "obstacles"), [(1.85, 1), (2.4, 2)])
+def test_the_side_of_a_lorry_is_a_part_of_it_and_what_drives_abreast_is_another(aside: float, obstacles: int) -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(11)
+    for t in times(1, 100):
+        seen = [*lorry(t), car(9, t, 42.0, aside)] if t > 2.0 else lorry(t)
+        told = fed.scan(t, noisy(rng, seen, 0.05))
+    assert len(told) == obstacles
+
+
 @pytest.mark.parametrize(("between", "obstacles"), [((), 2), ((1.2, 2.6), 1)])
 def test_both_ends_of_what_stands_across_are_one_where_reflections_lie_between(
     between: Sequence[float], obstacles: int
@@ -380,10 +406,11 @@ def test_both_ends_of_what_stands_across_are_one_where_reflections_lie_between(
     assert len(told) == obstacles
 
 
-def test_who_stands_beside_a_car_and_walks_away_is_an_obstacle_of_its_own() -> None:
+@pytest.mark.parametrize("beside", [1.6, 2.5])
+def test_who_stands_beside_a_car_and_walks_away_is_an_obstacle_of_its_own(beside: float) -> None:
     fed, rng = HandFedVehicles(), np.random.default_rng(6)
     for t in times(1, 120):
-        left = 2.5 + 1.4 * max(t - 1.5, 0.0)
+        left = beside + 1.4 * max(t - 1.5, 0.0)
         told = fed.scan(t, noisy(rng, [Seen(0, 15.0, 0.0), Seen(1, 15.0, left, 0.0, 1.4 if t > 1.5 else 0.0)]))
     assert len(told) == 2
     assert told.vy.max() == pytest.approx(1.4, abs=0.3)
