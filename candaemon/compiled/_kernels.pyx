@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 87
+REVISION = 88
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3424,9 +3424,11 @@ def grow_boxes(
     const double[:] share,
     const double[:, :] mean,
     const Py_ssize_t[:] body,
+    const Py_ssize_t[:] seen_by,
     const Py_ssize_t[:] last_ns,
     const double[:, :] offset,
     Py_ssize_t time_ns,
+    Py_ssize_t sensor,
     Py_ssize_t since_ns,
     double shrinkage_time,
     double car_length,
@@ -3437,7 +3439,8 @@ def grow_boxes(
     double told,
     double truck_width,
 ):
-    """Let boxes in place hold, along them, by shares of it the reflections detected since a time."""
+    """Let boxes in place hold, along them, by shares of it the reflections of a scan and of
+    other sensors since a time."""
     cdef Py_ssize_t n = body.shape[0], k = length.shape[0], i, t
     cdef double shown
     cdef bint known
@@ -3450,7 +3453,7 @@ def grow_boxes(
             ends[0, t], ends[1, t] = INFINITY, -INFINITY
         if n != k:
             for i in range(n):
-                if last_ns[i] >= since_ns:
+                if last_ns[i] == time_ns or last_ns[i] >= since_ns and seen_by[i] != sensor:
                     t = body[i]
                     ends[0, t] = smaller(ends[0, t], offset[i, 0])
                     ends[1, t] = larger(ends[1, t], offset[i, 0])

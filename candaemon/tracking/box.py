@@ -51,7 +51,7 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
         rows: of the detections that belong to a reflection (m,).
         reflections: rows of those (m,).
         detections: the scan.
-        recent: s, for which a reflection seen before, by whatever sensor, still tells how long its body is.
+        recent: s, for which a reflection that another sensor has seen still tells how long its body is.
     """
     obstacles, body = bodies.obstacles, bodies.reflections.body.take(reflections)
     if detections.length is not None:
@@ -63,7 +63,7 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
     _note_size(bodies, body, detections, rows)
     if detections.length is not None and detections.width is None:
         _suit_widths(bodies)
-    _grow(bodies, detections.time_ns, detections.time_ns - round(recent * 1e9))
+    _grow(bodies, detections.time_ns, detections.sensor, detections.time_ns - round(recent * 1e9))
 
 
 def _average(size: Floats, variance: Floats, body: Indices, told: Floats, interval: Floats) -> None:
@@ -143,8 +143,8 @@ def _suit_widths(bodies: Bodies) -> None:
     obstacles.width = np.where(untold, usual, obstacles.width)
 
 
-def _grow(bodies: Bodies, time_ns: int, since_ns: int) -> None:
-    """Let boxes of known axis hold the reflections seen lately, along them; a long one is as wide as lorries are.
+def _grow(bodies: Bodies, time_ns: int, sensor: int, since_ns: int) -> None:
+    """Let boxes of known axis hold the reflections of this scan and of other sensors lately, along them; a long one is as wide as lorries are.
 
     A lorry shows its front to one sensor and its rear to another, so that no scan alone tells how long it is. Across,
     the spread of reflections is mostly noise.
@@ -152,7 +152,8 @@ def _grow(bodies: Bodies, time_ns: int, since_ns: int) -> None:
     Args:
         bodies: with their reflections.
         time_ns: of the scan; boxes of what it did not detect stay as they are.
-        since_ns: from when on detected reflections count.
+        sensor: number of the one whose scan it is.
+        since_ns: from when on reflections that others detected count.
     """
     obstacles, reflections, mean = bodies.obstacles, bodies.reflections, bodies.moments().mean
     passed = np.where(obstacles.last_ns == time_ns, obstacles.interval, 0.0)
@@ -170,9 +171,11 @@ def _grow(bodies: Bodies, time_ns: int, since_ns: int) -> None:
             share,
             mean,
             reflections.body,
+            reflections.sensor,
             reflections.last_ns,
             reflections.offset,
             time_ns,
+            sensor,
             since_ns,
             _SHRINKAGE_TIME,
             CAR_LENGTH,
@@ -188,7 +191,8 @@ def _grow(bodies: Bodies, time_ns: int, since_ns: int) -> None:
     obstacles.length -= passed / _SHRINKAGE_TIME * np.maximum(obstacles.length - CAR_LENGTH, 0.0) * untold
     if not several:
         return
-    lately = np.flatnonzero(reflections.last_ns >= since_ns)
+    lately = (reflections.last_ns >= since_ns) & (reflections.sensor != sensor)
+    lately = np.flatnonzero(lately | (reflections.last_ns == time_ns))
     body, place = reflections.body[lately], reflections.offset[lately, 0]
     low, high = np.full(len(obstacles), np.inf), np.full(len(obstacles), -np.inf)
     np.minimum.at(low, body, place)
