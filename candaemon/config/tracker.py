@@ -128,7 +128,7 @@ class ReflectionSettings(Settings):
         ge=0,
         le=2,
         description="s without a detection until another reflection leads: hand-over delay; for so long a reflection "
-        "counts for the place and length of its vehicle, and for `stood.apart`",
+        "counts for the place of its vehicle, to other sensors for its length, and for `stood.apart`",
     )
     return_time: float = Field(
         2.0, gt=0, le=60, description="s, with which the reference point returns to the leading reflection"

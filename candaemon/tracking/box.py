@@ -144,10 +144,10 @@ def _suit_widths(bodies: Bodies) -> None:
 
 
 def _grow(bodies: Bodies, time_ns: int, sensor: int, since_ns: int) -> None:
-    """Let boxes of known axis hold the reflections of this scan and of other sensors lately, along them; a long one is as wide as lorries are.
+    """Let boxes of known axis hold, along them, the reflections of this scan and of other sensors lately.
 
-    A lorry shows its front to one sensor and its rear to another, so that no scan alone tells how long it is. Across,
-    the spread of reflections is mostly noise.
+    A lorry shows its front to one sensor and its rear to another, so that no scan alone tells how long it is. A long
+    box is as wide as lorries are: across, the spread of reflections is mostly noise.
 
     Args:
         bodies: with their reflections.
