@@ -3439,8 +3439,8 @@ def grow_boxes(
     double told,
     double truck_width,
 ):
-    """Let boxes in place hold, along them, by shares of it the reflections of a scan and of
-    other sensors since a time."""
+    """Let boxes in place grow along them, by a share each, to the reflections of a scan and those of other sensors since
+    a time; and shrink to a car's length by the time that has passed."""
     cdef Py_ssize_t n = body.shape[0], k = length.shape[0], i, t
     cdef double shown
     cdef bint known

@@ -158,7 +158,7 @@ def _grow(bodies: Bodies, time_ns: int, sensor: int, since_ns: int) -> None:
     obstacles, reflections, mean = bodies.obstacles, bodies.reflections, bodies.moments().mean
     passed = np.where(obstacles.last_ns == time_ns, obstacles.interval, 0.0)
     several = len(reflections) > len(obstacles)
-    share = -np.expm1(passed / -_GROWTH_TIME) if several else passed  # of what is not asked for
+    share = -np.expm1(passed / -_GROWTH_TIME) if several else passed  # alone, none tells a length
     if compiled.in_use:
         compiled.kernels.grow_boxes(
             obstacles.length,

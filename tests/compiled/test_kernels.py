@@ -593,6 +593,7 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         bodies.changed()
         across, _ = merge_candidates(bodies, ReflectionSettings(), 5 * 10**9)
         assert np.count_nonzero(across != older) > 3
+        assert 3 < np.count_nonzero(older >= 0) < 50
         bodies = bodies_on_road(60, 30)
         bodies.filter.state.mean[:, :, :2] *= 0.3
         bodies.filter.state.mean[:, :, 2:4] *= 0.01
