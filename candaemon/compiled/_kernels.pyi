@@ -260,9 +260,15 @@ def turn_axes_of_bodies(
     axis: Floats,
     directed: Booleans,
     part: Floats,
+    facing: Floats,
+    turn: Floats | None,
+    turn_variance: Floats | None,
+    pivot: Floats | None,
     course_error: float,
     backing: float,
     unknown: float,
+    doubt: float,
+    least_turn: float,
 ) -> Floats: ...
 def bodies_to_merge(
     shown: Floats,
@@ -344,7 +350,7 @@ def note_rates(
     vy0: float,
     share: Floats,
     turn: Floats | None,
-    centre: Floats | None,
+    pivot: Floats | None,
 ) -> None: ...
 def learn_offsets(
     offset: Floats,
@@ -494,7 +500,7 @@ def states_of_reflections(
     variance: Floats,
     axis: Floats,
     turn: Floats | None,
-    centre: Floats | None,
+    pivot: Floats | None,
 ) -> tuple[Floats, Floats]: ...
 def turning_of_bodies(
     probability: Floats,
@@ -505,6 +511,7 @@ def turning_of_bodies(
     length: Floats,
     length_variance: Floats,
     extent: Floats,
+    alone: Floats,
     directed: Booleans,
     told_length: float,
     small: float,
@@ -585,7 +592,7 @@ def fit_reflections(
     confirmed_gate: float,
     gate: float,
     turn: Floats | None,
-    centre: Floats | None,
+    pivot: Floats | None,
 ) -> tuple[Indices, Floats, int]: ...
 def longer_ago(last_ns: Integers, time_ns: int, longest: float) -> Booleans | None: ...
 def bodies_to_forget(

@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 88
+REVISION = 89
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2913,20 +2913,35 @@ def turn_axes_of_bodies(
     const double[:, :] axis,
     unsigned char[:] directed,
     const double[:] part,
+    const double[:, :] facing,
+    const double[:] turn,
+    const double[:] turn_variance,
+    const double[:, :] pivot,
     double course_error,
     double backing,
     double unknown,
+    double doubt,
+    double least_turn,
 ):
-    """Return axes (n, 2) after a part of the turn towards the courses; note in place whom the course directs."""
+    """Return axes (n, 2) after a part of the turn towards the courses of the centres; note in place whom the course
+    directs."""
     cdef Py_ssize_t n = mean.shape[0], t
-    cdef double vx, vy, squared, spread, known, share, speed, forward, cx, cy, x, y, norm
+    cdef double vx, vy, squared, spread, known, share, speed, forward, cx, cy, x, y, norm, rate
     out_array = np.empty((n, 2))
     cdef double[:, ::1] out = out_array
     with nogil:
         for t in range(n):
             vx, vy = mean[t, 2], mean[t, 3]
-            squared = vx * vx + vy * vy
             spread = covariance[t, 2, 2] + covariance[t, 3, 3]
+            if turn is not None:
+                x = mean[t, 0] - facing[t, 0] - pivot[t, 0]
+                y = mean[t, 1] - facing[t, 1] - pivot[t, 1]
+                rate = turn[t]
+                rate = rate * larger(1.0 - doubt * turn_variance[t] / larger(rate * rate, least_turn), 0.0)
+                vx = vx - rate * y
+                vy = vy + rate * x
+                spread = spread + turn_variance[t] * (x * x + y * y)
+            squared = vx * vx + vy * vy
             known = squared / (squared + 4.0 * spread + unknown)
             directed[t] = directed[t] or spread < course_error * squared
             share = known * known * part[t]
@@ -3319,7 +3334,7 @@ def note_rates(
     double vy0,
     const double[:] share,
     const double[:] turn,
-    const double[:, :] centre,
+    const double[:, :] pivot,
 ):
     """Note in place how much faster than their bodies reflections come nearer."""
     cdef Py_ssize_t m = row.shape[0], i, t
@@ -3330,7 +3345,7 @@ def note_rates(
             x, y = shown[t, 0] + offset[i, 0], shown[t, 1] + offset[i, 1]
             vx, vy = shown[t, 2], shown[t, 3]
             if turn is not None:
-                vx, vy = vx + -turn[t] * (y - centre[t, 1]), vy + turn[t] * (x - centre[t, 0])
+                vx, vy = vx + -turn[t] * (y - pivot[t, 1]), vy + turn[t] * (x - pivot[t, 0])
             x, y = x - x0, y - y0
             nearest = larger(sqrt(x * x + y * y), 1e-3)
             difference = measured[i] - (x / nearest * (vx - vx0) + y / nearest * (vy - vy0))
@@ -3706,7 +3721,7 @@ def states_of_reflections(
     const double[:] variance,
     const double[:, :] axis,
     const double[:] turn,
-    const double[:, :] centre,
+    const double[:, :] pivot,
 ):
     """Return where reflections are expected and how they move, (n, 4) and (n, 4, 4)."""
     cdef Py_ssize_t n = body.shape[0], i, t
@@ -3721,8 +3736,8 @@ def states_of_reflections(
             mean[i, 0] = mean[i, 0] + (offset[i, 0] * axis[t, 0] - offset[i, 1] * axis[t, 1])
             mean[i, 1] = mean[i, 1] + (offset[i, 1] * axis[t, 0] + offset[i, 0] * axis[t, 1])
             if turn is not None:
-                mean[i, 2] = mean[i, 2] + -turn[t] * (mean[i, 1] - centre[t, 1])
-                mean[i, 3] = mean[i, 3] + turn[t] * (mean[i, 0] - centre[t, 0])
+                mean[i, 2] = mean[i, 2] + -turn[t] * (mean[i, 1] - pivot[t, 1])
+                mean[i, 3] = mean[i, 3] + turn[t] * (mean[i, 0] - pivot[t, 0])
             covariance[i, 0, 0] = covariance[i, 0, 0] + variance[i]
             covariance[i, 1, 1] = covariance[i, 1, 1] + variance[i]
     return mean_array, covariance_array
@@ -3737,31 +3752,34 @@ def turning_of_bodies(
     const double[:] length,
     const double[:] length_variance,
     const double[:] extent,
+    const double[:] alone,
     const unsigned char[:] directed,
     double told_length,
     double small,
     double enough,
 ):
-    """Return turn rates and their variances over all modes of bodies whose boxes are known, 0 of others, (k,), and the
-    centres of boxes (k, 2); None: no box is known."""
+    """Return turn rates and their variances over all modes of bodies that are no points, 0 of others, (k,), and the
+    points whose velocity is told (k, 2); None: there are only points."""
     cdef Py_ssize_t k = length.shape[0], modes = mean.shape[1], i, t
-    cdef bint known, some = False
+    cdef bint sized, some = False
     cdef double apart
     for t in range(k):
-        known = has_size(length[t], length_variance[t], extent[t], told_length, small, enough)
-        if known and directed[t] and length[t] >= small:
+        sized = has_size(length[t], length_variance[t], extent[t], told_length, small, enough)
+        if (sized or alone[t] < 0.0) and directed[t] and length[t] >= small:
             some = True
             break
     if not some:
         return None
-    rate_array, variance_array, centre_array = np.zeros(k), np.zeros(k), np.empty((k, 2))
+    rate_array, variance_array, pivot_array = np.zeros(k), np.zeros(k), np.empty((k, 2))
     cdef double[::1] rate = rate_array, variance = variance_array
-    cdef double[:, ::1] centre = centre_array
+    cdef double[:, ::1] pivot = pivot_array
     with nogil:
         for t in range(k):
-            centre[t, 0], centre[t, 1] = overall[t, 0] - facing[t, 0], overall[t, 1] - facing[t, 1]
-            known = has_size(length[t], length_variance[t], extent[t], told_length, small, enough)
-            if not (known and directed[t] and length[t] >= small):
+            sized = has_size(length[t], length_variance[t], extent[t], told_length, small, enough)
+            pivot[t, 0], pivot[t, 1] = overall[t, 0], overall[t, 1]
+            if sized:
+                pivot[t, 0], pivot[t, 1] = overall[t, 0] - facing[t, 0], overall[t, 1] - facing[t, 1]
+            if not ((sized or alone[t] < 0.0) and directed[t] and length[t] >= small):
                 continue
             rate[t] = probability[0, t] * mean[4, 0, t]
             for i in range(1, modes):
@@ -3770,7 +3788,7 @@ def turning_of_bodies(
                 apart = mean[4, i, t] - rate[t]
                 apart = probability[i, t] * (covariance[4, 4, i, t] + apart * apart)
                 variance[t] = variance[t] + apart if i else apart
-    return rate_array, variance_array, centre_array
+    return rate_array, variance_array, pivot_array
 
 
 def weigh_existence(
@@ -3948,7 +3966,7 @@ def fit_reflections(
     double confirmed_gate,
     double gate,
     const double[:] turn,
-    const double[:, :] centre,
+    const double[:, :] pivot,
 ):
     """Return which reflection each detection fits of those that its id stands for (m,), −1: none; the NIS, NaN where it
     fits none; and how many do not fit."""
@@ -3974,8 +3992,8 @@ def fit_reflections(
             state[0] = state[0] + (offset[r, 0] * axis[t, 0] - offset[r, 1] * axis[t, 1])
             state[1] = state[1] + (offset[r, 1] * axis[t, 0] + offset[r, 0] * axis[t, 1])
             if turn is not None:
-                state[2] = state[2] + -turn[t] * (state[1] - centre[t, 1])
-                state[3] = state[3] + turn[t] * (state[0] - centre[t, 0])
+                state[2] = state[2] + -turn[t] * (state[1] - pivot[t, 1])
+                state[3] = state[3] + turn[t] * (state[0] - pivot[t, 0])
             p[0][0] = p[0][0] + variance[r]
             p[1][1] = p[1][1] + variance[r]
             x, y, vx, vy = state[0] - x0, state[1] - y0, state[2] - vx0, state[3] - vy0

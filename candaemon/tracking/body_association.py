@@ -17,7 +17,7 @@ from candaemon.tracking.association import best_pairs, gated_pairs, pair_nis
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.joint_association import doubts, likelihood_ratios
 from candaemon.tracking.reflections import to_travel_axes
-from candaemon.tracking.turning import rate_and_centre
+from candaemon.tracking.turning import rate_and_pivot
 
 _NEAREST = 1e-3  # m, nearer than which there is no line of sight
 _LEAST_AGE = 0.05  # s, of a body that began just before
@@ -171,7 +171,7 @@ def _fit(
         vy0,
         settings.id_gate,
         settings.gate,
-        *rate_and_centre(bodies.turning()),
+        *rate_and_pivot(bodies.turning()),
     )
     return Association(np.full(len(rows), -1, np.intp), reflection, nis, slot_jumps=slot_jumps)
 

@@ -1,4 +1,8 @@
-"""The axes of bodies follow their courses, the faster the better the course is known."""
+"""The axes of bodies follow the courses of their centres, the faster the better the course is known.
+
+A vehicle moves along its axis at its centre only: two metres ahead of it, where it turns off at walking speed, its
+course is tens of degrees away from its axis.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +12,24 @@ import numpy as np
 
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats
+from candaemon.tracking.turning import Turning, rate_and_pivot
 
 _COURSE_ERROR: Final = 0.1  # rad, standard deviation of a course that tells the axis
 _BACKING: Final = -2.0  # m/s along its axis, below which a body turns round rather than backs
 _UNKNOWN: Final = 0.25  # (m/s)², of a course that nothing is known of
+_DOUBT: Final = 0.5  # times the variance of a turn rate, below the square of which it counts for nothing
+_LEAST_TURN: Final = 1e-9  # (rad/s)²
 
 
-def turned_axes(mean: Floats, covariance: Floats, axis: Floats, directed: Booleans, part: Floats) -> Floats:
+def turned_axes(
+    mean: Floats,
+    covariance: Floats,
+    axis: Floats,
+    directed: Booleans,
+    part: Floats,
+    facing: Floats,
+    turning: Turning | None,
+) -> Floats:
     """Return axes (n, 2) turned towards the courses; note in place which of them a course tells well.
 
     Args:
@@ -23,14 +38,36 @@ def turned_axes(mean: Floats, covariance: Floats, axis: Floats, directed: Boolea
         axis: unit vectors along them (n, 2).
         directed: whether the axis is known which way it points (n,), changed.
         part: of the turn towards a course that is known perfectly (n,).
+        facing: the reference points minus the centres of the boxes (n, 2), m.
+        turning: of those that are known to be no points.
     """
     if compiled.in_use:
+        rate, pivot = rate_and_pivot(turning)
         return compiled.kernels.turn_axes_of_bodies(
-            mean, covariance, axis, directed, part, _COURSE_ERROR**2, _BACKING, _UNKNOWN
+            mean,
+            covariance,
+            axis,
+            directed,
+            part,
+            facing,
+            rate,
+            None if turning is None else turning.variance,
+            pivot,
+            _COURSE_ERROR**2,
+            _BACKING,
+            _UNKNOWN,
+            _DOUBT,
+            _LEAST_TURN,
         )
     vx, vy = mean[:, 2], mean[:, 3]
-    squared = vx * vx + vy * vy
     spread = covariance[:, 2, 2] + covariance[:, 3, 3]
+    if turning is not None:
+        arm_x, arm_y = (mean[:, :2] - facing - turning.pivot).T
+        turn, variance = turning.rate, turning.variance
+        turn = turn * np.maximum(1.0 - _DOUBT * variance / np.maximum(turn * turn, _LEAST_TURN), 0.0)
+        vx, vy = vx - turn * arm_y, vy + turn * arm_x
+        spread = spread + variance * (arm_x * arm_x + arm_y * arm_y)
+    squared = vx * vx + vy * vy
     known = squared / (squared + 4.0 * spread + _UNKNOWN)
     directed |= spread < _COURSE_ERROR**2 * squared
     share = known * known * part

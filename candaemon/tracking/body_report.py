@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.body_filter import TURN, motion
+from candaemon.estimation.body_filter import TURN
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_sizes import ENOUGH, SMALL, TOLD_LENGTH
 from candaemon.tracking.body_store import Bodies
@@ -53,9 +53,9 @@ def report(
         existence: their probabilities of existence (k,); None: the shares of recent scans in which they were seen.
     """
     obstacles, moments = bodies.obstacles, bodies.moments()
-    mean = moments.mean
+    mean, moving = moments.mean, bodies.motion()
     told, covariance = in_vehicle_axes(
-        motion(mean), moments.covariance, obstacles.axis, np.ones(len(obstacles)), pose, np.inf
+        moving, moments.covariance, obstacles.axis, np.ones(len(obstacles)), pose, np.inf
     )
     add_places(bodies, told, covariance, pose.velocity_covariance, wander_time)
     x, y, vx, vy, ax, ay, sx, sy, svx, svy, _, axis_x, axis_y = told
@@ -74,8 +74,8 @@ def report(
         ay=ay,
         east=mean[:, 0],
         north=mean[:, 1],
-        ve=mean[:, 2],
-        vn=mean[:, 3],
+        ve=moving[:, 2],
+        vn=moving[:, 3],
         sx=sx,
         sy=sy,
         svx=svx,

@@ -16,14 +16,14 @@ from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.arrays.rows import checked_state
 from candaemon.config.tracker import MOST_TRACKS
 from candaemon.config.vehicle import VehicleEstimatorSettings
-from candaemon.estimation.body_filter import BIAS, POSITION, BodyFilter, BodyFilterState
+from candaemon.estimation.body_filter import BIAS, POSITION, BodyFilter, BodyFilterState, motion
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.body_sizes import ENOUGH, SMALL, TOLD_LENGTH
 from candaemon.tracking.columns import Table
 from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
-from candaemon.tracking.turning import Turning, rate_and_centre
+from candaemon.tracking.turning import Turning, rate_and_pivot
 
 _LEAST_NORMAL = 1e-12  # 1/m²
 _BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
@@ -237,9 +237,10 @@ class Bodies:
         return self._moments
 
     def turning(self) -> Turning | None:
-        """Return how those bodies turn whose box is known; None: none is.
+        """Return how those bodies turn that are known to be no points; None: none is.
 
-        A walker or rider, taken for small where it shows one reflection, turns about that.
+        A box is known, or several reflections were seen. A walker or rider, taken for small where it shows one
+        reflection, turns about that.
         """
         if not self._turning_known:
             self._turning, self._turning_known = self._find_turning(), True
@@ -257,17 +258,28 @@ class Bodies:
                 obstacles.length,
                 obstacles.length_variance,
                 obstacles.extent,
+                obstacles.alone,
                 obstacles.directed,
                 TOLD_LENGTH,
                 SMALL,
                 ENOUGH,
             )
             return None if found is None else Turning(*found)
-        known = obstacles.sized & obstacles.directed & (obstacles.length >= SMALL)
+        sized, directed = obstacles.sized, obstacles.directed & (obstacles.length >= SMALL)
+        known = directed & (sized | (obstacles.alone < 0.0))
         if not known.any():
             return None
         rate, variance = self.filter.turn_rates()
-        return Turning(np.where(known, rate, 0.0), np.where(known, variance, 0.0), mean[:, POSITION] - obstacles.facing)
+        pivot = mean[:, POSITION] - np.where(sized[:, None], obstacles.facing, 0.0)
+        return Turning(np.where(known, rate, 0.0), np.where(known, variance, 0.0), pivot)
+
+    def motion(self) -> Floats:
+        """Return [x, y, vx, vy, ax, ay] of the reference points (k, 6), local frame, SI units."""
+        mean, turning = self.moments().mean, self.turning()
+        told = motion(mean)
+        if turning is not None:
+            told[:, 2:4] += turning.velocities(np.arange(len(mean)), mean[:, POSITION])
+        return told
 
     def reflection_states(self, rows: Indices | None = None) -> tuple[Floats, Floats]:
         """Return where reflections are expected and how they move: means (n, 4), covariances (n, 4, 4).
@@ -281,8 +293,8 @@ class Bodies:
         if compiled.in_use:
             offset = reflections.offset if rows is None else reflections.offset.take(rows, axis=0)
             shown, spread, axis = moments.shown, moments.shown_covariance, self.obstacles.axis
-            turn, centre = rate_and_centre(self.turning())
-            return compiled.kernels.states_of_reflections(shown, spread, body, offset, variance, axis, turn, centre)
+            turn, pivot = rate_and_pivot(self.turning())
+            return compiled.kernels.states_of_reflections(shown, spread, body, offset, variance, axis, turn, pivot)
         mean, covariance = moments.shown.take(body, axis=0), moments.shown_covariance.take(body, axis=0)
         mean[:, :2] += self.offsets(rows)
         covariance[:, 0, 0] += variance

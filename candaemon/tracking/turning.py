@@ -1,7 +1,7 @@
-"""What the turning of bodies adds to the velocities of their reflections.
+"""What the turning of bodies adds to the velocities of their points.
 
-A body turns about the centre of its box: a reflection at r from there moves with v + ω × r. Two metres from the centre
-of a car that turns off, that is a metre per second along some line of sight.
+Where a body turns at ω, a point at r from another, that moves at v, moves at v + ω × r. Two metres from the centre of a
+car that turns off, that is a metre per second. The filter tells the velocity of one point of each body, its pivot.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ class Turning:
     """How k bodies turn.
 
     Attributes:
-        rate: ω (k,), rad/s, positive to the left; 0 of those whose box is not known.
+        rate: ω (k,), rad/s, positive to the left; 0 of those that are not known to be bodies rather than points.
         variance: of it (k,), (rad/s)²; likewise.
-        centre: of their boxes (k, 2), local frame, m.
+        pivot: the point whose velocity the filter tells (k, 2), local frame, m: of a known box the centre, of others
+            the reference point, about which their reflections lie.
     """
 
     rate: Floats
     variance: Floats
-    centre: Floats
+    pivot: Floats
 
     def velocities(self, body: Indices, place: Floats) -> Floats:
         """Return ω × r of places on bodies (n, 2), local frame, m/s.
@@ -35,18 +36,18 @@ class Turning:
             body: row of the body of each (n,).
             place: (n, 2), local frame, m.
         """
-        arm, rate = place - self.centre.take(body, axis=0), self.rate.take(body)
+        arm, rate = place - self.pivot.take(body, axis=0), self.rate.take(body)
         return np.stack([-rate * arm[:, 1], rate * arm[:, 0]], axis=1)
 
     def arms(self, body: Indices, place: Floats) -> Floats:
-        """Return r of places on bodies (n, 2), local frame, m; zero where the box is not known.
+        """Return r of places on bodies (n, 2), local frame, m; zero where no turning is known.
 
         Args:
             body: row of the body of each (n,).
             place: (n, 2), local frame, m.
         """
         known = self.variance.take(body) > 0.0
-        return np.asarray((place - self.centre.take(body, axis=0)) * known[:, None])
+        return np.asarray((place - self.pivot.take(body, axis=0)) * known[:, None])
 
     def left_out(self, measurement: Measurement, body: Indices, place: Floats) -> Measurement:
         """Return detections with the velocities that they would have if the bodies did not turn.
@@ -66,11 +67,11 @@ class Turning:
 
     def _along(self, direction: Floats, body: Indices, place: Floats) -> tuple[Floats, Floats]:
         """Return ω × r along unit vectors (n, 2) and its variance, m/s and (m/s)² (n,)."""
-        arm = place - self.centre.take(body, axis=0)
+        arm = place - self.pivot.take(body, axis=0)
         lever = direction[:, 1] * arm[:, 0] - direction[:, 0] * arm[:, 1]
         return lever * self.rate.take(body), lever * lever * self.variance.take(body)
 
 
-def rate_and_centre(turning: Turning | None) -> tuple[Floats | None, Floats | None]:
-    """Return ω and the centres of boxes as the kernels take them; None of bodies of which none is known to turn."""
-    return (None, None) if turning is None else (turning.rate, turning.centre)
+def rate_and_pivot(turning: Turning | None) -> tuple[Floats | None, Floats | None]:
+    """Return ω and the pivots as the kernels take them; None of bodies of which none is known to turn."""
+    return (None, None) if turning is None else (turning.rate, turning.pivot)

@@ -40,7 +40,7 @@ from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.sensor_visibility import VisibilityState
 from candaemon.tracking.smoother_history import SmootherHistory
 from candaemon.tracking.tracker import EARLIEST_NS, LATEST_RETRODICTION, MISSED_SCAN
-from candaemon.tracking.turning import rate_and_centre
+from candaemon.tracking.turning import rate_and_pivot
 from candaemon.tracking.update import PredictedReflections, TrackerCounts, Update, Used
 
 _HISTORY = (1 << 32) - 1
@@ -213,8 +213,9 @@ class VehicleTracker:
             self._merge_and_split()
         self._bodies.obstacles.facing = box.facing_offsets(self._bodies, pose)
         if link is not None:
-            state, covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])
-            self.smoother_history = SmootherHistory(self._bodies.obstacles.id.copy(), state, covariance, *link)
+            covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])[1]
+            told = self._bodies.obstacles.id.copy(), self._bodies.motion(), covariance
+            self.smoother_history = SmootherHistory(*told, *link)
         reported_existence = self._bodies.obstacles.existence if self._by_existence else None
         return report(
             self._bodies,
@@ -303,11 +304,12 @@ class VehicleTracker:
 
         Where time has not moved on, as in a scan that comes after a younger one, the gain is the identity.
         """
-        link = self._bodies.filter.link
+        link, bodies = self._bodies.filter.link, self._bodies
         if self._dt == 0.0 or link is None:
-            state, covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])
+            state, covariance = reported(bodies.moments().mean, bodies.filter.combined()[1])
             link = Link(state, covariance, np.broadcast_to(np.eye(6), covariance.shape))
-        return self._bodies.obstacles.id.copy(), link
+        link.mean[:, VELOCITY] = bodies.motion()[:, VELOCITY]
+        return bodies.obstacles.id.copy(), link
 
     def _of_leaders(self, told: Floats) -> Floats:
         """Return of each body (k, …) what is told of the sensor that its leading reflection is of."""
@@ -467,8 +469,8 @@ class VehicleTracker:
         turning = self._bodies.turning()
         if compiled.in_use:
             (x, y), (vx, vy) = measurement.origin.tolist(), measurement.velocity.tolist()
-            turn, centre = rate_and_centre(turning)
-            compiled.kernels.note_rates(noted, row, body, shown, offset, rates, x, y, vx, vy, share, turn, centre)
+            turn, pivot = rate_and_pivot(turning)
+            compiled.kernels.note_rates(noted, row, body, shown, offset, rates, x, y, vx, vy, share, turn, pivot)
             return
         mean = shown[body]
         mean[:, :2] += offset
@@ -507,7 +509,15 @@ class VehicleTracker:
             part = -np.expm1(-self._dt / time)
         else:
             part = np.full(len(self), -np.expm1(-self._dt / _AXIS_TIME))
-        obstacles.axis = turned_axes(moments.mean, moments.covariance, obstacles.axis, obstacles.directed, part)
+        obstacles.axis = turned_axes(
+            moments.mean,
+            moments.covariance,
+            obstacles.axis,
+            obstacles.directed,
+            part,
+            obstacles.facing,
+            self._bodies.turning(),
+        )
 
     def _confirm_and_delete(self, pose: EgoPose, detections: Detections | None) -> None:
         """Confirm what surely exists; delete what is not detected, out of view or too uncertain.

@@ -22,7 +22,7 @@ from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.ins import InsMotion
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
-from candaemon.estimation.body_filter import SEEN, BodyFilter, BodyFilterState, BodyMode, motion, shown
+from candaemon.estimation.body_filter import SEEN, TURN, BodyFilter, BodyFilterState, BodyMode, motion, shown
 from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.discretisation import directed
 from candaemon.estimation.filter_bank import FilterBank
@@ -537,9 +537,16 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
     def computed() -> list[Floats]:
         bodies = bodies_on_road(20, extra)
         obstacles, moments = bodies.obstacles, bodies.moments()
-        obstacles.axis = turned_axes(
-            moments.mean, moments.covariance, obstacles.axis, obstacles.directed, np.linspace(0.0, 1.0, 20)
-        )
+        part, facing = np.linspace(0.0, 1.0, 20), obstacles.facing
+        known, directed = (moments.mean, moments.covariance), obstacles.directed
+        assert bodies.turning() is None
+        obstacles.axis = turned_axes(*known, obstacles.axis, directed, part, facing, None)
+        bodies.filter.state.mean[:, :, TURN] = 0.1
+        bodies.changed()
+        turning = bodies.turning()
+        assert turning is not None
+        assert 0 < np.count_nonzero(turning.rate) < 20
+        obstacles.axis = turned_axes(*known, obstacles.axis, directed, part, facing, turning)
         assert 0 < np.count_nonzero(obstacles.directed) < 20
         bodies.return_reference(10**9, 0.5, 10**8)
         obstacles.facing = box.facing_offsets(bodies, POSE)
@@ -735,7 +742,7 @@ def test_what_detections_are_of_by_their_ids(
         assert found.slot_jumps > 0
         assert 2 < np.count_nonzero(np.isfinite(found.nis)) < 15
         assert (bodies.turning() is not None) == turning
-        turns = [] if (of := bodies.turning()) is None else [of.rate, of.variance, of.centre]
+        turns = [] if (of := bodies.turning()) is None else [of.rate, of.variance, of.pivot]
         return [found.body.astype(np.float64), found.reflection.astype(np.float64), found.nis, states, *turns]
 
     both(monkeypatch, computed)

@@ -1,10 +1,12 @@
-"""What the turning of bodies adds to the velocities of their reflections."""
+"""What the turning of bodies adds to the velocities of their points, and their axes."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from candaemon.estimation.measurement import Measurement, Projection
+from candaemon.tracking.body_axes import turned_axes
 from candaemon.tracking.turning import Turning
 
 TURNING = Turning(np.array([0.0, 0.5]), np.array([0.0, 0.04]), np.array([[0.0, 0.0], [20.0, 10.0]]))
@@ -29,5 +31,18 @@ def test_what_turning_adds_is_left_out_of_velocities_and_what_is_unknown_of_it_i
     assert told.range_rate is rate
 
 
-def test_arms_are_those_of_bodies_whose_box_is_known() -> None:
+@pytest.mark.parametrize("variance", [1e-6, 1.0])
+def test_the_axis_follows_the_course_of_the_centre_unless_the_turn_rate_is_vague(variance: float) -> None:
+    """The front of a car that turns to the left at .5 rad/s goes 1 m/s to the left of where it heads."""
+    mean = np.array([[10.0, 0.0, 7.0, 1.0, 0.5, 0.0, 0.0, 0.0]])
+    turning = Turning(np.array([0.5]), np.array([variance]), mean[:, :2])
+    known = mean, 1e-6 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.ones(1, np.bool_), np.ones(1)
+    axis = turned_axes(*known, np.array([[2.0, 0.0]]), turning)
+    if variance < 1.0:
+        np.testing.assert_allclose(axis, [[1.0, 0.0]], atol=1e-3)
+    else:
+        assert axis[0, 1] > 0.05
+
+
+def test_arms_are_those_of_bodies_that_are_known_to_turn() -> None:
     np.testing.assert_allclose(TURNING.arms(BODY, PLACE), [[2.0, 0.0], [0.0, -1.0], [0.0, 0.0]])
