@@ -296,6 +296,7 @@ def bodies_to_merge(
     speed: float,
     merge_time: float,
     following: float,
+    following_gap: float,
     beside: float,
     following_speed: float,
     extent: float,

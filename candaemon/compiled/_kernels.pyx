@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 89
+REVISION = 90
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3031,6 +3031,7 @@ def bodies_to_merge(
     double speed,
     double merge_time,
     double following,
+    double following_gap,
     double beside,
     double following_speed,
     double extent,
@@ -3068,7 +3069,7 @@ def bodies_to_merge(
                 x = shown[young, 0] - (mean[old, 0] - facing[old, 0])
                 y = shown[young, 1] - (mean[old, 1] - facing[old, 1])
                 beyond = fabs(x * axis[old, 0] + y * axis[old, 1])
-                by_box = moving and beyond - 0.5 * length[old] < following * velocity_of(mean, old)
+                by_box = moving and beyond - 0.5 * length[old] < smaller(following * velocity_of(mean, old), following_gap)
                 by_box = by_box and beyond < extent and faster < following_speed
                 beyond = fabs(y * axis[old, 0] - x * axis[old, 1])
                 by_box = by_box and (aside < course_across or beyond - 0.5 * width[old] < beside)

@@ -104,7 +104,13 @@ class ReflectionSettings(Settings):
         0.2,
         ge=0,
         le=5,
-        description="s to a vehicle in which nobody follows: what is on its course there, and as fast, is a part of it",
+        description="s to a vehicle in which nobody follows: what is on its course there, and as fast, is a part of it …",
+    )
+    following_gap: float = Field(
+        5.0,
+        ge=0,
+        le=50,
+        description="m, … but not as far as this, however fast the two are: what is long is no faster than lorries are",
     )
     beside: float = Field(
         0.7,

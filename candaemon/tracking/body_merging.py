@@ -61,6 +61,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             settings.speed**2,
             settings.merge_time,
             settings.following,
+            settings.following_gap,
             settings.beside,
             settings.following_speed,
             settings.extent,
@@ -100,10 +101,11 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     near |= stands[young] & stands[old] & either
     by_speed = near & ((faster * faster).sum(axis=1) < settings.speed**2)
     # Nearer to the box than any driver follows: another part of the vehicle, however long it proves to be.
+    gap = np.minimum(settings.following * speed, settings.following_gap)
     beyond = to_travel_axes(place[young] - (moments.mean[old, POSITION] - obstacles.facing[old]), axis)
     by_box = (
         moving
-        & (np.abs(beyond[:, 0]) - 0.5 * obstacles.length[old] < settings.following * speed[old])
+        & (np.abs(beyond[:, 0]) - 0.5 * obstacles.length[old] < gap[old])
         & (np.abs(beyond[:, 0]) < settings.extent)
         & ((apart[:, 1] < course.across) | (np.abs(beyond[:, 1]) - 0.5 * obstacles.width[old] < settings.beside))
         & (faster[:, 0] < settings.following_speed)
