@@ -104,7 +104,7 @@ class ReflectionSettings(Settings):
         0.2,
         ge=0,
         le=5,
-        description="s to a vehicle in which nobody follows: what is on its course there, and as fast, is a part of it …",
+        description="s to a vehicle in which nobody follows: what is on its course there, as fast, is a part of it …",
     )
     following_gap: float = Field(
         5.0,

@@ -19,17 +19,19 @@ def _states(
     other: tuple[float, float, float],
     *,
     speed: float = 15.0,
+    own: float = 20.0,
     rail: bool = True,
     cycles: int = 30,
     length: float = 4.5,
     strays: float = 0.0,
     shadow: float = 1.0,
 ) -> list[int]:
-    """Return the state that another object had in each cycle beside a car 20 m ahead; we drive 20 m/s.
+    """Return the state that another object had in each cycle beside a car 20 m ahead.
 
     Args:
         other: its first place ahead and to the left, m, and its speed, m/s.
-        speed: of the car.
+        speed: of the car, m/s.
+        own: of us, m/s.
         rail: whether posts of a guard rail stand beside.
         cycles: how many.
         length: of the car, m.
@@ -46,7 +48,7 @@ def _states(
         if k >= 8:
             astray = strays * CYCLE * min(k - 8, 4)
             seen.append(Seen(2, other[0] + other[2] * (time - 8 * CYCLE), other[1] + astray, other[2]))
-        at = pose(time, east=20.0 * time, ve=20.0)
+        at = pose(time, east=own * time, ve=own)
         scan = detections(at, seen, sensor=0, noise=(0.2, 0.2, 0.1))
         lengths = np.array([length if each.key == 1 else np.nan for each in seen])
         told = tracker.step(replace(scan, length=lengths), at)
@@ -84,12 +86,21 @@ def test_of_a_vehicle_of_unknown_length_the_middle_may_be_farther_ahead() -> Non
     assert _states(middle, length=4.0)[-1] == CONFIRMED
 
 
-@pytest.mark.parametrize(("speed", "last"), [(1.4, TENTATIVE), (0.0, CONFIRMED)], ids=["walks", "stands"])
-def test_a_walker_has_an_image_at_twice_the_distance_and_a_post_has_none(speed: float, last: int) -> None:
+@pytest.mark.parametrize(
+    ("speed", "own", "last"),
+    [(1.4, 20.0, TENTATIVE), (0.0, 20.0, CONFIRMED), (1.4, 0.0, TENTATIVE)],
+    ids=["walks", "stands", "walks while we stand"],
+)
+def test_a_walker_has_an_image_at_twice_the_distance_and_a_post_has_none(speed: float, own: float, last: int) -> None:
     """What comes as fast as we go is met more often than it is the image of something that stands."""
-    away = 30.0 - (20.0 - speed) * AT_8
-    echo = (20.0 * AT_8 + 2 * away, 4.0, 2 * speed - 20.0)
-    assert _states(echo, speed=speed, rail=False, cycles=20)[-1] == last
+    away = 30.0 - (own - speed) * AT_8
+    echo = (own * AT_8 + 2 * away, 4.0, 2 * speed - own)
+    assert _states(echo, speed=speed, own=own, rail=False, cycles=50 if own == 0.0 else 20)[-1] == last
+
+
+def test_what_creeps_past_a_rail_in_a_jam_has_an_image_behind_it() -> None:
+    mirrored = (30.0 + 3.0 * AT_8, 2 * RAIL - 2.0, 3.0)
+    assert set(_states(mirrored, speed=3.0, own=3.0)) == {TENTATIVE}
 
 
 @pytest.mark.parametrize(
@@ -118,8 +129,11 @@ def test_what_a_vehicle_of_our_speed_hides_is_held_for_a_second(beside: float, s
     assert held or states.index(CONFIRMED) < 6
 
 
-def test_of_a_convoy_none_is_held_for_an_image_of_another() -> None:
-    assert _states((20.0 * AT_8 + 60.0, 4.0, 20.0), speed=20.0)[-1] == CONFIRMED
+@pytest.mark.parametrize("slower", [0.0, 1.2])
+def test_of_a_convoy_none_is_held_for_an_image_of_another(slower: float) -> None:
+    """One at half the distance is half as much slower than we are; that is nothing rare."""
+    other = (20.0 * AT_8 + 2 * (30.0 - slower * AT_8), 4.0, 20.0 - 2 * slower)
+    assert _states(other, speed=20.0 - slower)[-1] == CONFIRMED
 
 
 def test_one_of_a_convoy_that_was_lost_sight_of_comes_back_at_once() -> None:
