@@ -52,7 +52,7 @@ class BodyRates:
         origin: position of the sensor (2,), m.
         velocity: of the sensor over ground (2,), m/s.
         share: times the variance of its own that a mean of several speeds is taken to have.
-        arm: from the centre of its body, about which that turns (n, 2), local frame, m; zero where it is not known.
+        arm: from the point of its body whose velocity is told (n, 2), local frame, m; zero where no turning is known.
             None: no turning is counted.
     """
 

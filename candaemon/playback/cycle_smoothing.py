@@ -6,10 +6,11 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from candaemon.arrays import Floats
 from candaemon.estimation.smoothing import FixedLag, Smoothed
 from candaemon.pipeline.cycle import Cycle
 from candaemon.tracking.any_tracker import AnyTracker
-from candaemon.tracking.smoother_history import concatenated, with_motion
+from candaemon.tracking.smoother_history import concatenated, swing_of, with_motion
 
 
 class CycleSmoother:
@@ -27,7 +28,7 @@ class CycleSmoother:
             tracker.keep_smoother_history()
         self._trackers = trackers
         self._smoother = FixedLag(round(lag * 1e9))
-        self._waiting: deque[Cycle] = deque()
+        self._waiting: deque[tuple[Cycle, Floats]] = deque()
 
     def add(self, cycle: Cycle) -> Iterator[Cycle]:
         """Add the newest cycle; yield the smoothed earlier ones that are due."""
@@ -37,7 +38,7 @@ class CycleSmoother:
         history = concatenated(
             [tracker.smoother_history for tracker in self._trackers if tracker.smoother_history is not None]
         )
-        self._waiting.append(cycle)
+        self._waiting.append((cycle, swing_of(history, cycle.obstacles)))
         due = self._smoother.add(
             cycle.obstacles.time_ns, history.id, history.state, history.covariance, history.linked, history.link
         )
@@ -48,8 +49,8 @@ class CycleSmoother:
         yield from map(self._smoothed, self._smoother.finish())
 
     def _smoothed(self, smoothed: Smoothed) -> Cycle:
-        cycle = self._waiting.popleft()
-        obstacles, reported = with_motion(cycle.obstacles, smoothed, cycle.pose), cycle.reported
+        cycle, swing = self._waiting.popleft()
+        obstacles, reported = with_motion(cycle.obstacles, smoothed, cycle.pose, swing), cycle.reported
         if reported is not None:
             used = {name: getattr(reported, name) for name in ("used_row", "used_sensor", "used_object")}
             reported = replace(obstacles, **used)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.body_filter import TURN
+from candaemon.estimation.body_filter import TURN, VELOCITY, motion
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_sizes import ENOUGH, SMALL, TOLD_LENGTH
 from candaemon.tracking.body_store import Bodies
@@ -53,10 +53,16 @@ def report(
         existence: their probabilities of existence (k,); None: the shares of recent scans in which they were seen.
     """
     obstacles, moments = bodies.obstacles, bodies.moments()
-    mean, moving = moments.mean, bodies.motion()
+    mean, swing = moments.mean, bodies.swing()
+    moving = motion(mean)
+    if swing is not None:
+        moving[:, VELOCITY] += swing[0]
     told, covariance = in_vehicle_axes(
         moving, moments.covariance, obstacles.axis, np.ones(len(obstacles)), pose, np.inf
     )
+    if swing is not None:
+        unknown = swing[1] @ pose.rotation
+        covariance[:, VELOCITY, VELOCITY] += unknown[:, :, None] * unknown[:, None]
     add_places(bodies, told, covariance, pose.velocity_covariance, wander_time)
     x, y, vx, vy, ax, ay, sx, sy, svx, svy, _, axis_x, axis_y = told
     (yaw_rate, length, width, center_x, center_y, age), (status, kind) = _told(bodies, pose, told, slack_ns)

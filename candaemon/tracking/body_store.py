@@ -16,8 +16,8 @@ from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.arrays.rows import checked_state
 from candaemon.config.tracker import MOST_TRACKS
 from candaemon.config.vehicle import VehicleEstimatorSettings
-from candaemon.estimation.body_filter import BIAS, POSITION, BodyFilter, BodyFilterState, motion
-from candaemon.tracking.body_modes import dynamics_of, modes_of
+from candaemon.estimation.body_filter import BIAS, POSITION, BodyFilter, BodyFilterState
+from candaemon.tracking.body_modes import STANDING, dynamics_of, modes_of
 from candaemon.tracking.body_sizes import ENOUGH, SMALL, TOLD_LENGTH
 from candaemon.tracking.columns import Table
 from candaemon.tracking.id_rows import IdRows
@@ -222,11 +222,11 @@ class Bodies:
     def changed(self) -> None:
         """Forget what was computed from the filter: it has changed."""
         self._moments, self._shifted = None, False
-        self._turning, self._turning_known = None, False
+        self.forget_turning()
 
     def restart(self) -> None:
         """Let what the filter says follow from its state alone, to the last bit, as after that was restored."""
-        self._turning, self._turning_known = None, False
+        self.forget_turning()
         if self._shifted:
             self.changed()
 
@@ -273,13 +273,24 @@ class Bodies:
         pivot = mean[:, POSITION] - np.where(sized[:, None], obstacles.facing, 0.0)
         return Turning(np.where(known, rate, 0.0), np.where(known, variance, 0.0), pivot)
 
-    def motion(self) -> Floats:
-        """Return [x, y, vx, vy, ax, ay] of the reference points (k, 6), local frame, SI units."""
-        mean, turning = self.moments().mean, self.turning()
-        told = motion(mean)
-        if turning is not None:
-            told[:, 2:4] += turning.velocities(np.arange(len(mean)), mean[:, POSITION])
-        return told
+    def forget_turning(self) -> None:
+        """Forget how the bodies turn, and about which points: those have moved."""
+        self._turning, self._turning_known = None, False
+
+    def swing(self) -> tuple[Floats, Floats] | None:
+        """Return what turning adds to the velocity that the filter tells, to get that of the reference point.
+
+        What stands does not turn: of a turn rate as much counts as is probable to move.
+
+        Returns:
+            It (k, 2), local frame, m/s, and one standard deviation of it, a vector likewise; None: nothing of any.
+        """
+        turning = self.turning()
+        if turning is None:
+            return None
+        moves = (1.0 - self.filter.probability[:, STANDING])[:, None]
+        more, unknown = turning.swing(self.moments().mean[:, POSITION])
+        return moves * more, moves * unknown
 
     def reflection_states(self, rows: Indices | None = None) -> tuple[Floats, Floats]:
         """Return where reflections are expected and how they move: means (n, 4), covariances (n, 4, 4).
@@ -510,6 +521,7 @@ class Bodies:
 
     def shift(self, step: Floats) -> None:
         """Move the reference points by steps (k, 2), m; what the filter says moves along."""
+        self.forget_turning()
         if compiled.in_use and self._moments is not None:
             mean = self.filter.state.mean.T
             compiled.kernels.shift_bodies(mean, self._moments.mean, self._moments.shown, step)

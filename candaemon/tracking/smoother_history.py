@@ -19,14 +19,15 @@ from candaemon.tracking.obstacles import Obstacles
 
 @dataclass(frozen=True, slots=True)
 class SmootherHistory:
-    """One step of a tracker; states are [x, y, vx, vy, ax, ay] of reference points, local frame, SI units.
+    """One step of a tracker; states are [x, y, vx, vy, ax, ay] of obstacles, local frame, SI units.
 
     Attributes:
         id: of the obstacles reported, (k,).
-        state: as reported (k, 6).
-        covariance: as reported (k, 6, 6).
+        state: the reference points' places, and velocities as the filter tells them (k, 6).
+        covariance: of it (k, 6, 6).
         linked: identities of the obstacles that the step began with, (l,).
         link: their prediction to this step's instant, rows as `linked`.
+        swing: what turning adds to those velocities to get the reference points' (k, 2), m/s.
     """
 
     id: Integers
@@ -34,6 +35,7 @@ class SmootherHistory:
     covariance: Floats
     linked: Integers
     link: Link
+    swing: Floats
 
 
 def concatenated(histories: Sequence[SmootherHistory]) -> SmootherHistory:
@@ -51,20 +53,30 @@ def concatenated(histories: Sequence[SmootherHistory]) -> SmootherHistory:
             np.concatenate([link.covariance for link in links]),
             np.concatenate([link.gain for link in links]),
         ),
+        np.concatenate([history.swing for history in histories]),
     )
 
 
-def with_motion(obstacles: Obstacles, smoothed: Smoothed, pose: EgoPose) -> Obstacles:
+def swing_of(history: SmootherHistory, obstacles: Obstacles) -> Floats:
+    """Return what turning adds to the velocities of the obstacles of a step (k, 2), local frame, m/s."""
+    order = np.argsort(history.id)
+    rows = order[np.searchsorted(history.id, obstacles.id, sorter=order)]
+    return np.asarray(history.swing[rows])
+
+
+def with_motion(obstacles: Obstacles, smoothed: Smoothed, pose: EgoPose, swing: Floats) -> Obstacles:
     """Return obstacles with smoothed motion in place of their own; identity, state, age, heading and detections stay.
 
     Args:
         obstacles: of one cycle.
         smoothed: the motion of these, and of others that are not reported.
         pose: ego pose in that cycle.
+        swing: what turning adds to the velocities (k, 2), local frame, m/s.
     """
     order = np.argsort(smoothed.keys)
     rows = order[np.searchsorted(smoothed.keys, obstacles.id, sorter=order)]
     state, turn = smoothed.mean[rows], pose.rotation
+    state[:, 2:4] += swing
     place = pose.to_vehicle(state[:, :2])
     velocity, acceleration = state[:, 2:4] @ turn, state[:, 4:] @ turn
     turn_both = np.kron(np.eye(2), turn)

@@ -188,7 +188,10 @@ class Tracker:
             motion = self._tracks.motion()
         align_with_course(self._tracks.obstacles, motion.velocity, self._dt, self.settings.travel)
         if link is not None:
-            self.smoother_history = SmootherHistory(self._tracks.obstacles.id, motion.state, motion.covariance, *link)
+            none = np.zeros((len(motion.state), 2))
+            self.smoother_history = SmootherHistory(
+                self._tracks.obstacles.id, motion.state, motion.covariance, *link, none
+            )
         used, travel = self._used(detections), self.settings.travel
         return report(self._tracks, motion, pose, used, self._slack_ns, travel.min_speed)
 

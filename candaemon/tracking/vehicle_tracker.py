@@ -212,10 +212,12 @@ class VehicleTracker:
             self._bodies.return_reference(self._state.time_ns, self._places.return_time, patience_ns)
             self._merge_and_split()
         self._bodies.obstacles.facing = box.facing_offsets(self._bodies, pose)
+        self._bodies.forget_turning()
         if link is not None:
-            covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])[1]
-            told = self._bodies.obstacles.id.copy(), self._bodies.motion(), covariance
-            self.smoother_history = SmootherHistory(*told, *link)
+            state, covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])
+            swing = self._bodies.swing()
+            more = np.zeros((len(self), 2)) if swing is None else swing[0]
+            self.smoother_history = SmootherHistory(self._bodies.obstacles.id.copy(), state, covariance, *link, more)
         reported_existence = self._bodies.obstacles.existence if self._by_existence else None
         return report(
             self._bodies,
@@ -304,12 +306,11 @@ class VehicleTracker:
 
         Where time has not moved on, as in a scan that comes after a younger one, the gain is the identity.
         """
-        link, bodies = self._bodies.filter.link, self._bodies
+        link = self._bodies.filter.link
         if self._dt == 0.0 or link is None:
-            state, covariance = reported(bodies.moments().mean, bodies.filter.combined()[1])
+            state, covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])
             link = Link(state, covariance, np.broadcast_to(np.eye(6), covariance.shape))
-        link.mean[:, VELOCITY] = bodies.motion()[:, VELOCITY]
-        return bodies.obstacles.id.copy(), link
+        return self._bodies.obstacles.id.copy(), link
 
     def _of_leaders(self, told: Floats) -> Floats:
         """Return of each body (k, …) what is told of the sensor that its leading reflection is of."""

@@ -16,9 +16,9 @@ from candaemon.pipeline.cycle import Cycle
 from candaemon.playback.cycle_smoothing import CycleSmoother
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import MOTION, Obstacles, concatenated, no_obstacles
-from candaemon.tracking.smoother_history import with_motion
+from candaemon.tracking.smoother_history import swing_of, with_motion
 from candaemon.tracking.tracker import Tracker
-from tests.support.builders import CYCLE, HandFed, Seen, assert_sane, ns, pose, times
+from tests.support.builders import CYCLE, HandFed, HandFedVehicles, Seen, assert_sane, ns, pose, times
 from tests.support.effort import examples
 
 Pairs = list[tuple[Obstacles, Obstacles]]
@@ -95,9 +95,33 @@ def test_what_nothing_was_learnt_of_is_told_as_before() -> None:
         told = fed.scan(t, [Seen(0, 30.0 + 20 * t, 2 * t, 20.0, 2.0), Seen(1, 5.0, 60.0 - 5 * t, 0.0, -5.0)], ego=ego)
         trail = fed.tracker.smoother_history
         assert trail is not None
-        again = with_motion(told, Smoothed(ego.time_ns, trail.id, trail.state, trail.covariance), ego)
+        swing = swing_of(trail, told)
+        again = with_motion(told, Smoothed(ego.time_ns, trail.id, trail.state, trail.covariance), ego, swing)
         for name in MOTION:
             np.testing.assert_allclose(getattr(again, name), getattr(told, name), atol=1e-9, err_msg=name)
+
+
+def test_the_trail_of_what_turns_is_told_with_the_velocity_of_its_reference_point() -> None:
+    """A car with a known box goes round a bend of 14 m, and stops: what stands does not turn."""
+    fed, turn, swung = HandFedVehicles(), 0.5, 0.0
+    fed.tracker.keep_smoother_history()
+    for t in times(1, 160):
+        yaw, speed = turn * min(t, 4.0), 7.0 if t < 4.0 else 0.0
+        ahead, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
+        centre = np.array([25.0, -8.0]) + 14.0 * np.array([np.sin(yaw), 1.0 - np.cos(yaw)])
+        rate = turn if t < 4.0 else 0.0
+        ends = [Seen(k, *(centre + arm * ahead), *(speed * ahead + arm * rate * left)) for k, arm in enumerate((-2, 2))]
+        told = fed.scan(t, ends, length=np.full(2, 4.8), width=np.full(2, 1.9))
+        trail = fed.tracker.smoother_history
+        assert trail is not None
+        swing, ego = swing_of(trail, told), pose(t)
+        again = with_motion(told, Smoothed(ego.time_ns, trail.id, trail.state, trail.covariance), ego, swing)
+        np.testing.assert_allclose([again.vx, again.vy], [told.vx, told.vy], atol=1e-9)
+        if 2.0 < t < 4.0:
+            swung = max(swung, float(np.hypot(*swing[0])))
+        if t > 5.0:
+            assert np.hypot(*swing[0]) < 0.05
+    assert swung > 0.5
 
 
 def test_a_trail_has_the_gain_of_the_reflection_that_leads() -> None:
