@@ -115,10 +115,10 @@ def test_with_a_failing_lidar_it_is_never_worse_than_the_radar_alone(kind: str, 
     single, drive = alone(tmp_path), scenario(bursts, 12.0, {"traffic": {}})
     plain = drive.model_copy(update={"sensor_faults": ()})
     both, radar = (
-        np.sqrt(np.mean([each[1:] for seed in (1, 2, 3, 4) for each in tracked(of, run, seed)], axis=0))
+        np.sqrt(np.mean([each[1:] for seed in range(1, 13) for each in tracked(of, run, seed)], axis=0))
         for of, run in ((binding("radar_lidar"), drive), (single, plain))
     )
-    assert (both <= 1.05 * radar).all(), (both, radar)
+    assert (both <= radar).all(), (both, radar)
 
 
 @pytest.mark.slow
