@@ -288,8 +288,11 @@ class Bodies:
         turning = self.turning()
         if turning is None:
             return None
+        arm = self.moments().mean[:, POSITION] - turning.pivot
+        if not np.count_nonzero(arm):
+            return None
         moves = (1.0 - self.filter.probability[:, STANDING])[:, None]
-        more, unknown = turning.swing(self.moments().mean[:, POSITION])
+        more, unknown = turning.swing(arm)
         return moves * more, moves * unknown
 
     def reflection_states(self, rows: Indices | None = None) -> tuple[Floats, Floats]:

@@ -39,10 +39,9 @@ class Turning:
         arm, rate = place - self.pivot.take(body, axis=0), self.rate.take(body)
         return np.stack([-rate * arm[:, 1], rate * arm[:, 0]], axis=1)
 
-    def swing(self, place: Floats) -> tuple[Floats, Floats]:
-        """Return ω × r of a place on each body (k, 2), local frame, and one standard deviation of it, a vector, m/s."""
-        arm_x, arm_y = (place - self.pivot).T
-        left = np.stack([-arm_y, arm_x], axis=1)
+    def swing(self, arm: Floats) -> tuple[Floats, Floats]:
+        """Return ω × r and one standard deviation of it, a vector, m/s, of an r on each body (k, 2), local frame, m."""
+        left = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
         return self.rate[:, None] * left, np.sqrt(self.variance)[:, None] * left
 
     def arms(self, body: Indices, place: Floats) -> Floats:
