@@ -19,7 +19,8 @@ _PLACE = 3.0  # m between an image and where it should be
 _SPEED = 1.5  # m/s, likewise along the course or the line of sight; what stands is slower
 _ACROSS = 4.0  # m/s across it, which is known worst
 _DEVIATIONS = 3.0  # standard deviations of a velocity by which it may differ beyond that: of what is young, many m/s
-_WALKING = 4.0, 0.7  # m/s; of what is slower, so much along the line of sight suffices: it is in no convoy
+_CONVOY = 4.0  # m/s over ground; what is slower is in no convoy
+_NEARING = 0.7  # m/s along the line of sight, relative to the sensor, that tell an image of what is in no convoy
 _MOVES = 2.0  # m/s; slower, its image is not told from what is there: who walks has company on the other side of a rail
 _STANDS = 0.5  # probability of standing; what is at twice the distance of what stands comes as fast as what is met
 _SPACING = 4.0  # m between the standing things of a row
@@ -60,8 +61,8 @@ def _doubled(
     relative = moments.shown - np.concatenate([sensor.origin, sensor.velocity])
     place, velocity = relative[:, :2], relative[:, VELOCITY]
     sight = place[sources] / np.maximum(np.linalg.norm(place[sources], axis=1), 1.0)[:, None]
-    walks = np.hypot(*moments.shown[sources, VELOCITY].T) < _WALKING[0]
-    nearing = np.abs((velocity[sources] * sight).sum(axis=1)) > np.where(walks, _WALKING[1], _SPEED)
+    alone = np.hypot(*moments.shown[sources, VELOCITY].T) < _CONVOY
+    nearing = np.abs((velocity[sources] * sight).sum(axis=1)) > np.where(alone, _NEARING, _SPEED)
     apart = place[candidates, None] - 2 * place[sources]
     # the shadow is twice as wide where it is twice as far
     hidden = np.abs(to_travel_axes(apart, sight)[..., 1]) < bodies.obstacles.width[sources]

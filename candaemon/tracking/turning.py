@@ -19,7 +19,7 @@ class Turning:
     """How k bodies turn.
 
     Attributes:
-        rate: ω (k,), rad/s, positive to the left; 0 of those that are not known to be bodies rather than points.
+        rate: ω (k,), rad/s, positive to the left; 0 of those that may be points.
         variance: of it (k,), (rad/s)²; likewise.
         pivot: the point whose velocity the filter tells (k, 2), local frame, m: of a known box the centre, of others
             the reference point, about which their reflections lie.
