@@ -385,6 +385,8 @@ def note_sizes(
     moved: float,
     walking: float,
     riding: float,
+    pace: float,
+    pace_time: float,
     walker: tuple[float, float],
     rider: tuple[float, float],
 ) -> None: ...

@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 90
+REVISION = 91
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3401,13 +3401,15 @@ def note_sizes(
     double moved,
     double walking,
     double riding,
+    double pace,
+    double pace_time,
     walker,
     rider,
 ):
     """Note in place how long bodies have shown one reflection close by, how fast they were, and which are small so."""
     cdef Py_ssize_t m = body.shape[0], k = alone.shape[0], i, t
     cdef double walker_length = walker[0], walker_width = walker[1]
-    cdef double rider_length = rider[0], rider_width = rider[1], speed
+    cdef double rider_length = rider[0], rider_width = rider[1], speed, faster
     seen_array = np.zeros((2, k), np.intp)
     cdef Py_ssize_t[:, ::1] seen = seen_array
     with nogil:
@@ -3420,9 +3422,11 @@ def note_sizes(
                 alone[t] = never
             elif seen[0, t] == 1 and seen[1, t]:
                 alone[t] = alone[t] + interval[t]
-            speed = velocity_of(mean, t) if (time_ns - first_ns[t]) * 1e-9 > age else 0.0
-            fastest[t] = larger(fastest[t], speed)
+            speed = velocity_of(mean, t)
+            fastest[t] = larger(fastest[t], speed if (time_ns - first_ns[t]) * 1e-9 > age else 0.0)
             if alone[t] > long_alone and size_variance[t] > told and fastest[t] > moved:
+                faster = larger(fastest[t] - larger(speed, pace), 0.0)
+                fastest[t] -= smaller(interval[t] / pace_time, 1.0) * faster
                 if fastest[t] < walking:
                     length[t], width[t] = walker_length, walker_width
                 elif fastest[t] < riding:

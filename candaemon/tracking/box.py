@@ -28,10 +28,11 @@ _GROWTH_TIME = 0.2  # s, time constant with which a size grows to what reflectio
 _SHRINKAGE_TIME = 25.0  # s, time constant with which a length not told, while it is seen, returns to a car's
 _AXIS_SPEED, _AXIS_AGE = 3.0, 1.0  # m/s and s from which on the axis is known well enough
 TRUCK_WIDTH = 2.5  # m
-WALKER, RIDER = (0.5, 0.6), (1.9, 0.7)  # m, length and width
+WALKER, RIDER = (0.5, 0.6), (1.8, 0.7)  # m, length and width
 _NEAR, _ALONE = 30.0, 1.5  # m and s for which a car would have shown several reflections
 _NEVER_ALONE = -1e12  # s: of what has shown several
 _MOVED, _RIDING = 0.5, 9.0  # m/s
+_PACE_TIME = 4.0  # s, time constant with which the greatest speed of something small is forgotten, down to a walk
 _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
 _TURN_ERROR = 0.15  # rad/s, by which a turn rate is wrong
 _CLOSE = 0.1  # m, nearest that the line of sight is known
@@ -39,6 +40,7 @@ _ANYWHERE = 12.0**-0.5  # of a length, standard deviation of a place anywhere on
 _TOLD = 0.1  # m²; a width known better was told
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 TRUCK_LENGTH, NARROW, WALKING = 7.0, 1.1, 3.5
+_PACE = 0.9 * WALKING  # m/s
 _LENGTHS = np.array([NARROW, ENOUGH, TRUCK_LENGTH])  # m, at which walkers, riders and cars end
 _WIDTHS = np.array([WALKER[1], RIDER[1], CAR_WIDTH, TRUCK_WIDTH])
 
@@ -92,7 +94,7 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
 
 
 def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices) -> None:
-    """Take what stays a single reflection close by for something small: a walker, or a rider where it was faster."""
+    """Take what stays a single reflection close by for something small: a walker, or a rider where it is faster."""
     obstacles, mean, x, y = bodies.obstacles, bodies.moments().mean, detections.x.take(rows), detections.y.take(rows)
     size_variance = np.minimum(obstacles.length_variance, obstacles.width_variance)
     if compiled.in_use:
@@ -117,6 +119,8 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
             _MOVED,
             WALKING,
             _RIDING,
+            _PACE,
+            _PACE_TIME,
             WALKER,
             RIDER,
         )
@@ -130,6 +134,9 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))
     small = (obstacles.alone > _ALONE) & (size_variance > _TOLD) & (obstacles.fastest > _MOVED)
+    # a walker far away or crossing may have seemed to run
+    faster = np.maximum(obstacles.fastest - np.maximum(speed, _PACE), 0.0) * small
+    obstacles.fastest -= np.minimum(obstacles.interval / _PACE_TIME, 1.0) * faster
     walks, rides = small & (obstacles.fastest < WALKING), small & (obstacles.fastest < _RIDING)
     obstacles.length = np.where(walks, WALKER[0], np.where(rides, RIDER[0], obstacles.length))
     obstacles.width = np.where(walks, WALKER[1], np.where(rides, RIDER[1], obstacles.width))
