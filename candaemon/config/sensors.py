@@ -305,6 +305,13 @@ class ObjectSignals(Settings):
         return self.range is None or self.azimuth is not None
 
 
+class NoiseCorrelation(Settings):
+    """The part of the noise's variance that lasts longer than a scan, as a radar smooths over several."""
+
+    share: float = Field(0.5, ge=0, le=1, description="of the variance that is correlated")
+    time: float = Field(0.3, gt=0.01, le=10, description="s, correlation time of that")
+
+
 class ObjectNoise(Settings):
     """One standard deviation of each measured quantity; those the signals name are needed."""
 
@@ -319,6 +326,9 @@ class ObjectNoise(Settings):
         None,
         description="m²/s, random walk of reflections along and across the travel, of a sensor that filters by itself; "
         "default: learnt",
+    )
+    correlation: NoiseCorrelation | None = Field(
+        None, description="of the noise from scan to scan, of a sensor that does not walk; default: learnt"
     )
 
 

@@ -131,3 +131,6 @@ class VehicleEstimatorSettings(Settings):
         description="power of the likelihoods that weigh the modes, of a sensor that filters by itself: below 1, since "
         "its successive errors are alike",
     )
+    memory: float = Field(
+        0.5, gt=0.02, le=60, description="s over which errors average out: those that last longer count as one"
+    )

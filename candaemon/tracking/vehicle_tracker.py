@@ -17,6 +17,7 @@ from candaemon.config.tracker import TrackerSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import ACCELERATION, BIAS, POSITION, TURN, VELOCITY, reported
+from candaemon.estimation.correlated_noise import inflations
 from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.estimation.smoothing import Link
 from candaemon.frames.times import LATEST_NS
@@ -121,13 +122,14 @@ class VehicleTracker:
         if not isinstance(estimator, VehicleEstimatorSettings):
             raise TypeError(f"found the settings of a {estimator.kind} estimator, expected those of vehicle")
         self.settings = settings
-        self._places = estimator.reflections
+        self._places, self._memory = estimator.reflections, estimator.memory
         self._tentative_coast = max(settings.lifecycle.tentative_coast, MISSED_SCAN * cycle_time)
         self._views, self._slack_ns = views, slack_ns
         self._bodies = Bodies(estimator, identities or Identities())
         self._initiation = BodyInitiation(settings, estimator)
         self._noise = ReflectionNoise(sensors)
         self._stated = {number: stated_white(each.noise) for number, each in sensors.items()}
+        self._cycle_times = {number: each.cycle_time for number, each in sensors.items()}
         self._existence = BodyExistence(settings.lifecycle, sensors, views)
         self._bodies.first_existence = self._existence.first
         self._by_existence = settings.lifecycle.by == "existence"
@@ -175,6 +177,7 @@ class VehicleTracker:
         self._bodies.renumber_sensors(sensors)
         self._noise.renumber_sensors(sensors)
         self._stated = {sensors[old]: each for old, each in self._stated.items() if old in sensors}
+        self._cycle_times = {sensors[old]: each for old, each in self._cycle_times.items() if old in sensors}
         self._existence.renumber_sensors(sensors)
 
     def keep_smoother_history(self) -> None:
@@ -359,6 +362,22 @@ class VehicleTracker:
             return 0.0
         return 1.0 if self._noise.filters(sensor) else self._noise.walking(sensor)
 
+    def _as_alike(self, measurement: Measurement, body: Indices) -> Measurement:
+        """Return detections (m,) of bodies as noisy as they are to a filter that takes alike errors for new ones.
+
+        For what a scan tells on its own, as which body a detection is of, they are as noisy as their sensor says.
+        """
+        sensor = measurement.sensor
+        if sensor not in self._stated:
+            return measurement
+        share, time = self._noise.correlation(sensor)
+        if share <= 0.0:
+            return measurement
+        cycle_time = self._cycle_times[sensor]
+        by_scans = inflations(share, time, cycle_time, self._memory)
+        scans = np.rint(self._bodies.obstacles.interval.take(body) / cycle_time).astype(np.intp)
+        return measurement.weakened(by_scans.take(scans, mode="clip"))
+
     def _as_noisy(self, detections: Detections) -> Detections:
         """Return detections as noisy as their sensor was found to be, where its reflections walk."""
         measurement = detections.measurement
@@ -450,6 +469,7 @@ class VehicleTracker:
                 measurement = turning.left_out(measurement, body, place)
         bodies.note_detections(body, detections.time_ns)
         self._note_rates(row, body, offset, measurement)
+        measurement = self._as_alike(measurement, body)
         alike = self._alike(detections.sensor)
         speed_share = 1.0 + alike * (self._places.speed_noise**2 - 1.0)
         seen, combined, rates = of_bodies(measurement, body, offset, reflections.variance.take(row), speed_share, arm)
