@@ -60,9 +60,9 @@ class CourseSettings(Settings):
     across: float = Field(1.8, gt=0, le=5, description="m across it")
     faster: float = Field(1.5, gt=0, le=10, description="m/s along it by which they may differ")
     drift: float = Field(3.0, gt=0, le=10, description="m/s across it, which is known worst")
-    time: float = Field(0.2, ge=0, le=10, description="s side by side, longer where their places are not clear …")
+    time: float = Field(0.1, ge=0, le=10, description="s side by side, longer where their places are not clear …")
     clear: float = Field(
-        0.4, gt=0.01, le=10, description="… m: twice as long where the variances of both places sum up to its square"
+        0.8, gt=0.01, le=10, description="… m: twice as long where the variances of both places sum up to its square"
     )
 
 
@@ -73,7 +73,7 @@ class StoodSettings(Settings):
         2.0, ge=0, le=60, description="s since its first detection, for which it was never faster than …"
     )
     speed: float = Field(0.7, ge=0, le=10, description="… m/s; what is slower stands")
-    moved: float = Field(2.0, gt=0, le=30, description="m/s, what was ever faster has moved")
+    moved: float = Field(1.5, gt=0, le=30, description="m/s, what was ever faster has moved")
     apart: float = Field(
         2.0,
         ge=0,

@@ -113,6 +113,6 @@ UNIDENTIFIED: Final = Experiment(
         ("looks", "± 45 deg 70 m, ± 12 deg 160 m, to the left and to the right; one each 30 ms"),
         *(each for each in LEGEND if each[0] in ("missed", "duplicates", "GOSPA", "switches", "false")),
     ),
-    2,
+    6,
     run,
 )
