@@ -364,6 +364,24 @@ def learn_offsets(
     before: Floats,
     axis: Floats,
 ) -> None: ...
+def note_innovations(
+    innovation: Floats,
+    row: Indices,
+    body: Integers,
+    seen_by: Integers,
+    last_ns: Integers,
+    leader: Integers,
+    confirmed: Booleans,
+    first_ns: Integers,
+    shown: Floats,
+    position: Floats,
+    noise: Floats,
+    sensor: int,
+    since_ns: int,
+    born_ns: int,
+    most: float,
+    unused: float,
+) -> tuple[float, float]: ...
 def note_sizes(
     alone: Floats,
     fastest: Floats,

@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 91
+REVISION = 92
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3093,7 +3093,7 @@ def bodies_to_merge(
                         continue
                 if stood[young] and fastest[old] > moved or stood[old] and fastest[young] > moved:
                     continue
-                if confirmed[old] and found[young] < 0:
+                if confirmed[old] and last_ns[old] >= since_ns and found[young] < 0:
                     found[young] = old
     return found_array, needed_array
 
@@ -3378,6 +3378,45 @@ def learn_offsets(
             offset[r, 0] = offset[r, 0] + gain * (x * axis[t, 0] + y * axis[t, 1])
             offset[r, 1] = offset[r, 1] + gain * (y * axis[t, 0] - x * axis[t, 1])
             variance[r] = (1.0 - gain) * variance[r]
+
+
+def note_innovations(
+    double[:, :] innovation,
+    const Py_ssize_t[:] row,
+    const Py_ssize_t[:] body,
+    const Py_ssize_t[:] seen_by,
+    const Py_ssize_t[:] last_ns,
+    const Py_ssize_t[:] leader,
+    const unsigned char[:] confirmed,
+    const Py_ssize_t[:] first_ns,
+    const double[:, :] shown,
+    const double[:, :] position,
+    const double[:, :, :] noise,
+    Py_ssize_t sensor,
+    Py_ssize_t since_ns,
+    Py_ssize_t born_ns,
+    double most,
+    double unused,
+):
+    """Note innovations of leading reflections in place; return the sums of products with those before, and squares."""
+    cdef Py_ssize_t m = row.shape[0], i, t, r
+    cdef double x, y, deviation, square, before, products = 0.0, squares = 0.0
+    with nogil:
+        for i in range(m):
+            r = row[i]
+            t = body[r]
+            if not (confirmed[t] and first_ns[t] < born_ns and leader[t] == r):
+                innovation[r, 0] = innovation[r, 1] = unused
+                continue
+            deviation = sqrt(0.5 * (noise[i, 0, 0] + noise[i, 1, 1]))
+            x, y = (position[i, 0] - shown[t, 0]) / deviation, (position[i, 1] - shown[t, 1]) / deviation
+            square = x * x + y * y
+            before = innovation[r, 0] * innovation[r, 0] + innovation[r, 1] * innovation[r, 1]
+            if last_ns[r] >= since_ns and seen_by[r] == sensor and square < most and before < most:
+                products = products + (x * innovation[r, 0] + y * innovation[r, 1])
+                squares = squares + 0.5 * (square + before)
+            innovation[r, 0], innovation[r, 1] = x, y
+    return products, squares
 
 
 def note_sizes(

@@ -305,7 +305,7 @@ class ObjectSignals(Settings):
         return self.range is None or self.azimuth is not None
 
 
-class NoiseCorrelation(Settings):
+class ErrorCorrelation(Settings):
     """The part of the noise's variance that lasts longer than a scan, as a radar smooths over several."""
 
     share: float = Field(0.5, ge=0, le=1, description="of the variance that is correlated")
@@ -327,8 +327,8 @@ class ObjectNoise(Settings):
         description="m²/s, random walk of reflections along and across the travel, of a sensor that filters by itself; "
         "default: learnt",
     )
-    correlation: NoiseCorrelation | None = Field(
-        None, description="of the noise from scan to scan, of a sensor that does not walk; default: learnt"
+    correlation: ErrorCorrelation | None = Field(
+        None, description="of the noise from scan to scan, as far as it does not walk; default: learnt"
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
@@ -25,6 +26,8 @@ from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.turning import Turning, rate_and_pivot
 
+UNUSED: Final = 1e3
+"""Of an innovation that there is none: so large is no error."""
 _LEAST_NORMAL = 1e-12  # 1/m²
 _BEYOND_TIME = 0.2  # s, with which a reference point follows reflections that lie beyond its body
 _DRIFT_TIME = 1.0  # s, time constant of the mean speed of that
@@ -60,6 +63,8 @@ class BodyReflectionTable(Table):
         offset: where it lies (n, 2), along and across the body's axis, m.
         variance: of each component of the offset, m².
         rate_difference: smoothed difference of its range rate from that of its body, m/s.
+        innovation: of its place when it was last detected (n, 2), local frame, in standard deviations of the noise;
+            `UNUSED` where it did not lead, or its body was too young.
     """
 
     sensor: Integers = field(default_factory=_integers)
@@ -70,6 +75,7 @@ class BodyReflectionTable(Table):
     offset: Floats = field(default_factory=_pairs)
     variance: Floats = field(default_factory=_numbers)
     rate_difference: Floats = field(default_factory=_numbers)
+    innovation: Floats = field(default_factory=_pairs)
 
     def __len__(self) -> int:
         return len(self.sensor)
@@ -446,6 +452,7 @@ class Bodies:
             offset=offset[None],
             variance=np.array([0.0 if leads else self._places.spread**2]),
             rate_difference=np.zeros(1),
+            innovation=np.full((1, 2), UNUSED),
         )
         if key is not None:
             self.assign_id(row, sensor, key)

@@ -9,10 +9,6 @@ variance 2 σ² + q τ.
 A radar that filters angles wanders across by so many degrees, one that filters places by so many metres. Which of both
 it is shows where the same walk is compared near and far: how it grows with the range is learnt too.
 
-What is between the two is noise that a radar has smoothed over some scans: of its variance a share lasts for some
-tenths of a second, and two places a time τ apart differ by 2 σ² (1 − share · exp(−τ / time)). It is no walk, but to the
-filter, which takes errors for new ones each scan, it is worth less than white noise.
-
 Now and then a reflection slides metres over what it is a reflection of. The spreads are trimmed: the largest fifth of
 the displacements counts for nothing.
 """
@@ -21,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import exp, nan, pi, radians
+from math import nan, pi, radians
 from typing import Final
 
 import numpy as np
@@ -52,8 +48,6 @@ _WALK = (0.03, 0.1)  # m²/s along and across, of a sensor that filters, as long
 _NO_WALK = (0.0, 0.0)  # likewise, of one that tells what it measures
 _RATIO_WHITE, _RATIO_WALK = 3.0, 6.0  # ratio of the variances up to which all is white, and from which it is a walk
 _RATIO_WALKS = (2.5, 5.0)  # of the same: from which on settling begins, and from which it is whole
-_SHARE, _CORRELATION_TIME = 0.5, 0.3  # of a sensor that does not filter, as long as nothing is known; and s
-_MOST_CORRELATED = 0.9  # a larger share is a walk
 _UNKNOWN = 0.5  # how surely the reflections of a sensor that filters walk, as long as nothing is known
 _TYPICAL_RANGE = 40.0  # m, at which an angle's noise counts
 _USUAL_RANGE = 60.0  # m, at which the walk across is what is usual
@@ -150,15 +144,12 @@ class LearntNoise:
         walk: m²/s; across, at the range that `growth` tells.
         growth: which share of that grows with the square of the range; and that range, m.
         ratio: of the variance of a displacement over a second to that over a scan.
-        correlated: share of the noise's variance that lasts longer than a scan, if none of it is a walk; both
-            directions together.
     """
 
     white: tuple[float, float]
     walk: tuple[float, float]
     growth: tuple[float, float]
     ratio: tuple[float, float]
-    correlated: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +175,7 @@ class ReflectionNoise:
     """Learns the noise of each sensor's reflections from standing returns.
 
     Args:
-        sensors: settings of each sensor by its number. A walk or correlation that they give stands, whatever is learnt.
+        sensors: settings of each sensor by its number. A walk that they give stands, whatever is learnt.
     """
 
     def __init__(self, sensors: Mapping[int, SensorSettings]) -> None:
@@ -193,7 +184,6 @@ class ReflectionNoise:
             number: None if settings.noise.walk is None else (settings.noise.walk.along, settings.noise.walk.across)
             for number, settings in sensors.items()
         }
-        self._correlation = {number: settings.noise.correlation for number, settings in sensors.items()}
         self._filters = {number: settings.noise.azimuth_deg is None for number, settings in sensors.items()}
         self._state = ReflectionNoiseState({number: StandingDisplacements() for number in sensors})
         # follow from the state
@@ -228,7 +218,6 @@ class ReflectionNoise:
         """
         self._stated = {sensors[old]: each for old, each in self._stated.items() if old in sensors}
         self._given = {sensors[old]: each for old, each in self._given.items() if old in sensors}
-        self._correlation = {sensors[old]: each for old, each in self._correlation.items() if old in sensors}
         self._filters = {sensors[old]: each for old, each in self._filters.items() if old in sensors}
         remembered = self._state.sensors
         self._state.sensors = {sensors[old]: each for old, each in remembered.items() if old in sensors}
@@ -344,19 +333,6 @@ class ReflectionNoise:
             return _UNKNOWN if self._filters[sensor] else 0.0
         return min(max((learnt.ratio[1] - _RATIO_WALKS[0]) / (_RATIO_WALKS[1] - _RATIO_WALKS[0]), 0.0), 1.0)
 
-    def correlation(self, sensor: int) -> tuple[float, float]:
-        """Return the share of a sensor's noise that is correlated, and its time, s: of the settings, else learnt.
-
-        What walks is no noise of the kind; a sensor that filters by itself is not asked.
-        """
-        given, learnt = self._correlation[sensor], self._estimate(sensor)
-        if given is not None:
-            return given.share, given.time
-        if self._filters[sensor]:
-            return 0.0, _CORRELATION_TIME
-        share = _SHARE if learnt is None else learnt.correlated
-        return (1.0 - self.walking(sensor)) * share, _CORRELATION_TIME
-
     def walks(self) -> SensorWalks:
         """Return how the reflections of all sensors walk; those of a sensor without settings do not."""
         if self._walks is None:
@@ -446,9 +422,7 @@ def _learnt_noise(returns: StandingDisplacements) -> LearntNoise | None:
     growth = _learnt_growth(squares[:, 1, 1], told, distance)
     short, long = _variances(squares[:, :, 1] / growing(growth, told, distance)[:, None])
     walk[1] = share[1] * max(float(long - short), 0.0) / max(second - scan, 1e-3)
-    correlated = (ratio - 1.0) / (ratio * exp(-scan / _CORRELATION_TIME) - exp(-second / _CORRELATION_TIME))
-    shares = np.clip(correlated, 0.0, _MOST_CORRELATED)
-    return LearntNoise(_pair(white), _pair(walk), (growth, told), _pair(ratio), float(shares.mean()))
+    return LearntNoise(_pair(white), _pair(walk), (growth, told), _pair(ratio))
 
 
 def _variances(squares: Floats) -> Floats:

@@ -35,6 +35,7 @@ from candaemon.tracking.body_modes import MANOEUVRING
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies, BodiesState
 from candaemon.tracking.identities import Identities
+from candaemon.tracking.innovation_correlation import InnovationCorrelation, InnovationCorrelationState
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoiseState, growing, stated_white
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
@@ -70,6 +71,7 @@ class VehicleTrackerState:
         tracks: the bodies.
         noise: of the sensors' reflections.
         visibility: how well the sensors detect.
+        correlation: how alike the sensors' errors are from scan to scan.
     """
 
     time_ns: int
@@ -77,6 +79,7 @@ class VehicleTrackerState:
     tracks: BodiesState
     noise: ReflectionNoiseState
     visibility: VisibilityState
+    correlation: InnovationCorrelationState
 
 
 class VehicleTracker:
@@ -129,12 +132,18 @@ class VehicleTracker:
         self._initiation = BodyInitiation(settings, estimator)
         self._noise = ReflectionNoise(sensors)
         self._stated = {number: stated_white(each.noise) for number, each in sensors.items()}
+        self._correlation = InnovationCorrelation(sensors)
         self._cycle_times = {number: each.cycle_time for number, each in sensors.items()}
         self._existence = BodyExistence(settings.lifecycle, sensors, views)
         self._bodies.first_existence = self._existence.first
         self._by_existence = settings.lifecycle.by == "existence"
         self._state = VehicleTrackerState(
-            0, TrackerCounts(), self._bodies.state, self._noise.state, self._existence.state
+            0,
+            TrackerCounts(),
+            self._bodies.state,
+            self._noise.state,
+            self._existence.state,
+            self._correlation.state,
         )
         self._dt = 0.0
         self.update: Update | None = None
@@ -159,7 +168,13 @@ class VehicleTracker:
         self._bodies.state = state.tracks
         self._noise.state = state.noise
         self._existence.state = state.visibility
-        self._state = replace(state, noise=self._noise.state, visibility=self._existence.state)
+        self._correlation.state = state.correlation
+        self._state = replace(
+            state,
+            noise=self._noise.state,
+            visibility=self._existence.state,
+            correlation=self._correlation.state,
+        )
         self.update = None
         self.smoother_history = None
 
@@ -176,6 +191,7 @@ class VehicleTracker:
         """
         self._bodies.renumber_sensors(sensors)
         self._noise.renumber_sensors(sensors)
+        self._correlation.renumber_sensors(sensors)
         self._stated = {sensors[old]: each for old, each in self._stated.items() if old in sensors}
         self._cycle_times = {sensors[old]: each for old, each in self._cycle_times.items() if old in sensors}
         self._existence.renumber_sensors(sensors)
@@ -368,9 +384,8 @@ class VehicleTracker:
         For what a scan tells on its own, as which body a detection is of, they are as noisy as their sensor says.
         """
         sensor = measurement.sensor
-        if sensor not in self._stated:
-            return measurement
-        share, time = self._noise.correlation(sensor)
+        share, time = self._correlation.share(sensor)
+        share *= 1.0 - self._walking(sensor)  # what walks, the bias follows
         if share <= 0.0:
             return measurement
         cycle_time = self._cycle_times[sensor]
@@ -469,6 +484,7 @@ class VehicleTracker:
                 measurement = turning.left_out(measurement, body, place)
         bodies.note_detections(body, detections.time_ns)
         self._note_rates(row, body, offset, measurement)
+        self._correlation.observe(bodies, row, measurement, detections.time_ns)
         measurement = self._as_alike(measurement, body)
         alike = self._alike(detections.sensor)
         speed_share = 1.0 + alike * (self._places.speed_noise**2 - 1.0)

@@ -50,10 +50,11 @@ from candaemon.tracking.body_measurement import of_bodies
 from candaemon.tracking.body_merging import alongside_long, merge_candidates, split_candidates
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.body_report import report
-from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.body_store import UNUSED, Bodies
 from candaemon.tracking.estimator_factory import make_estimator
 from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
+from candaemon.tracking.innovation_correlation import _innovations
 from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
 from candaemon.tracking.sensor_visibility import Visibility
 from candaemon.tracking.update import Used
@@ -593,6 +594,7 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         bodies = bodies_on_road(60, 0)
         bodies.obstacles.confirmed |= confirmed
         bodies.obstacles.fastest[::3] = 0.3
+        bodies.obstacles.last_ns += 4 * 10**9  # some in this scan, some lost sight of
         older, needed = merge_candidates(bodies, ReflectionSettings(), 5 * 10**9)
         bodies.filter.state.mean[::2, :, 2:4] *= 0.01
         bodies.obstacles.fastest[::2] = 0.2
@@ -768,12 +770,32 @@ def test_measurements_of_bodies(extra: int, speeds: bool, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("extra", [0, 9])
+def test_what_innovations_tell(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        bodies, random = bodies_on_road(60, extra), np.random.default_rng(5)
+        bodies.obstacles.first_ns[::5] = 9 * 10**8
+        bodies.reflections.sensor[::7] = 1
+        bodies.reflections.innovation = random.normal(size=(60 + extra, 2)) * 2.0
+        rows, measurement = np.arange(10, 60 + extra), scan_of(50 + extra, speeds=False).measurement
+        measurement.position[:] = bodies.moments().shown[bodies.reflections.body[rows], :2]
+        measurement.position[:] += random.normal(size=(50 + extra, 2)) * 0.6
+        sums = _innovations(bodies, rows, measurement, 5 * 10**8, 8 * 10**8)
+        assert sums[0] != 0.0 < sums[1]
+        unused = (bodies.reflections.innovation == UNUSED).all(axis=1)
+        assert 5 < np.count_nonzero(unused) < 40
+        return [np.array(sums), bodies.reflections.innovation]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("extra", [0, 9])
 def test_what_boxes_learn(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
     def computed() -> list[Floats]:
         bodies, names = bodies_on_road(20, extra), ("length", "width", "extent", "alone", "fastest")
         bodies.obstacles.first_ns[::5] = 9 * 10**8
         bodies.reflections.last_ns[::3] = 95 * 10**7
         box.learn(bodies, np.arange(15), np.arange(extra, 15 + extra), scan_of(15, speeds=False), 0.1)
+        assert (bodies.obstacles.fastest < bodies_on_road(20, extra).obstacles.fastest).any()
         return [getattr(bodies.obstacles, name) for name in names]
 
     both(monkeypatch, computed)

@@ -510,6 +510,16 @@ def test_a_walker_is_small() -> None:
     assert told.vy[0] == pytest.approx(1.4, abs=0.3)
 
 
+def test_a_walker_that_once_seemed_to_run_is_small_before_long() -> None:
+    fed, rng, lengths = HandFedVehicles(), np.random.default_rng(12), list[float]()
+    for t in times(1, 240):
+        slid = min(max(t - 1.5, 0.0), 0.8) * 4.0  # as a reflection does that is far away
+        told = fed.scan(t, noisy(rng, [Seen(0, 15.0, -8.0 + 1.4 * t + slid, 0.0, 1.4)]))
+        lengths.append(float(told.length[0]))
+    assert 1.5 < lengths[90] < 2.0  # it runs, or rides
+    assert lengths[-1] < 1.0
+
+
 @pytest.mark.parametrize("seed", [23, 24, 25])
 @pytest.mark.parametrize("speed", [0.8, -0.8, 1.0])
 def test_what_walks_across_moves_though_its_reflections_might_walk(speed: float, seed: int) -> None:

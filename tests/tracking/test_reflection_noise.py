@@ -14,7 +14,6 @@ from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.config.directions import AlongAcross
 from candaemon.config.load import load_config
-from candaemon.config.sensors import NoiseCorrelation
 from candaemon.evaluation.object_runs import ObjectRuns
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
@@ -33,7 +32,6 @@ from tests.support.paths import ROOT
 from tests.support.simulated import scenario
 
 FRONT = load_config(ROOT / "config" / "toyota_rav4.yaml").config.sensors["front"]
-POLAR = load_config(ROOT / "config" / "esr_ins.yaml").config.sensors["front"]
 CYCLE_NS = 50_000_000
 
 
@@ -48,15 +46,12 @@ def _observed(
     heading: float = 0.7,
     noise: ReflectionNoise | None = None,
     grows: bool = False,
-    correlated: float = 0.0,
 ) -> ReflectionNoise:
     """Feed standing returns whose noise is known, along and across a direction; some of them slide now and then."""
     random = np.random.default_rng(11)
     noise = noise or ReflectionNoise({0: FRONT})
     turn = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
     drift: Floats = np.zeros((returns, 2))
-    of_slow, keep = np.random.default_rng(12), np.exp(-0.05 / 0.3)
-    slow = of_slow.normal(size=drift.shape)
     keys, standing = np.arange(returns), np.ones(returns, dtype=bool)
     distance = np.linspace(20.0, 140.0, returns)
     farther = np.stack([np.ones(returns), distance / 60.0 if grows else np.ones(returns)], axis=1)
@@ -64,16 +59,15 @@ def _observed(
         drift += random.normal(size=drift.shape) * farther * np.sqrt(np.array(walk) * 0.05)
         if k // 10 % 4 == 0:
             drift[:sliding, 1] += 5.0 * 0.05
-        slow = keep * slow + np.sqrt(1.0 - keep**2) * of_slow.normal(size=drift.shape)
-        fresh = random.normal(size=drift.shape)
-        place = drift + (np.sqrt(1.0 - correlated) * fresh + np.sqrt(correlated) * slow) * white
+        place = drift + random.normal(size=drift.shape) * white
         direction = np.tile(turn[0], (returns, 1))
         noise.observe(0, k * CYCLE_NS, keys, place @ turn, direction, standing, own_speed, distance)
     return noise
 
 
 def test_until_it_is_learnt_the_settings_tell_whether_a_sensor_filters_by_itself() -> None:
-    noise = ReflectionNoise({0: FRONT, 1: POLAR})
+    polar = load_config(ROOT / "config" / "esr_ins.yaml").config.sensors["front"]
+    noise = ReflectionNoise({0: FRONT, 1: polar})
     assert noise.filters(0)
     assert not noise.filters(1)
     assert 0.0 < noise.walking(0) < 1.0
@@ -100,34 +94,6 @@ def test_the_walk_of_a_radar_that_filters_is_found_whatever_slides(sliding: int)
     assert noise.walk(0) == pytest.approx((0.06, 0.3), rel=0.4)
     assert noise.white(0) == pytest.approx((0.05, 0.05), abs=0.04)
     assert min(noise.ratio(0)) > 5.0
-
-
-def test_which_share_of_the_noise_lasts_is_found() -> None:
-    for correlated in (0.0, 0.3, 0.6):
-        noise = _observed(white=(0.2, 0.3), noise=ReflectionNoise({0: POLAR}), seconds=60.0, correlated=correlated)
-        assert noise.correlation(0)[0] == pytest.approx(correlated, abs=0.15)
-
-
-def test_until_it_is_learnt_half_of_what_a_radar_measures_lasts_and_nothing_of_what_filters() -> None:
-    noise = ReflectionNoise({0: FRONT, 1: POLAR})
-    assert noise.correlation(0)[0] == 0.0
-    assert noise.correlation(1) == (0.5, 0.3)
-    noise.renumber_sensors({1: 0})
-    assert noise.correlation(0) == (0.5, 0.3)
-
-
-def test_what_walks_is_no_correlated_noise() -> None:
-    walking = _observed(white=(0.05, 0.05), walk=(0.06, 0.3), noise=ReflectionNoise({0: POLAR}))
-    assert walking.walking(0) == 1.0
-    assert walking.correlation(0)[0] == 0.0
-
-
-def test_a_correlation_that_is_given_stands() -> None:
-    told = NoiseCorrelation(share=0.2, time=0.1)
-    given = POLAR.model_copy(update={"noise": POLAR.noise.model_copy(update={"correlation": told})})
-    noise = _observed(white=(0.2, 0.3), noise=ReflectionNoise({0: given}))
-    assert noise.known(0)
-    assert noise.correlation(0) == (0.2, 0.1)
 
 
 def test_whether_a_walk_grows_with_the_range_is_found() -> None:
