@@ -364,6 +364,7 @@ def learn_offsets(
     before: Floats,
     axis: Floats,
 ) -> None: ...
+def factors_of_scans(interval: Floats, body: Indices, cycle_time: float, by_scans: Floats) -> Floats: ...
 def note_innovations(
     innovation: Floats,
     row: Indices,

@@ -8,7 +8,7 @@ of the right ones.
 """
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
-from libc.math cimport INFINITY, M_PI, NAN, copysign, fabs, fmod, isfinite, llrint, pow, sqrt
+from libc.math cimport INFINITY, M_PI, NAN, copysign, fabs, fmod, isfinite, llrint, pow, rint, sqrt
 from libc.stdlib cimport free, malloc
 from libc.string cimport memchr, memcmp, memcpy
 
@@ -3378,6 +3378,20 @@ def learn_offsets(
             offset[r, 0] = offset[r, 0] + gain * (x * axis[t, 0] + y * axis[t, 1])
             offset[r, 1] = offset[r, 1] + gain * (y * axis[t, 0] - x * axis[t, 1])
             variance[r] = (1.0 - gain) * variance[r]
+
+
+def factors_of_scans(
+    const double[:] interval, const Py_ssize_t[:] body, double cycle_time, const double[:] by_scans
+):
+    """Return of bodies (m,) the factor by the number of scans in the interval since each one's detection before."""
+    cdef Py_ssize_t m = body.shape[0], i
+    cdef double last = by_scans.shape[0] - 1
+    out_array = np.empty(m)
+    cdef double[::1] out = out_array
+    with nogil:
+        for i in range(m):
+            out[i] = by_scans[<Py_ssize_t>smaller(rint(interval[body[i]] / cycle_time), last)]
+    return out_array
 
 
 def note_innovations(

@@ -15,7 +15,6 @@ from candaemon.arrays import Floats
 _MOST_SCANS = 64  # apart, from which on the factor is that of so many
 
 
-@lru_cache(maxsize=256)
 def inflations(share: float, time: float, cycle_time: float, memory: float) -> Floats:
     """Return by how much variances are to be multiplied for a filter that takes errors for white, by scans apart.
 
@@ -35,11 +34,16 @@ def inflations(share: float, time: float, cycle_time: float, memory: float) -> F
     Returns:
         The factor for detections that come 0, 1, 2 … scans after the ones before (k,); 0 counts as 1.
     """
+    return np.asarray((1.0 - share) + share * _of_correlated(time, cycle_time, memory))
+
+
+@lru_cache(maxsize=64)
+def _of_correlated(time: float, cycle_time: float, memory: float) -> Floats:
+    """Return the factors of errors that are wholly correlated (k,)."""
     interval = cycle_time * np.maximum(np.arange(_MOST_SCANS + 1), 1)
     n = np.maximum(memory / interval, 1.0)
     lost = -np.expm1(-interval / time)
     keep = 1.0 - lost
-    alike = 1.0 + 2.0 * keep / lost * (1.0 - (1.0 - keep**n) / (n * lost))
-    found: Floats = (1.0 - share) + share * alike
+    found: Floats = 1.0 + 2.0 * keep / lost * (1.0 - (1.0 - keep**n) / (n * lost))
     found.flags.writeable = False
     return found

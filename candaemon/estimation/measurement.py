@@ -125,9 +125,16 @@ class Measurement:
     def weakened(self, factor: Floats) -> Measurement:
         """Return the detections with all their variances multiplied by a factor each (m,)."""
         rate = self.range_rate_variance
-        projections = tuple(replace(each, variance=each.variance * factor) for each in self.projections)
-        variance = None if rate is None else rate * factor
-        return replace(self.scaled(factor), range_rate_variance=variance, projections=projections)
+        return Measurement(
+            self.position,
+            self.noise * factor[:, None, None],
+            self.origin,
+            self.velocity,
+            self.range_rate,
+            None if rate is None else rate * factor,
+            tuple(replace(each, variance=each.variance * factor) for each in self.projections),
+            self.sensor,
+        )
 
 
 def in_order(rows: Indices) -> bool:

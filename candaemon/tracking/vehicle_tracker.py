@@ -388,10 +388,12 @@ class VehicleTracker:
         share *= 1.0 - self._walking(sensor)  # what walks, the bias follows
         if share <= 0.0:
             return measurement
-        cycle_time = self._cycle_times[sensor]
+        cycle_time, interval = self._cycle_times[sensor], self._bodies.obstacles.interval
         by_scans = inflations(share, time, cycle_time, self._memory)
-        scans = np.rint(self._bodies.obstacles.interval.take(body) / cycle_time).astype(np.intp)
-        return measurement.weakened(by_scans.take(scans, mode="clip"))
+        if compiled.in_use:
+            return measurement.weakened(compiled.kernels.factors_of_scans(interval, body, cycle_time, by_scans))
+        scans = np.minimum(np.rint(interval[body] / cycle_time), len(by_scans) - 1).astype(np.intp)
+        return measurement.weakened(by_scans[scans])
 
     def _as_noisy(self, detections: Detections) -> Detections:
         """Return detections as noisy as their sensor was found to be, where its reflections walk."""
