@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 92
+REVISION = 93
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3093,7 +3093,7 @@ def bodies_to_merge(
                         continue
                 if stood[young] and fastest[old] > moved or stood[old] and fastest[young] > moved:
                     continue
-                if confirmed[old] and last_ns[old] >= since_ns and found[young] < 0:
+                if confirmed[old] and found[young] < 0:
                     found[young] = old
     return found_array, needed_array
 
@@ -3478,8 +3478,9 @@ def note_sizes(
             speed = velocity_of(mean, t)
             fastest[t] = larger(fastest[t], speed if (time_ns - first_ns[t]) * 1e-9 > age else 0.0)
             if alone[t] > long_alone and size_variance[t] > told and fastest[t] > moved:
-                faster = larger(fastest[t] - larger(speed, pace), 0.0)
-                fastest[t] -= smaller(interval[t] / pace_time, 1.0) * faster
+                if seen[0, t] > 0 and speed > moved and fastest[t] < riding:
+                    faster = larger(fastest[t] - larger(speed, pace), 0.0)
+                    fastest[t] -= smaller(interval[t] / pace_time, 1.0) * faster
                 if fastest[t] < walking:
                     length[t], width[t] = walker_length, walker_width
                 elif fastest[t] < riding:

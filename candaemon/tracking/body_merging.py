@@ -20,8 +20,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     be parked across; but what was last seen in one scan is two, as who stands beside a car, unless reflections of both
     lie close together: so do those of a car parked across, and who stands that close to one is a part of it. What moves
     one behind the other as fast is one vehicle where no driver would follow so closely. What has stood all the time is
-    none of what has moved: a car that stops beside a post stays a car. What was lost sight of is taken up, once the
-    younger one is confirmed, and not merged with: where it is by now is not known well enough.
+    none of what has moved: a car that stops beside a post stays a car.
 
     Args:
         bodies: of the cycle.
@@ -114,8 +113,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     )
     moved = obstacles.fastest > standing.moved
     apart_before = (stood[young] & moved[old]) | (moved[young] & stood[old])
-    in_sight = obstacles.confirmed & (obstacles.last_ns >= since_ns)
-    beside = (by_course | by_speed | by_box) & in_sight[old] & ~apart_before
+    beside = (by_course | by_speed | by_box) & obstacles.confirmed[old] & ~apart_before
     found[young[beside][::-1]] = old[beside][::-1]  # reversed, so that the oldest of several is written last
     spread = moments.shown_covariance[:, 0, 0] + moments.shown_covariance[:, 1, 1]
     unclear = 1.0 + (spread[young] + spread[old]) / course.clear**2

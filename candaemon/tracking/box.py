@@ -134,8 +134,9 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))
     small = (obstacles.alone > _ALONE) & (size_variance > _TOLD) & (obstacles.fastest > _MOVED)
-    # a walker far away or crossing may have seemed to run
-    faster = np.maximum(obstacles.fastest - np.maximum(speed, _PACE), 0.0) * small
+    # a walker far away or crossing may have seemed to run; what stops may be a rider still
+    walking = small & (count > 0) & (speed > _MOVED) & (obstacles.fastest < _RIDING)
+    faster = np.maximum(obstacles.fastest - np.maximum(speed, _PACE), 0.0) * walking
     obstacles.fastest -= np.minimum(obstacles.interval / _PACE_TIME, 1.0) * faster
     walks, rides = small & (obstacles.fastest < WALKING), small & (obstacles.fastest < _RIDING)
     obstacles.length = np.where(walks, WALKER[0], np.where(rides, RIDER[0], obstacles.length))

@@ -22,12 +22,13 @@ from candaemon.tracking.body_store import UNUSED, Bodies
 
 UNKNOWN: Final = ErrorCorrelation(share=0.5, time=0.3)
 """Of a sensor as long as little is known; the time stands."""
-_UNKNOWN_WEIGHT = 100.0  # sum of squares of innovations that counts for as much as what is not known
+_UNKNOWN_WEIGHT = 20.0  # sum of squares of innovations that counts for as much as what is not known
 _MOST_WEIGHT = 10_000.0  # sum of squares beyond which what is older counts half
 _MOST = 9.0  # square of an innovation that is an error; beyond, something else happened
 _FRESH = 1.5  # cycles from one detection to the next
 _SETTLED_NS = 1_000_000_000  # age from which on a body's velocity is known
 _MOST_SHARE = 0.9
+_ROUNDED = 1.0 + 1e-9  # to which sums of alike innovations may exceed one another
 
 
 @dataclass(slots=True)
@@ -35,8 +36,8 @@ class InnovationSums:
     """Sums over pairs of innovations that lie one scan apart, each in standard deviations of its noise.
 
     Attributes:
-        products: of the two.
-        squares: mean of both squares.
+        products: sum of the products of the two.
+        squares: sum of the means of both squares.
     """
 
     products: float = 0.0
@@ -76,7 +77,9 @@ class InnovationCorrelation:
         if not state.sensors.keys() <= self._given.keys():
             raise ValueError("innovations of other sensors than the configuration's")
         for each in state.sensors.values():
-            if not (isfinite(each.products) and isfinite(each.squares) and each.squares >= abs(each.products)):
+            if not (
+                isfinite(each.products) and isfinite(each.squares) and each.squares * _ROUNDED >= abs(each.products)
+            ):
                 raise ValueError("the products of innovations exceed their squares")
         self._state = InnovationCorrelationState({number: InnovationSums() for number in self._given} | state.sensors)
 
@@ -109,7 +112,8 @@ class InnovationCorrelation:
     def observe(self, bodies: Bodies, rows: Indices, measurement: Measurement, time_ns: int) -> None:
         """Take the innovations of a scan; to be called before the bodies are updated with it.
 
-        Of each body that one counts that its leading reflection shows: where others lie is known less well.
+        Only leading reflections count: where the others of a body lie is known less well. So do only confirmed bodies,
+        from a second after their first detection on, when their velocities are known.
 
         Args:
             bodies: predicted to the time of the scan.
@@ -171,8 +175,15 @@ def _innovations(
     fresh &= (square < _MOST) & (square_before < _MOST)
     reflections.innovation[rows] = np.where(told[:, None], innovation, UNUSED)
     products = innovation[:, 0] * before[:, 0] + innovation[:, 1] * before[:, 1]
-    # one after the other, as the kernel adds them up
-    return sum(products[fresh].tolist()), sum((0.5 * (square + square_before))[fresh].tolist())
+    return _total(products[fresh]), _total((0.5 * (square + square_before))[fresh])
+
+
+def _total(values: Floats) -> float:
+    """Return the sum of values (m,), one after the other as the kernel adds them up; `sum` compensates for rounding."""
+    total = 0.0
+    for value in values.tolist():
+        total += value
+    return total
 
 
 def _squares(innovation: Floats) -> Floats:

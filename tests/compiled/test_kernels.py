@@ -769,6 +769,23 @@ def test_measurements_of_bodies(extra: int, speeds: bool, monkeypatch: pytest.Mo
     both(monkeypatch, computed)
 
 
+def test_factors_by_the_scans_between_detections(monkeypatch: pytest.MonkeyPatch) -> None:
+    tracker = VehicleTracker(
+        TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}}), {0: full_binding().sensors[0].settings}
+    )
+    tracker._bodies = bodies_on_road(60, 0)
+    tracker._bodies.obstacles.interval = np.concatenate([np.arange(30) * 0.025, np.full(30, 9.0)])
+    measurement = scan_of(60, speeds=True).measurement
+
+    def computed() -> list[Floats]:
+        counted = tracker._as_alike(measurement, np.arange(60)[::-1].copy())
+        assert counted.range_rate_variance is not None
+        assert len(np.unique(counted.noise[:, 0, 0])) > 5
+        return [counted.noise, counted.range_rate_variance]
+
+    both(monkeypatch, computed)
+
+
 @pytest.mark.parametrize("extra", [0, 9])
 def test_what_innovations_tell(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
     def computed() -> list[Floats]:
@@ -794,8 +811,10 @@ def test_what_boxes_learn(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
         bodies, names = bodies_on_road(20, extra), ("length", "width", "extent", "alone", "fastest")
         bodies.obstacles.first_ns[::5] = 9 * 10**8
         bodies.reflections.last_ns[::3] = 95 * 10**7
+        small = bodies.obstacles
+        small.alone[::2], small.fastest[::2], small.length_variance[::2], small.width_variance[::2] = 5.0, 8.9, 1.0, 1.0
         box.learn(bodies, np.arange(15), np.arange(extra, 15 + extra), scan_of(15, speeds=False), 0.1)
-        assert (bodies.obstacles.fastest < bodies_on_road(20, extra).obstacles.fastest).any()
+        assert (bodies.obstacles.fastest[::2] < 8.9).any()
         return [getattr(bodies.obstacles, name) for name in names]
 
     both(monkeypatch, computed)

@@ -520,6 +520,17 @@ def test_a_walker_that_once_seemed_to_run_is_small_before_long() -> None:
     assert lengths[-1] < 1.0
 
 
+def test_a_car_that_stops_is_not_small_though_one_reflection_shows() -> None:
+    fed, rng, x, speed = HandFedVehicles(), np.random.default_rng(13), 18.0, 15.0
+    for t in times(1, 300):
+        speed = max(speed - 0.25, 0.0) if t > 2.0 else speed
+        x += 0.05 * speed
+        own = pose(t, east=x - 18.0, ve=speed)
+        fed.scan(t, noisy(rng, [Seen(0, x, 0.0, speed)]), ego=own)
+    assert speed == 0.0
+    assert fed.tracker.state.tracks.obstacles.length[0] > 4.0
+
+
 @pytest.mark.parametrize("seed", [23, 24, 25])
 @pytest.mark.parametrize("speed", [0.8, -0.8, 1.0])
 def test_what_walks_across_moves_though_its_reflections_might_walk(speed: float, seed: int) -> None:

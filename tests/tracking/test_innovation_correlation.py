@@ -62,7 +62,7 @@ def test_until_much_is_known_half_of_the_noise_lasts() -> None:
     correlation = InnovationCorrelation({0: POLAR})
     assert correlation.share(0) == pytest.approx((0.5, 0.3))
     assert correlation.share(7)[0] == 0.0  # a sensor without settings
-    assert _learnt(_tracker(0.0, seconds=1.1))[0] > 0.3
+    assert _learnt(_tracker(0.0, seconds=1.0))[0] == pytest.approx(0.5)
 
 
 def test_a_correlation_that_is_given_stands() -> None:
