@@ -20,7 +20,7 @@ from candaemon.config.sensors import ErrorCorrelation, SensorSettings
 from candaemon.estimation.measurement import Measurement
 from candaemon.tracking.body_store import UNUSED, Bodies
 
-UNKNOWN: Final = ErrorCorrelation(share=0.5, time=0.3)
+UNKNOWN: Final = ErrorCorrelation.defaults()
 """Of a sensor as long as little is known; the time stands."""
 _UNKNOWN_WEIGHT = 20.0  # sum of squares of innovations that counts for as much as what is not known
 _MOST_WEIGHT = 10_000.0  # sum of squares beyond which what is older counts half

@@ -298,6 +298,10 @@ class ReflectionNoise:
         """Return whether enough was observed of a sensor's reflections to tell their noise."""
         return self._estimate(sensor) is not None
 
+    def walk_is_known(self, sensor: int) -> bool:
+        """Return whether a sensor's walk, be it none, is given or was learnt."""
+        return self._given[sensor] is not None or self.known(sensor)
+
     def white(self, sensor: int) -> tuple[float, float]:
         """Return the standard deviation of the white part along and across, m; the stated noise until it is known."""
         learnt = self._estimate(sensor)

@@ -385,7 +385,8 @@ class VehicleTracker:
         """
         sensor = measurement.sensor
         share, time = self._correlation.share(sensor)
-        share *= 1.0 - self._walking(sensor)  # what walks, the bias follows
+        if share > 0.0 and self._noise.walk_is_known(sensor):
+            share *= 1.0 - self._walking(sensor)  # what walks, the bias follows
         if share <= 0.0:
             return measurement
         cycle_time, interval = self._cycle_times[sensor], self._bodies.obstacles.interval
