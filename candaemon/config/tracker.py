@@ -60,7 +60,7 @@ class CourseSettings(Settings):
     across: float = Field(1.8, gt=0, le=5, description="m across it")
     faster: float = Field(1.5, gt=0, le=10, description="m/s along it by which they may differ")
     drift: float = Field(3.0, gt=0, le=10, description="m/s across it, which is known worst")
-    time: float = Field(0.2, ge=0, le=10, description="s side by side, longer where their places are not clear …")
+    time: float = Field(0.15, ge=0, le=10, description="s side by side, longer where their places are not clear …")
     clear: float = Field(
         0.8, gt=0.01, le=10, description="… m: twice as long where the variances of both places sum up to its square"
     )

@@ -98,7 +98,7 @@ class ReflectionPlaceSettings(Settings):
         1.0, gt=0.02, le=60, description="s, with which the reference point returns to the middle of what is seen"
     )
     speed_noise: float = Field(
-        2.0,
+        3.0,
         ge=0.1,
         le=100,
         description="times the stated noise of speeds, of a sensor that filters by itself: successive ones err alike",

@@ -392,9 +392,12 @@ class VehicleTracker:
         cycle_time, interval = self._cycle_times[sensor], self._bodies.obstacles.interval
         by_scans = inflations(share, time, cycle_time, self._memory)
         if compiled.in_use:
-            return measurement.weakened(compiled.kernels.factors_of_scans(interval, body, cycle_time, by_scans))
-        scans = np.minimum(np.rint(interval[body] / cycle_time), len(by_scans) - 1).astype(np.intp)
-        return measurement.weakened(by_scans[scans])
+            factor = compiled.kernels.factors_of_scans(interval, body, cycle_time, by_scans)
+        else:
+            scans = np.minimum(np.rint(interval[body] / cycle_time), len(by_scans) - 1).astype(np.intp)
+            factor = by_scans[scans]
+        # how alike the speeds of a sensor that filters are, `speed_noise` tells
+        return measurement.scaled(factor) if self._noise.filters(sensor) else measurement.weakened(factor)
 
     def _as_noisy(self, detections: Detections) -> Detections:
         """Return detections as noisy as their sensor was found to be, where its reflections walk."""
