@@ -294,6 +294,7 @@ def bodies_to_merge(
     along: float,
     across: float,
     speed: float,
+    deviations: float,
     merge_time: float,
     following: float,
     following_gap: float,

@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 93
+REVISION = 94
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3029,6 +3029,7 @@ def bodies_to_merge(
     double along,
     double across,
     double speed,
+    double deviations,
     double merge_time,
     double following,
     double following_gap,
@@ -3089,7 +3090,10 @@ def bodies_to_merge(
                             or squared < standing_extent * standing_extent
                             and close_by(shown, axis, body, seen_ns, offset, since_ns, young, old, apart)
                         )
-                    if not (near and faster * faster + drift * drift < speed):
+                    unclear = 0.0
+                    if last_ns[young] >= since_ns and last_ns[old] >= since_ns:
+                        unclear = spread[young, 2, 2] + spread[young, 3, 3] + (spread[old, 2, 2] + spread[old, 3, 3])
+                    if not (near and faster * faster + drift * drift < speed + deviations * unclear):
                         continue
                 if stood[young] and fastest[old] > moved or stood[old] and fastest[young] > moved:
                     continue

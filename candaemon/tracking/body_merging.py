@@ -11,6 +11,8 @@ from candaemon.estimation.body_filter import POSITION, VELOCITY
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import near_pairs, to_travel_axes
 
+_DEVIATIONS = 3.0  # standard deviations by which the velocities of what is seen in one place may differ more
+
 
 def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tuple[Integers, Floats]:
     """Return for each obstacle the row of an older one that it is alongside of and moves like, or −1; and for how long.
@@ -59,6 +61,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             settings.along,
             settings.across,
             settings.speed**2,
+            _DEVIATIONS**2,
             settings.merge_time,
             settings.following,
             settings.following_gap,
@@ -99,7 +102,10 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         bodies, stands, young, old, standing.apart, since_ns
     )
     near |= stands[young] & stands[old] & either
-    by_speed = near & ((faster * faster).sum(axis=1) < settings.speed**2)
+    variance = np.trace(moments.shown_covariance[:, VELOCITY, VELOCITY], axis1=1, axis2=2)
+    lately = obstacles.last_ns >= since_ns
+    unclear = np.where(lately[young] & lately[old], variance[young] + variance[old], 0.0)
+    by_speed = near & ((faster * faster).sum(axis=1) < settings.speed**2 + _DEVIATIONS**2 * unclear)
     # Nearer to the box than any driver follows: another part of the vehicle, however long it proves to be.
     gap = np.minimum(settings.following * speed, settings.following_gap)
     beyond = to_travel_axes(place[young] - (moments.mean[old, POSITION] - obstacles.facing[old]), axis)
