@@ -66,11 +66,22 @@ def _doubled(
     apart = place[candidates, None] - 2 * place[sources]
     # the shadow is twice as wide where it is twice as far
     hidden = np.abs(to_travel_axes(apart, sight)[..., 1]) < bodies.obstacles.width[sources]
-    near = (np.hypot(apart[..., 0], apart[..., 1]) < _PLACE) & (nearing | (hidden & brief[:, None]))
+    fast = np.hypot(velocity[sources, 0], velocity[sources, 1]) > _CONVOY
+    away = np.where(fast, 2 * _outside(bodies, sources, 0.5 * apart), np.hypot(apart[..., 0], apart[..., 1]))
+    near = (away < _PLACE) & (nearing | (hidden & brief[:, None]))
     spread = moments.shown_covariance[:, VELOCITY, VELOCITY]
     faster = velocity[candidates, None] - 2 * velocity[sources]
     near &= _as_fast(faster, spread[candidates, None] + 4 * spread[sources], sight, 2 * _ACROSS)
     return np.asarray(near)
+
+
+def _outside(bodies: Bodies, sources: Indices, apart: Floats) -> Floats:
+    """Return how far outside the boxes of s bodies places are (m, s), m, that lie apart (m, s, 2) of what they show."""
+    obstacles = bodies.obstacles
+    away = np.abs(to_travel_axes(apart + obstacles.facing[sources], obstacles.axis[sources]))
+    away -= 0.5 * np.stack([obstacles.length, obstacles.width], axis=1)[sources]
+    away = np.maximum(away, 0.0)
+    return np.asarray(np.hypot(away[..., 0], away[..., 1]))
 
 
 def _as_fast(faster: Floats, spread: Floats, axis: Floats, across: float) -> Booleans:

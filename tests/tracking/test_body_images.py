@@ -80,6 +80,12 @@ def test_an_image_is_of_any_part_of_a_lorry() -> None:
     assert _states(middle, length=4.0)[-1] == CONFIRMED
 
 
+@pytest.mark.parametrize(("length", "last"), [(24.0, TENTATIVE), (4.5, CONFIRMED)])
+def test_at_twice_the_distance_of_the_front_of_a_lorry_is_its_image(length: float, last: int) -> None:
+    front = (ECHO[0] + 2 * 10.0, *ECHO[1:])
+    assert _states(front, length=length, rail=False)[-1] == last
+
+
 def test_of_a_vehicle_of_unknown_length_the_middle_may_be_farther_ahead() -> None:
     middle = (MIRRORED[0] + 8.0, *MIRRORED[1:])
     assert set(_states(middle, length=np.nan)) == {TENTATIVE}
