@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 94
+REVISION = 95
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -4358,7 +4358,7 @@ cdef struct InsSetup:
     long long longest_ns, latency_ns, age_limit_ns
     double age_limit, smoothing, arm_x, arm_y
     long long shortest_ns
-    double early, late, fastest_turn, least_course_speed, sideways_share
+    double early, late, fastest_turn, least_course_speed, sideways_share, bias_time, largest_bias, earliest
 
 
 cdef struct InsMemory:
@@ -4367,8 +4367,8 @@ cdef struct InsMemory:
     long long[QUANTITIES] period_ns
     unsigned int known, waiting  # one bit each
     long long epoch_ns, heading_ns, heard_ns, last_ns, seen_ns
-    bint is_open, has_heading
-    double heading, yaw_rate, bridged, curvature, sideways
+    bint is_open, has_heading, has_turn
+    double heading, yaw_rate, bridged, curvature, sideways, given_turn, bias, followed
     double east, north, ve, vn, ae, an  # of the last sample
     long long samples, from_curvature, from_heading, accelerations
 
@@ -4420,8 +4420,8 @@ cdef inline void hear(InsMemory* own, const InsSetup* setup, int quantity, doubl
     own.waiting &= ~(1u << quantity)
 
 
-cdef void hear_heading(InsMemory* own, const InsSetup* setup, long long time_ns):
-    """InsMotion._hear_heading and ._derive_turn"""
+cdef void hear_heading(InsMemory* own, const InsSetup* setup, long long time_ns, bint turns, double given):
+    """InsMotion._hear_heading, ._derive_turn and ._follow_bias"""
     cdef double heading = M_PI / 2 - own.value[setup.heading], change, dt, share
     own.heard_ns, own.bridged = own.arrived_ns[setup.heading], 0.0
     if own.has_heading:
@@ -4433,7 +4433,14 @@ cdef void hear_heading(InsMemory* own, const InsSetup* setup, long long time_ns)
         elif dt > 0.0 and fabs(change) <= setup.fastest_turn * dt:
             share = dt / (dt + setup.smoothing)
             own.yaw_rate += share * (change / dt - own.yaw_rate)
+            if turns and own.has_turn:
+                own.followed = smaller(own.followed + dt, setup.bias_time)
+                if own.followed > 0.0:
+                    share = dt / (dt + larger(own.followed, setup.earliest))
+                    own.bias += share * ((given + own.given_turn) / 2 - change / dt - own.bias)
+                    own.bias = larger(-setup.largest_bias, smaller(own.bias, setup.largest_bias))
     own.heading, own.heading_ns, own.has_heading = heading, time_ns, True
+    own.given_turn, own.has_turn = given, turns
 
 
 cdef bint add_sample(InsMemory* own, const InsSetup* setup, list rows, type kind) except -1:
@@ -4459,13 +4466,15 @@ cdef bint add_sample(InsMemory* own, const InsSetup* setup, list rows, type kind
     if knows(own, setup.heading) and own.arrived_ns[setup.heading] != own.heard_ns:
         heard = True
         if is_of_epoch(own, setup, setup.heading):
-            hear_heading(own, setup, time_ns)
+            hear_heading(own, setup, time_ns, turns, turn)
         else:
-            hear_heading(own, setup, own.arrived_ns[setup.heading] - setup.latency_ns)
+            hear_heading(own, setup, own.arrived_ns[setup.heading] - setup.latency_ns, False, 0.0)
     elif own.has_heading and not is_fresh(own, setup, setup.heading):
         return False
     if not own.has_heading:
         return True
+    if turns:
+        turn -= own.bias
     heading = own.heading + (turn if turns else own.yaw_rate) * ((time_ns - own.heading_ns) * 1e-9)
     own.samples += 1
     if not turns:
@@ -4534,6 +4543,7 @@ cdef class InsEpochs:
             self.setup.longest_ns, self.setup.latency_ns, self.setup.age_limit_ns, self.setup.age_limit,
             self.setup.smoothing, self.setup.arm_x, self.setup.arm_y, self.setup.shortest_ns, self.setup.early,
             self.setup.late, self.setup.fastest_turn, self.setup.least_course_speed, self.setup.sideways_share,
+            self.setup.bias_time, self.setup.largest_bias, self.setup.earliest,
         ) = limits
         self.setup.waits = waits
 
@@ -4560,7 +4570,10 @@ cdef class InsEpochs:
         own.has_heading = memory[2] is not None
         own.heading = memory[2] if own.has_heading else 0.0
         own.epoch_ns, own.is_open = memory[0], memory[1]
-        own.heading_ns, own.yaw_rate, own.heard_ns, own.bridged, own.curvature, own.sideways = memory[3:]
+        own.heading_ns, own.yaw_rate, own.heard_ns, own.bridged, own.curvature, own.sideways = memory[3:9]
+        own.has_turn = memory[9] is not None
+        own.given_turn = memory[9] if own.has_turn else 0.0
+        own.bias, own.followed = memory[10:]
         own.last_ns, own.east, own.north, _, own.ve, own.vn, _, own.ae, own.an, own.seen_ns = last
         own.samples = own.from_curvature = own.from_heading = own.accelerations = 0
 
@@ -4576,7 +4589,8 @@ cdef class InsEpochs:
             own.waiting,
             (
                 own.epoch_ns, bool(own.is_open), own.heading if own.has_heading else None, own.heading_ns, own.yaw_rate,
-                own.heard_ns, own.bridged, own.curvature, own.sideways,
+                own.heard_ns, own.bridged, own.curvature, own.sideways, own.given_turn if own.has_turn else None, own.bias,
+                own.followed,
             ),
             (own.samples, own.from_curvature, own.from_heading, own.accelerations),
         )

@@ -27,6 +27,10 @@ _COURSE_SMOOTHING = 2.0
 """Times the smoothing of headings: a course is as much noisier."""
 _SIDEWAYS_SHARE = 0.05
 """Of a sample in the smoothed velocity sideways."""
+_LARGEST_BIAS = 3.0
+"""Standard deviations of a yaw rate; what differs more from the heading's is no bias, but another sign or scale."""
+_EARLIEST = 0.2
+"""s; of the change of the first headings their noise tells more than a bias does."""
 
 
 @dataclass(slots=True)
@@ -43,6 +47,9 @@ class InsMotionState:
         bridged: s driven since without another measure of it.
         curvature: of the path, 1/m, while the vehicle was last fast enough to show it.
         sideways: velocity of the rear axle to the left, m/s, smoothed: an error of the INS, for an axle does not slip.
+        given_turn: yaw rate as it was given with the latest heading, rad/s; None: none was, at the heading's time.
+        bias: of the given yaw rate, rad/s.
+        followed: s over which the heading has told it, up to `bias_time`.
         counts: of samples, and what was derived in them.
     """
 
@@ -55,6 +62,9 @@ class InsMotionState:
     bridged: float = 0.0
     curvature: float = 0.0
     sideways: float = 0.0
+    given_turn: float | None = None
+    bias: float = 0.0
+    followed: float = 0.0
     counts: SampleCounts = field(default_factory=SampleCounts)
 
 
@@ -63,7 +73,7 @@ class InsMotion:
 
     A sample is made with each velocity, at its time. The heading comes with it, or from the yaw rate, the course or
     standing still since the last one. Yaw rate, curvature, slip and accelerations are used while they come; otherwise
-    they are derived.
+    they are derived. The bias of a yaw rate that comes with headings is told by them.
 
     Args:
         settings: of the INS.
@@ -85,6 +95,7 @@ class InsMotion:
         self._gives_acceleration, self._is_gated = "ax" in given, "valid" in given
         self._latency_ns = round(settings.latency * 1e9)
         self._age_limit_ns = round(settings.age_limit * 1e9)
+        self._largest_bias = _LARGEST_BIAS * radians(settings.noise.yaw_rate_deg)
         self.wanted = frozenset(given)
         self.history = MotionHistory(
             age_limit=settings.age_limit,
@@ -115,6 +126,9 @@ class InsMotion:
             FASTEST_TURN,
             LEAST_COURSE_SPEED,
             _SIDEWAYS_SHARE,
+            settings.bias_time,
+            self._largest_bias,
+            _EARLIEST,
         )
         self._steady: compiled.kernels.InsEpochs | None = None
         self._is_ahead = False
@@ -214,6 +228,9 @@ class InsMotion:
                 state.bridged,
                 state.curvature,
                 state.sideways,
+                state.given_turn,
+                state.bias,
+                state.followed,
             ),
             last,
         )
@@ -240,6 +257,9 @@ class InsMotion:
             state.bridged,
             state.curvature,
             state.sideways,
+            state.given_turn,
+            state.bias,
+            state.followed,
         ) = memory
         counts.samples += counted[0]
         counts.yaw_rate_from_curvature += counted[1]
@@ -263,12 +283,13 @@ class InsMotion:
             speed = hypot(ve, vn)
         else:
             speed = signals["speed"].value
-        turn = self._given_turn(speed)
+        given = self._given_turn(speed)
         heard_ns = state.heard_ns
-        heading = self._heading(time_ns, (ve, vn), speed, turn)
+        heading = self._heading(time_ns, (ve, vn), speed, given)
         if heading is None:
             return
         state.counts.samples += 1
+        turn = self._unbiased(given)
         if turn is None:
             turn = state.yaw_rate
             state.counts.yaw_rate_from_heading += 1
@@ -301,6 +322,10 @@ class InsMotion:
         self._state.counts.yaw_rate_from_curvature += 1
         return curvature * speed
 
+    def _unbiased(self, given: float | None) -> float | None:
+        """Return a given yaw rate without its bias."""
+        return None if given is None else given - self._state.bias
+
     def _slip(self, speed: float, turn: float) -> float:
         """Return the angle from heading to velocity where the INS is; the rear axle does not slip."""
         slip = self._epoch.fresh("slip")
@@ -319,31 +344,40 @@ class InsMotion:
         self._state.counts.acceleration_given += 1
         return c * ahead - s * left, s * ahead + c * left
 
-    def _heading(self, time_ns: int, velocity: tuple[float, float], speed: float, turn: float | None) -> float | None:
-        """Return the heading at a sample's time, not wrapped; None where it is not known."""
+    def _heading(self, time_ns: int, velocity: tuple[float, float], speed: float, given: float | None) -> float | None:
+        """Return the heading at a sample's time, not wrapped; None where it is not known.
+
+        Args:
+            time_ns: of the sample.
+            velocity: over ground, east and north, m/s.
+            speed: m/s.
+            given: yaw rate with its bias, rad/s; None while none comes.
+        """
         state, signal = self._state, self._state.epoch.signals.get("heading")
         if signal is not None and signal.arrived_ns != state.heard_ns:
             together = self._epoch.belongs("heading")
-            self._hear_heading(signal.value, signal.arrived_ns, time_ns if together else None)
+            self._hear_heading(signal.value, signal.arrived_ns, time_ns if together else None, given)
         elif state.heading is not None and self._epoch.fresh("heading") is None:
-            return self._bridge(state.heading, time_ns, velocity, abs(speed), turn)
+            return self._bridge(state.heading, time_ns, velocity, abs(speed), self._unbiased(given))
         if state.heading is None:
             return None
+        turn = self._unbiased(given)
         return state.heading + (state.yaw_rate if turn is None else turn) * ((time_ns - state.heading_ns) * 1e-9)
 
-    def _hear_heading(self, compass: float, arrived_ns: int, time_ns: int | None) -> None:
-        """Take a heading as it is sent, of a sample's time or else of its own; its derivative follows."""
+    def _hear_heading(self, compass: float, arrived_ns: int, time_ns: int | None, given: float | None) -> None:
+        """Take a heading as it is sent, of a sample's time or else of its own; derivative and bias follow."""
         state = self._state
         state.heard_ns, state.bridged = arrived_ns, 0.0
+        given = None if time_ns is None else given
         time_ns = arrived_ns - self._latency_ns if time_ns is None else time_ns
         heading = pi / 2 - compass
         if state.heading is not None:
             change = remainder(heading - state.heading, tau)
             heading = state.heading + change
-            self._derive_turn(change, (time_ns - state.heading_ns) * 1e-9)
-        state.heading, state.heading_ns = heading, time_ns
+            self._derive_turn(change, (time_ns - state.heading_ns) * 1e-9, given)
+        state.heading, state.heading_ns, state.given_turn = heading, time_ns, given
 
-    def _derive_turn(self, change: float, dt: float) -> None:
+    def _derive_turn(self, change: float, dt: float, given: float | None) -> None:
         """Let the yaw rate follow a change of the heading; begin anew after a pause, leave out one that was set."""
         state = self._state
         if dt > self._settings.age_limit:
@@ -351,6 +385,19 @@ class InsMotion:
         elif dt > 0.0 and abs(change) <= FASTEST_TURN * dt:
             share = dt / (dt + self._settings.smoothing)
             state.yaw_rate += share * (change / dt - state.yaw_rate)
+            if given is not None and state.given_turn is not None:
+                self._follow_bias((given + state.given_turn) / 2 - change / dt, dt)
+
+    def _follow_bias(self, excess: float, dt: float) -> None:
+        """Let the bias follow by how much the given yaw rate is above the heading's, rad/s.
+
+        The error of a heading is bounded, and counts for less the longer it is watched; that of a bias adds up.
+        """
+        state, most = self._state, self._largest_bias
+        state.followed = min(state.followed + dt, self._settings.bias_time)
+        if state.followed > 0.0:
+            share = dt / (dt + max(state.followed, _EARLIEST))
+            state.bias = max(-most, min(state.bias + share * (excess - state.bias), most))
 
     def _bridge(
         self, heading: float, time_ns: int, velocity: tuple[float, float], speed: float, turn: float | None
@@ -402,7 +449,7 @@ class InsMotion:
             return
         signal = state.epoch.signals["heading"]
         if signal.arrived_ns == time_ns:
-            self._hear_heading(signal.value, time_ns, None)
+            self._hear_heading(signal.value, time_ns, None, None)
             if state.heading is not None:
                 self.history.coast(state.heading_ns, state.heading, state.yaw_rate)
 

@@ -401,7 +401,7 @@ def ins_frames(seed: int) -> tuple[Integers, Indices, Floats]:
     values = np.full((len(of), 3), np.nan)
     values[:, 0], values[:, 1] = random.normal(3.0, 0.3, len(of)), random.normal(8.0, 0.3, len(of))
     values[of == 2, 0] = 0.01
-    values[of == 3, 0] = 0.2
+    values[of == 3, 0] = -0.09  # the heading turns by −0.1 rad/s
     values[of == 1, 0] = 1.0 + 0.001 * np.arange(np.count_nonzero(of == 1))
     values[of == 5, 0] = random.random(np.count_nonzero(of == 5)) < 0.9
     values[random.random(len(of)) < 0.01, 0] = np.nan

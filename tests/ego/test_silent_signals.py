@@ -85,7 +85,7 @@ def test_a_car_that_stops_stands_though_its_curvature_is_silent() -> None:
 
 @pytest.mark.parametrize("source", ["yaw_rate", "curvature"])
 def test_what_falls_silent_is_derived_and_what_comes_again_is_used(source: str) -> None:
-    motion, circle = ins(source), Circle(15.0, 0.3, 0.0)
+    motion, circle = ins(source, bias_time=0.0), Circle(15.0, 0.3, 0.0)
     for t in every(0.02, 0.0, 9.0):
         drive(motion, circle, np.array([t]), curvature=False)
         if not 3.0 <= t < 6.0:
