@@ -64,6 +64,7 @@ COLUMNS: Final = (
     Column("× O", "velocity", _two, ORACLE, most=1.15),
     Column("GOSPA", "gospa", _two),
     Column("× N", "gospa", _two, NAIVE, most=0.3),
+    Column("least", "least_gospa", _two),
     Column("switch", "switches", _two),
     Column("× N", "switches", _two, NAIVE, most=0.1),
     Column("dupl", "duplicates", _percent, most=0.03),

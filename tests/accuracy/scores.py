@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from candaemon.arrays import Floats
+from candaemon.arrays import Booleans, Floats
 from candaemon.evaluation.pair_errors import (
     ALL,
     MOVING,
@@ -46,6 +46,8 @@ LEGEND: Final = (
         f"those cycles of them in which no sensor had detected the actor in the last {MEMORY:g} s: what a tracker",
     ),
     ("", "misses that reports each actor from its first detection on, and knows where it is without one for so long"),
+    ("least", "GOSPA of a tracker that misses what is undetected alone, tells nothing false, and whose places are as"),
+    ("", "wrong as the project's"),
     ("moving", f"a target faster than {MOVING:g} m/s over ground"),
     ("heading", "RMS over moving vehicles, deg; known: share of their samples with a heading"),
     (
@@ -87,6 +89,7 @@ class Score:
         awaited, missed: cycles of visible actors, those without an obstacle.
         broken: samples whose place or velocity is no number.
         undetected: awaited cycles of actors that no sensor has detected in the last `MEMORY` s.
+        least_gospa: sum over the cycles of what missing those alone costs, m.
     """
 
     sums: MeasureSums
@@ -103,6 +106,7 @@ class Score:
     missed: int
     broken: int = 0
     undetected: int = 0
+    least_gospa: float = 0.0
 
     def __add__(self, other: Score) -> Score:
         return Score(*(getattr(self, name) + getattr(other, name) for name in Score.__slots__))
@@ -117,6 +121,7 @@ class Score:
         return {
             **{name: self.value(name) for name in PAIR_FIGURES},
             "gospa": self.gospa / self.cycles if self.cycles else math.nan,
+            "least_gospa": self.least_gospa / self.cycles if self.cycles else math.nan,
             "switches": self.switches / minutes,
             "duplicates": self.surplus / self.confirmed if self.confirmed else 0.0,
             "false": self.false / minutes,
@@ -135,26 +140,41 @@ PAIR_FIGURES: Final = (
 
 
 def scored(rows: TrackRows, truth: TrackTable, detected: Sources | None = None) -> Score:
-    """Return the score of one run's tracks; with `undetected` where it is told what the detections are of."""
+    """Return the score of one run's tracks; told what the detections are of, with what no tracker can know."""
     pairing = pair(rows.table, truth, OPTIONS)
-    undetected = 0 if detected is None else _undetected(pairing, detected)
-    return replace(score_of(pairing, rows.covariance), broken=rows.broken, undetected=undetected)
+    score = replace(score_of(pairing, rows.covariance), broken=rows.broken)
+    if detected is None:
+        return score
+    undetected = _undetected(pairing, detected)
+    return replace(
+        score,
+        undetected=int(np.count_nonzero(undetected & pairing.awaited)),
+        least_gospa=_least_gospa(pairing, undetected, score.value("position")),
+    )
 
 
-def _undetected(pairing: Pairing, detected: Sources) -> int:
-    """Return in how many cycles an awaited actor had not been detected by any sensor for `MEMORY` s."""
-    truth, awaited = pairing.truth, np.flatnonzero(pairing.awaited)
-    count = 0
-    for actor in np.unique(truth.id[awaited]).tolist():
+def _undetected(pairing: Pairing, detected: Sources) -> Booleans:
+    """Return which rows of the truth are of actors that no sensor had detected for `MEMORY` s."""
+    truth = pairing.truth
+    undetected = np.ones(len(truth.id), dtype=np.bool_)
+    for actor in np.unique(truth.id).tolist():
         times = np.array(
             sorted(time_ns for (_, time_ns), of in detected.items() if actor in of.values()), dtype=np.int64
         )
-        asked = truth.time_ns[awaited[truth.id[awaited] == actor]]
-        latest = np.searchsorted(times, asked, side="right") - 1
-        known = latest >= 0
-        known[known] = asked[known] - times[latest[known]] <= MEMORY * 1e9
-        count += int(np.count_nonzero(~known))
-    return count
+        rows = np.flatnonzero(truth.id == actor)
+        latest = np.searchsorted(times, truth.time_ns[rows], side="right") - 1
+        seen = latest >= 0
+        rows, latest = rows[seen], latest[seen]
+        undetected[rows] = truth.time_ns[rows] - times[latest] > MEMORY * 1e9
+    return undetected
+
+
+def _least_gospa(pairing: Pairing, undetected: Booleans, error: float) -> float:
+    """Return the sum of the cycles' GOSPA where these alone are missed and the rest is told with an error, m."""
+    cost = np.where(undetected, OPTIONS.gospa_cutoff**2 / 2, 0.0 if math.isnan(error) else error**2)
+    visible = np.flatnonzero(pairing.visible)
+    cycle = np.searchsorted(pairing.times_ns, pairing.truth.time_ns[visible])
+    return float(np.sqrt(np.bincount(cycle, cost[visible])).sum())
 
 
 def score_of(pairing: Pairing, covariance: Floats | None) -> Score:

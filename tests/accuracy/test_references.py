@@ -145,7 +145,13 @@ def test_an_actor_without_a_detection_for_three_seconds_is_undetected(scenario: 
     late = scored(track_rows(told), truth, early)
     # two actors from 3.5 s on, when they have long been visible, until 4 s
     assert late.undetected == pytest.approx(2 * 10, abs=3)
-    assert scored(track_rows(told), truth, {}).undetected == late.awaited
+    never = scored(track_rows(told), truth, {})
+    assert never.undetected == late.awaited
+    # of two actors that are visible, each 10 m off is worth 50 m²
+    assert 10.0 * never.cycles * 0.9 < never.least_gospa <= 10.0 * never.cycles
+    always = scored(track_rows(told), truth, detected)
+    assert always.least_gospa <= always.gospa
+    assert always.least_gospa == pytest.approx(2**0.5 * always.value("position") * always.cycles, rel=0.1)
 
 
 def test_what_is_no_number_is_counted_and_not_paired(scenario: Path) -> None:
