@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 95
+REVISION = 97
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3451,9 +3451,10 @@ def note_sizes(
     const double[:] interval,
     Py_ssize_t time_ns,
     double near,
+    double alone_time,
+    double faster_share,
     double never,
     double age,
-    double long_alone,
     double told,
     double moved,
     double walking,
@@ -3466,7 +3467,7 @@ def note_sizes(
     """Note in place how long bodies have shown one reflection close by, how fast they were, and which are small so."""
     cdef Py_ssize_t m = body.shape[0], k = alone.shape[0], i, t
     cdef double walker_length = walker[0], walker_width = walker[1]
-    cdef double rider_length = rider[0], rider_width = rider[1], speed, faster
+    cdef double rider_length = rider[0], rider_width = rider[1], speed, faster, counts
     seen_array = np.zeros((2, k), np.intp)
     cdef Py_ssize_t[:, ::1] seen = seen_array
     with nogil:
@@ -3475,13 +3476,14 @@ def note_sizes(
             if sqrt(x[i] * x[i] + y[i] * y[i]) < near:
                 seen[1, body[i]] = 1
         for t in range(k):
+            speed = velocity_of(mean, t)
             if seen[0, t] > 1:
                 alone[t] = never
             elif seen[0, t] == 1 and seen[1, t]:
-                alone[t] = alone[t] + interval[t]
-            speed = velocity_of(mean, t)
+                counts = (1.0 if speed < walking else faster_share) if speed > moved else 0.0
+                alone[t] = alone[t] + interval[t] * counts / alone_time
             fastest[t] = larger(fastest[t], speed if (time_ns - first_ns[t]) * 1e-9 > age else 0.0)
-            if alone[t] > long_alone and size_variance[t] > told and fastest[t] > moved:
+            if alone[t] > 1.0 and size_variance[t] > told and fastest[t] > moved:
                 if seen[0, t] > 0 and speed > moved and fastest[t] < riding:
                     faster = larger(fastest[t] - larger(speed, pace), 0.0)
                     fastest[t] -= smaller(interval[t] / pace_time, 1.0) * faster
@@ -3739,7 +3741,6 @@ def add_places(
     const double[:, :] own,
     double time,
     double close,
-    double long_alone,
     double small,
     double place,
     double large,
@@ -3754,7 +3755,7 @@ def add_places(
             norm = larger(sqrt(x * x + y * y), close)
             x, y = x / norm, y / norm
             ax, ay = told[11, t], told[12, t]
-            variance = large if alone[t] < 0.0 else (small if alone[t] > long_alone else place)
+            variance = large if alone[t] < 0.0 else (small if alone[t] > 1.0 else place)
             variance = variance * variance
             side = anywhere * (length[t] * (ax * y - ay * x))
             ax, ay = side * ax, side * ay

@@ -84,6 +84,16 @@ class StoodSettings(Settings):
     extent: float = Field(4.5, gt=0, le=30, description="… where their leading reflections are nearer than so many m")
 
 
+class AloneSettings(Settings):
+    """When what always shows a single reflection is small, and no car of which one alone is seen; of `vehicle`."""
+
+    within: float = Field(30.0, gt=0, le=200, description="m, so near that a car shows several before long")
+    time: float = Field(2.5, gt=0, le=60, description="s at a walk after which it is small: a walker, faster a rider")
+    faster: float = Field(
+        0.25, ge=0, le=1, description="share with which the time counts that it is faster; standing tells nothing"
+    )
+
+
 class ReflectionSettings(Settings):
     """When several detections are one vehicle."""
 
@@ -122,6 +132,7 @@ class ReflectionSettings(Settings):
     following_speed: float = Field(0.5, gt=0, le=10, description="m/s along the course by which the two may differ")
     course: CourseSettings = Field(default_factory=CourseSettings.defaults)
     stood: StoodSettings = Field(default_factory=StoodSettings.defaults)
+    alone: AloneSettings = Field(default_factory=AloneSettings.defaults)
     merge_time: float = Field(
         0.5,
         ge=0,

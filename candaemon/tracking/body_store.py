@@ -98,7 +98,8 @@ class BodyTable(Table):
         length, width: of its box, m.
         length_variance, width_variance: of those, m².
         extent: how much of its length its reflections have shown, m.
-        alone: time for which it was near and showed one reflection only, s; below 0 once it has shown several.
+        alone: for how long it was near and showed one reflection only, 1: long enough to be small; below 0 once it
+            has shown several.
         fastest: greatest speed it had, m/s.
         facing: reference point minus centre of the box (n, 2), local frame, m.
         drift: mean speed at which its reference point followed reflections beyond its box (n, 2), local frame, m/s; it

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.config.tracker import AloneSettings
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import POSITION, TURN
 from candaemon.estimation.outline import LEAST, ROUNDS, facing_point
@@ -29,8 +30,7 @@ _SHRINKAGE_TIME = 25.0  # s, time constant with which a length not told, while i
 _AXIS_SPEED, _AXIS_AGE = 3.0, 1.0  # m/s and s from which on the axis is known well enough
 TRUCK_WIDTH = 2.5  # m
 WALKER, RIDER = (0.5, 0.6), (1.8, 0.7)  # m, length and width
-_NEAR, _ALONE = 30.0, 1.5  # m and s for which a car would have shown several reflections
-_NEVER_ALONE = -1e12  # s: of what has shown several
+_NEVER_ALONE = -1e12  # of what has shown several reflections
 _MOVED, _RIDING = 0.5, 9.0  # m/s
 _PACE_TIME = 4.0  # s, time constant with which the greatest speed of something small is forgotten, down to a walk
 _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
@@ -45,7 +45,14 @@ _LENGTHS = np.array([NARROW, ENOUGH, TRUCK_LENGTH])  # m, at which walkers, ride
 _WIDTHS = np.array([WALKER[1], RIDER[1], CAR_WIDTH, TRUCK_WIDTH])
 
 
-def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detections, recent: float) -> None:
+def learn(
+    bodies: Bodies,
+    rows: Indices,
+    reflections: Indices,
+    detections: Detections,
+    recent: float,
+    alone: AloneSettings,
+) -> None:
     """Let boxes learn from the detections of a scan.
 
     Args:
@@ -54,6 +61,7 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
         reflections: rows of those (m,).
         detections: the scan.
         recent: s, for which a reflection that another sensor has seen still tells how long its body is.
+        alone: when what shows a single reflection is small.
     """
     obstacles, body = bodies.obstacles, bodies.reflections.body.take(reflections)
     if detections.length is not None:
@@ -62,7 +70,7 @@ def learn(bodies: Bodies, rows: Indices, reflections: Indices, detections: Detec
         _average(obstacles.width, obstacles.width_variance, body, detections.width.take(rows), obstacles.interval)
     if detections.heading is not None:
         _turn(bodies, body, detections.heading[rows])
-    _note_size(bodies, body, detections, rows)
+    _note_size(bodies, body, detections, rows, alone)
     if detections.length is not None and detections.width is None:
         _suit_widths(bodies)
     _grow(bodies, detections.time_ns, detections.sensor, detections.time_ns - round(recent * 1e9))
@@ -93,8 +101,11 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
     bodies.obstacles.directed[body[known]] = True
 
 
-def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices) -> None:
-    """Take what stays a single reflection close by for something small: a walker, or a rider where it is faster."""
+def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices, settings: AloneSettings) -> None:
+    """Take what stays a single reflection close by for something small: a walker, or a rider where it is faster.
+
+    Two of three scans show one reflection of a car too, and for seconds at a time. Who walks does so all the time.
+    """
     obstacles, mean, x, y = bodies.obstacles, bodies.moments().mean, detections.x.take(rows), detections.y.take(rows)
     size_variance = np.minimum(obstacles.length_variance, obstacles.width_variance)
     if compiled.in_use:
@@ -111,10 +122,11 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
             y,
             obstacles.interval,
             detections.time_ns,
-            _NEAR,
+            settings.within,
+            settings.time,
+            settings.faster,
             _NEVER_ALONE,
             _AXIS_AGE,
-            _ALONE,
             _TOLD,
             _MOVED,
             WALKING,
@@ -128,12 +140,14 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     count = np.bincount(body, minlength=len(obstacles))
     distance = np.sqrt(x * x + y * y)
     near = np.zeros(len(obstacles), dtype=np.bool_)
-    near[body[distance < _NEAR]] = True
-    obstacles.alone = np.where(count > 1, _NEVER_ALONE, obstacles.alone + obstacles.interval * (near & (count == 1)))
+    near[body[distance < settings.within]] = True
     speed = np.sqrt(mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3])
+    alone = near & (count == 1) & (speed > _MOVED)
+    counts = np.where(speed < WALKING, 1.0, settings.faster) * alone
+    obstacles.alone = np.where(count > 1, _NEVER_ALONE, obstacles.alone + obstacles.interval * counts / settings.time)
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))
-    small = (obstacles.alone > _ALONE) & (size_variance > _TOLD) & (obstacles.fastest > _MOVED)
+    small = (obstacles.alone > 1.0) & (size_variance > _TOLD) & (obstacles.fastest > _MOVED)
     # a walker far away or crossing may have seemed to run; what stops may be a rider still
     walking = small & (count > 0) & (speed > _MOVED) & (obstacles.fastest < _RIDING)
     faster = np.maximum(obstacles.fastest - np.maximum(speed, _PACE), 0.0) * walking
@@ -315,7 +329,6 @@ def add_places(bodies: Bodies, told: Floats, covariance: Floats, own: Floats, ti
             own,
             time,
             _CLOSE,
-            _ALONE,
             _SMALL_PLACE,
             _PLACE,
             _LARGE_PLACE,
@@ -323,7 +336,7 @@ def add_places(bodies: Bodies, told: Floats, covariance: Floats, own: Floats, ti
         )
         return
     x, y = told[:2] / np.maximum(np.sqrt(told[0] * told[0] + told[1] * told[1]), _CLOSE)
-    unresolved = np.where(obstacles.alone > _ALONE, _SMALL_PLACE, _PLACE)
+    unresolved = np.where(obstacles.alone > 1.0, _SMALL_PLACE, _PLACE)
     anywhere = np.square(np.where(obstacles.alone < 0.0, _LARGE_PLACE, unresolved))
     side = _ANYWHERE * (obstacles.length * (told[11] * y - told[12] * x))
     along, left = side * told[11:], (-y, x)

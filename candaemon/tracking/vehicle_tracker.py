@@ -500,7 +500,8 @@ class VehicleTracker:
         bodies.learn_offsets(row, measurement.position, measurement.noise, offset)
         keys = detections.object_id.take(rows) if detections.identified else None
         bodies.mark_detected(row, keys, detections.sensor, detections.time_ns)
-        box.learn(bodies, rows, row, detections, self.settings.reflections.patience)
+        extent = self.settings.reflections
+        box.learn(bodies, rows, row, detections, extent.patience, extent.alone)
 
     def _note_rates(self, row: Indices, body: Indices, offset: Floats, measurement: Measurement) -> None:
         """Note how much faster than their bodies reflections come nearer."""

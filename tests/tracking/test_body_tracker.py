@@ -531,6 +531,18 @@ def test_a_car_that_stops_is_not_small_though_one_reflection_shows() -> None:
     assert fed.tracker.state.tracks.obstacles.length[0] > 4.0
 
 
+@pytest.mark.parametrize(("decelerated", "small"), [(True, False), (False, True)], ids=["stops", "goes on"])
+def test_what_stops_in_a_queue_is_no_walker_though_it_was_as_slow_when_it_was_seen_first(
+    decelerated: bool, small: bool
+) -> None:
+    fed, rng, x, speed = HandFedVehicles(), np.random.default_rng(14), 12.0, 3.0
+    for t in times(1, 120):
+        speed = max(speed - 0.05 * 1.4, 0.0) if decelerated and t > 0.5 else speed
+        x += 0.05 * speed
+        fed.scan(t, noisy(rng, [Seen(0, x, 3.0, speed)]))
+    assert (fed.tracker.state.tracks.obstacles.length[0] < 1.0) == small
+
+
 @pytest.mark.parametrize("seed", [23, 24, 25])
 @pytest.mark.parametrize("speed", [0.8, -0.8, 1.0])
 def test_what_walks_across_moves_though_its_reflections_might_walk(speed: float, seed: int) -> None:
