@@ -29,8 +29,8 @@ _SIDEWAYS_SHARE = 0.05
 """Of a sample in the smoothed velocity sideways."""
 _LARGEST_BIAS = 3.0
 """Standard deviations of a yaw rate; what differs more from the heading's is no bias, but another sign or scale."""
-_EARLIEST = 0.2
-"""s; of the change of the first headings their noise tells more than a bias does."""
+_EARLIEST = 0.5
+"""s; the change of the first headings tells less of a bias than of noise, and of how late they come in a bend."""
 
 
 @dataclass(slots=True)
