@@ -66,8 +66,10 @@ def _doubled(
     apart = place[candidates, None] - 2 * place[sources]
     # the shadow is twice as wide where it is twice as far
     hidden = np.abs(to_travel_axes(apart, sight)[..., 1]) < bodies.obstacles.width[sources]
-    fast = np.hypot(velocity[sources, 0], velocity[sources, 1]) > _CONVOY
-    away = np.where(fast, 2 * _outside(bodies, sources, 0.5 * apart), np.hypot(apart[..., 0], apart[..., 1]))
+    # convoys, and what stands beside the road, are met where images would be: there the reference point alone counts
+    any_part = np.hypot(velocity[sources, 0], velocity[sources, 1]) > _CONVOY
+    any_part = any_part & (bodies.filter.probability[candidates, STANDING] < _STANDS)[:, None]
+    away = np.where(any_part, 2 * _beyond(bodies, sources, 0.5 * apart), np.hypot(apart[..., 0], apart[..., 1]))
     near = (away < _PLACE) & (nearing | (hidden & brief[:, None]))
     spread = moments.shown_covariance[:, VELOCITY, VELOCITY]
     faster = velocity[candidates, None] - 2 * velocity[sources]
@@ -75,13 +77,13 @@ def _doubled(
     return np.asarray(near)
 
 
-def _outside(bodies: Bodies, sources: Indices, apart: Floats) -> Floats:
-    """Return how far outside the boxes of s bodies places are (m, s), m, that lie apart (m, s, 2) of what they show."""
+def _beyond(bodies: Bodies, sources: Indices, apart: Floats) -> Floats:
+    """Return how far places (m, s, 2), relative to what s bodies show, lie beyond their ends and aside (m, s), m."""
     obstacles = bodies.obstacles
-    away = np.abs(to_travel_axes(apart + obstacles.facing[sources], obstacles.axis[sources]))
-    away -= 0.5 * np.stack([obstacles.length, obstacles.width], axis=1)[sources]
-    away = np.maximum(away, 0.0)
-    return np.asarray(np.hypot(away[..., 0], away[..., 1]))
+    axis, facing = obstacles.axis[sources], obstacles.facing[sources]
+    away = to_travel_axes(apart, axis)
+    along = np.abs(away[..., 0] + to_travel_axes(facing, axis)[:, 0]) - 0.5 * obstacles.length[sources]
+    return np.asarray(np.hypot(np.maximum(along, 0.0), away[..., 1]))
 
 
 def _as_fast(faster: Floats, spread: Floats, axis: Floats, across: float) -> Booleans:

@@ -86,6 +86,14 @@ def test_at_twice_the_distance_of_the_front_of_a_lorry_is_its_image(length: floa
     assert _states(front, length=length, rail=False)[-1] == last
 
 
+@pytest.mark.parametrize("length", [4.5, 16.0])
+def test_what_stands_in_the_next_lane_at_twice_the_distance_is_there(length: float) -> None:
+    """Of what is half as fast as we are an image would stand; so does the end of a queue."""
+    away = 30.0 - 10.0 * AT_8
+    states = _states((20.0 * AT_8 + 2 * away, 4.0 + 3.5, 0.0), speed=10.0, length=length, rail=False)
+    assert states.index(CONFIRMED) < 8
+
+
 def test_of_a_vehicle_of_unknown_length_the_middle_may_be_farther_ahead() -> None:
     middle = (MIRRORED[0] + 8.0, *MIRRORED[1:])
     assert set(_states(middle, length=np.nan)) == {TENTATIVE}
