@@ -9,7 +9,9 @@ from candaemon.arrays import Booleans, Bytes, Floats, Indices, Integers
 
 REVISION: Final[int]
 _Heard: TypeAlias = tuple[float, int, int] | None
-_InsMemory: TypeAlias = tuple[int, bool, float | None, int, float, int, float, float, float, float | None, float, float]
+_InsMemory: TypeAlias = tuple[
+    int, bool, float | None, int, float, int, float, float, float, float | None, float, float, float, float
+]
 _SampleT = TypeVar("_SampleT", bound=tuple[Any, ...])
 
 def halved(covariance: Floats) -> None: ...
@@ -281,12 +283,14 @@ def bodies_to_merge(
     confirmed: Booleans,
     directed: Booleans,
     last_ns: Integers,
+    first_ns: Integers,
     stood: Booleans,
     fastest: Floats,
     body: Integers,
     seen_ns: Integers,
     offset: Floats,
     since_ns: int,
+    begun_ns: int,
     slow: float,
     moved: float,
     apart: float,

@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 97
+REVISION = 99
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3016,12 +3016,14 @@ def bodies_to_merge(
     const unsigned char[:] confirmed,
     const unsigned char[:] directed,
     const Py_ssize_t[:] last_ns,
+    const Py_ssize_t[:] first_ns,
     const unsigned char[:] stood,
     const double[:] fastest,
     const Py_ssize_t[:] body,
     const Py_ssize_t[:] seen_ns,
     const double[:, :] offset,
     Py_ssize_t since_ns,
+    Py_ssize_t begun_ns,
     double slow,
     double moved,
     double apart,
@@ -3091,7 +3093,7 @@ def bodies_to_merge(
                             and close_by(shown, axis, body, seen_ns, offset, since_ns, young, old, apart)
                         )
                     unclear = 0.0
-                    if last_ns[young] >= since_ns and last_ns[old] >= since_ns:
+                    if last_ns[young] >= since_ns and last_ns[old] >= since_ns and first_ns[young] > begun_ns:
                         unclear = spread[young, 2, 2] + spread[young, 3, 3] + (spread[old, 2, 2] + spread[old, 3, 3])
                     if not (near and faster * faster + drift * drift < speed + deviations * unclear):
                         continue
@@ -4359,7 +4361,8 @@ cdef struct InsSetup:
     long long longest_ns, latency_ns, age_limit_ns
     double age_limit, smoothing, arm_x, arm_y
     long long shortest_ns
-    double early, late, fastest_turn, least_course_speed, sideways_share, bias_time, largest_bias, earliest
+    double early, late, fastest_turn, least_course_speed, sideways_share
+    double bias_time, largest_bias, largest_change, straight, settled, standing_speed, earliest
 
 
 cdef struct InsMemory:
@@ -4369,7 +4372,7 @@ cdef struct InsMemory:
     unsigned int known, waiting  # one bit each
     long long epoch_ns, heading_ns, heard_ns, last_ns, seen_ns
     bint is_open, has_heading, has_turn
-    double heading, yaw_rate, bridged, curvature, sideways, given_turn, bias, followed
+    double heading, yaw_rate, bridged, curvature, sideways, given_turn, bias, bias_speed, followed, straight
     double east, north, ve, vn, ae, an  # of the last sample
     long long samples, from_curvature, from_heading, accelerations
 
@@ -4421,8 +4424,40 @@ cdef inline void hear(InsMemory* own, const InsSetup* setup, int quantity, doubl
     own.waiting &= ~(1u << quantity)
 
 
-cdef void hear_heading(InsMemory* own, const InsSetup* setup, long long time_ns, bint turns, double given):
-    """InsMotion._hear_heading, ._derive_turn and ._follow_bias"""
+cdef inline double unbiased(
+    const InsMemory* own, const InsSetup* setup, double turn, double speed, bint by_curvature, bint usual
+) noexcept:
+    """InsMotion._unbiased"""
+    speed = fabs(speed)
+    if not usual or (turn == 0.0 and speed < setup.standing_speed):
+        return turn
+    if by_curvature and speed < own.bias_speed:
+        return turn - own.bias * (speed / own.bias_speed)
+    return turn - own.bias
+
+
+cdef inline void follow_bias(
+    InsMemory* own, const InsSetup* setup, double given, double speed, double change, double dt
+) noexcept:
+    """InsMotion._follow_bias"""
+    cdef double excess, share
+    if not own.has_turn:
+        return
+    own.straight = 0.0 if larger(fabs(given), fabs(own.given_turn)) >= setup.straight else own.straight + dt
+    excess = (given + own.given_turn) / 2 * dt - change
+    if own.straight < setup.settled or fabs(excess) >= setup.largest_change or setup.bias_time == 0.0:
+        return
+    own.followed = smaller(own.followed + dt, setup.bias_time)
+    share = dt / (dt + larger(own.followed, setup.earliest))
+    own.bias += share * (excess / dt - own.bias)
+    own.bias = larger(-setup.largest_bias, smaller(own.bias, setup.largest_bias))
+    own.bias_speed += share * (fabs(speed) - own.bias_speed)
+
+
+cdef void hear_heading(
+    InsMemory* own, const InsSetup* setup, long long time_ns, bint usual, double given, double speed
+):
+    """InsMotion._hear_heading and ._derive_turn"""
     cdef double heading = M_PI / 2 - own.value[setup.heading], change, dt, share
     own.heard_ns, own.bridged = own.arrived_ns[setup.heading], 0.0
     if own.has_heading:
@@ -4434,19 +4469,16 @@ cdef void hear_heading(InsMemory* own, const InsSetup* setup, long long time_ns,
         elif dt > 0.0 and fabs(change) <= setup.fastest_turn * dt:
             share = dt / (dt + setup.smoothing)
             own.yaw_rate += share * (change / dt - own.yaw_rate)
-            if turns and own.has_turn:
-                own.followed = smaller(own.followed + dt, setup.bias_time)
-                if own.followed > 0.0:
-                    share = dt / (dt + larger(own.followed, setup.earliest))
-                    own.bias += share * ((given + own.given_turn) / 2 - change / dt - own.bias)
-                    own.bias = larger(-setup.largest_bias, smaller(own.bias, setup.largest_bias))
+        if usual and 0.0 < dt <= setup.age_limit:
+            follow_bias(own, setup, given, speed, change, dt)
     own.heading, own.heading_ns, own.has_heading = heading, time_ns, True
-    own.given_turn, own.has_turn = given, turns
+    own.given_turn, own.has_turn = given, usual
 
 
 cdef bint add_sample(InsMemory* own, const InsSetup* setup, list rows, type kind) except -1:
     """InsMotion._add_sample and MotionHistory.add; return False where those are needed, and what is changed is void."""
     cdef bint turns, heard = False, components = setup.velocity_east >= 0, accelerates = False
+    cdef bint by_curvature = False, usual = True
     cdef double ve = 0.0, vn = 0.0, speed, turn = 0.0, heading, course, slip, c, s, ahead, left, dt, share
     cdef double east_rate = 0.0, north_rate = 0.0
     cdef long long time_ns = own.epoch_ns - setup.latency_ns
@@ -4462,20 +4494,21 @@ cdef bint add_sample(InsMemory* own, const InsSetup* setup, list rows, type kind
     if turns:
         turn = own.value[setup.yaw_rate]
     elif is_fresh(own, setup, setup.curvature):
-        turns, turn = True, own.value[setup.curvature] * speed
+        turns, by_curvature, turn = True, True, own.value[setup.curvature] * speed
+        usual = setup.yaw_rate < 0
         own.from_curvature += 1
     if knows(own, setup.heading) and own.arrived_ns[setup.heading] != own.heard_ns:
         heard = True
         if is_of_epoch(own, setup, setup.heading):
-            hear_heading(own, setup, time_ns, turns, turn)
+            hear_heading(own, setup, time_ns, turns and usual, turn, speed)
         else:
-            hear_heading(own, setup, own.arrived_ns[setup.heading] - setup.latency_ns, False, 0.0)
+            hear_heading(own, setup, own.arrived_ns[setup.heading] - setup.latency_ns, turns and usual, turn, speed)
     elif own.has_heading and not is_fresh(own, setup, setup.heading):
         return False
     if not own.has_heading:
         return True
     if turns:
-        turn -= own.bias
+        turn = unbiased(own, setup, turn, speed, by_curvature, usual)
     heading = own.heading + (turn if turns else own.yaw_rate) * ((time_ns - own.heading_ns) * 1e-9)
     own.samples += 1
     if not turns:
@@ -4544,7 +4577,8 @@ cdef class InsEpochs:
             self.setup.longest_ns, self.setup.latency_ns, self.setup.age_limit_ns, self.setup.age_limit,
             self.setup.smoothing, self.setup.arm_x, self.setup.arm_y, self.setup.shortest_ns, self.setup.early,
             self.setup.late, self.setup.fastest_turn, self.setup.least_course_speed, self.setup.sideways_share,
-            self.setup.bias_time, self.setup.largest_bias, self.setup.earliest,
+            self.setup.bias_time, self.setup.largest_bias, self.setup.largest_change, self.setup.straight,
+            self.setup.settled, self.setup.standing_speed, self.setup.earliest,
         ) = limits
         self.setup.waits = waits
 
@@ -4574,7 +4608,7 @@ cdef class InsEpochs:
         own.heading_ns, own.yaw_rate, own.heard_ns, own.bridged, own.curvature, own.sideways = memory[3:9]
         own.has_turn = memory[9] is not None
         own.given_turn = memory[9] if own.has_turn else 0.0
-        own.bias, own.followed = memory[10:]
+        own.bias, own.bias_speed, own.followed, own.straight = memory[10:]
         own.last_ns, own.east, own.north, _, own.ve, own.vn, _, own.ae, own.an, own.seen_ns = last
         own.samples = own.from_curvature = own.from_heading = own.accelerations = 0
 
@@ -4591,7 +4625,7 @@ cdef class InsEpochs:
             (
                 own.epoch_ns, bool(own.is_open), own.heading if own.has_heading else None, own.heading_ns, own.yaw_rate,
                 own.heard_ns, own.bridged, own.curvature, own.sideways, own.given_turn if own.has_turn else None, own.bias,
-                own.followed,
+                own.bias_speed, own.followed, own.straight,
             ),
             (own.samples, own.from_curvature, own.from_heading, own.accelerations),
         )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import asin, atan2, copysign, cos, hypot, pi, radians, remainder, sin, tau
-from typing import Final
+from math import asin, atan2, copysign, cos, hypot, pi, radians, remainder, sin, sqrt, tau
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,30 @@ _SIDEWAYS_SHARE = 0.05
 """Of a sample in the smoothed velocity sideways."""
 _LARGEST_BIAS = 3.0
 """Standard deviations of a yaw rate; what differs more from the heading's is no bias, but another sign or scale."""
+_STRAIGHT = radians(5.0)
+"""rad/s; of what turns faster, the heading tells how late it comes rather than a bias …"""
+_SETTLED = 0.5
+"""s, … and for so long after it."""
+_LARGEST_CHANGE = 6.0 * sqrt(2.0)
+"""Standard deviations of a heading; what changes by more beside the yaw rate has been set."""
 _EARLIEST = 0.5
 """s; the change of the first headings tells less of a bias than of noise, and of how late they come in a bend."""
+
+
+class GivenTurn(NamedTuple):
+    """A yaw rate that an INS gives.
+
+    Attributes:
+        rate: as it is given, rad/s.
+        speed: of the INS then, m/s.
+        by_curvature: whether it is the path's curvature times the speed.
+        is_usual: whether it comes from where it comes from usually, and headings tell its bias.
+    """
+
+    rate: float
+    speed: float
+    by_curvature: bool
+    is_usual: bool
 
 
 @dataclass(slots=True)
@@ -47,9 +69,11 @@ class InsMotionState:
         bridged: s driven since without another measure of it.
         curvature: of the path, 1/m, while the vehicle was last fast enough to show it.
         sideways: velocity of the rear axle to the left, m/s, smoothed: an error of the INS, for an axle does not slip.
-        given_turn: yaw rate as it was given with the latest heading, rad/s; None: none was, at the heading's time.
+        given_turn: yaw rate as it was given with the latest heading, rad/s; None: none was that it tells the bias of.
         bias: of the given yaw rate, rad/s.
+        bias_speed: at which that was told, m/s.
         followed: s over which the heading has told it, up to `bias_time`.
+        straight: s since the yaw rate was that of a bend.
         counts: of samples, and what was derived in them.
     """
 
@@ -64,7 +88,9 @@ class InsMotionState:
     sideways: float = 0.0
     given_turn: float | None = None
     bias: float = 0.0
+    bias_speed: float = 0.0
     followed: float = 0.0
+    straight: float = _SETTLED
     counts: SampleCounts = field(default_factory=SampleCounts)
 
 
@@ -96,6 +122,7 @@ class InsMotion:
         self._latency_ns = round(settings.latency * 1e9)
         self._age_limit_ns = round(settings.age_limit * 1e9)
         self._largest_bias = _LARGEST_BIAS * radians(settings.noise.yaw_rate_deg)
+        self._largest_change = _LARGEST_CHANGE * radians(settings.noise.heading_deg)
         self.wanted = frozenset(given)
         self.history = MotionHistory(
             age_limit=settings.age_limit,
@@ -128,6 +155,10 @@ class InsMotion:
             _SIDEWAYS_SHARE,
             settings.bias_time,
             self._largest_bias,
+            self._largest_change,
+            _STRAIGHT,
+            _SETTLED,
+            STANDING_SPEED,
             _EARLIEST,
         )
         self._steady: compiled.kernels.InsEpochs | None = None
@@ -230,7 +261,9 @@ class InsMotion:
                 state.sideways,
                 state.given_turn,
                 state.bias,
+                state.bias_speed,
                 state.followed,
+                state.straight,
             ),
             last,
         )
@@ -259,7 +292,9 @@ class InsMotion:
             state.sideways,
             state.given_turn,
             state.bias,
+            state.bias_speed,
             state.followed,
+            state.straight,
         ) = memory
         counts.samples += counted[0]
         counts.yaw_rate_from_curvature += counted[1]
@@ -311,20 +346,30 @@ class InsMotion:
         valid = self._state.epoch.signals.get("valid")
         return valid is None or valid.value != 0.0
 
-    def _given_turn(self, speed: float) -> float | None:
-        """Return the yaw rate that is given, rad/s, as such or as the path's curvature; None while neither comes."""
+    def _given_turn(self, speed: float) -> GivenTurn | None:
+        """Return the yaw rate that is given, as such or as the path's curvature; None while neither comes."""
         turn = self._epoch.fresh("yaw_rate") if self._gives_yaw_rate else None
         if turn is not None:
-            return turn
+            return GivenTurn(turn, speed, by_curvature=False, is_usual=True)
         curvature = self._epoch.fresh("curvature") if self._gives_curvature else None
         if curvature is None:
             return None
         self._state.counts.yaw_rate_from_curvature += 1
-        return curvature * speed
+        return GivenTurn(curvature * speed, speed, by_curvature=True, is_usual=not self._gives_yaw_rate)
 
-    def _unbiased(self, given: float | None) -> float | None:
-        """Return a given yaw rate without its bias."""
-        return None if given is None else given - self._state.bias
+    def _unbiased(self, given: GivenTurn | None) -> float | None:
+        """Return a given yaw rate without its bias, rad/s.
+
+        An INS that says at rest that it does not turn knows it. The bias of a curvature may be one of the curvature,
+        or of the yaw rate that it was made of: at lower speeds the smaller of the two is taken off.
+        """
+        if given is None:
+            return None
+        speed, state = abs(given.speed), self._state
+        if not given.is_usual or (given.rate == 0.0 and speed < STANDING_SPEED):
+            return given.rate
+        slower = given.by_curvature and speed < state.bias_speed
+        return given.rate - (state.bias * (speed / state.bias_speed) if slower else state.bias)
 
     def _slip(self, speed: float, turn: float) -> float:
         """Return the angle from heading to velocity where the INS is; the rear axle does not slip."""
@@ -344,14 +389,16 @@ class InsMotion:
         self._state.counts.acceleration_given += 1
         return c * ahead - s * left, s * ahead + c * left
 
-    def _heading(self, time_ns: int, velocity: tuple[float, float], speed: float, given: float | None) -> float | None:
+    def _heading(
+        self, time_ns: int, velocity: tuple[float, float], speed: float, given: GivenTurn | None
+    ) -> float | None:
         """Return the heading at a sample's time, not wrapped; None where it is not known.
 
         Args:
             time_ns: of the sample.
             velocity: over ground, east and north, m/s.
             speed: m/s.
-            given: yaw rate with its bias, rad/s; None while none comes.
+            given: yaw rate; None while none comes.
         """
         state, signal = self._state, self._state.epoch.signals.get("heading")
         if signal is not None and signal.arrived_ns != state.heard_ns:
@@ -364,20 +411,23 @@ class InsMotion:
         turn = self._unbiased(given)
         return state.heading + (state.yaw_rate if turn is None else turn) * ((time_ns - state.heading_ns) * 1e-9)
 
-    def _hear_heading(self, compass: float, arrived_ns: int, time_ns: int | None, given: float | None) -> None:
+    def _hear_heading(self, compass: float, arrived_ns: int, time_ns: int | None, given: GivenTurn | None) -> None:
         """Take a heading as it is sent, of a sample's time or else of its own; derivative and bias follow."""
         state = self._state
         state.heard_ns, state.bridged = arrived_ns, 0.0
-        given = None if time_ns is None else given
         time_ns = arrived_ns - self._latency_ns if time_ns is None else time_ns
         heading = pi / 2 - compass
         if state.heading is not None:
             change = remainder(heading - state.heading, tau)
             heading = state.heading + change
-            self._derive_turn(change, (time_ns - state.heading_ns) * 1e-9, given)
-        state.heading, state.heading_ns, state.given_turn = heading, time_ns, given
+            dt = (time_ns - state.heading_ns) * 1e-9
+            self._derive_turn(change, dt)
+            if given is not None and given.is_usual and 0.0 < dt <= self._settings.age_limit:
+                self._follow_bias(given, change, dt)
+        state.heading, state.heading_ns = heading, time_ns
+        state.given_turn = given.rate if given is not None and given.is_usual else None
 
-    def _derive_turn(self, change: float, dt: float, given: float | None) -> None:
+    def _derive_turn(self, change: float, dt: float) -> None:
         """Let the yaw rate follow a change of the heading; begin anew after a pause, leave out one that was set."""
         state = self._state
         if dt > self._settings.age_limit:
@@ -385,19 +435,24 @@ class InsMotion:
         elif dt > 0.0 and abs(change) <= FASTEST_TURN * dt:
             share = dt / (dt + self._settings.smoothing)
             state.yaw_rate += share * (change / dt - state.yaw_rate)
-            if given is not None and state.given_turn is not None:
-                self._follow_bias((given + state.given_turn) / 2 - change / dt, dt)
 
-    def _follow_bias(self, excess: float, dt: float) -> None:
-        """Let the bias follow by how much the given yaw rate is above the heading's, rad/s.
+    def _follow_bias(self, given: GivenTurn, change: float, dt: float) -> None:
+        """Let the bias follow by how much more a given yaw rate turns than a change of the heading, rad, in a time, s.
 
-        The error of a heading is bounded, and counts for less the longer it is watched; that of a bias adds up.
+        The error of a heading is bounded, and counts for less the longer it is watched; that of a bias adds up. In
+        bends a heading that comes a little late seems to err as a bias does, and one that has been set does anywhere.
         """
-        state, most = self._state, self._largest_bias
+        state, most, before = self._state, self._largest_bias, self._state.given_turn
+        if before is None:
+            return
+        state.straight = 0.0 if max(abs(given.rate), abs(before)) >= _STRAIGHT else state.straight + dt
+        excess = (given.rate + before) / 2 * dt - change
+        if state.straight < _SETTLED or abs(excess) >= self._largest_change or self._settings.bias_time == 0.0:
+            return
         state.followed = min(state.followed + dt, self._settings.bias_time)
-        if state.followed > 0.0:
-            share = dt / (dt + max(state.followed, _EARLIEST))
-            state.bias = max(-most, min(state.bias + share * (excess - state.bias), most))
+        share = dt / (dt + max(state.followed, _EARLIEST))
+        state.bias = max(-most, min(state.bias + share * (excess / dt - state.bias), most))
+        state.bias_speed += share * (abs(given.speed) - state.bias_speed)
 
     def _bridge(
         self, heading: float, time_ns: int, velocity: tuple[float, float], speed: float, turn: float | None
@@ -423,7 +478,7 @@ class InsMotion:
             counts.heading_kept += 1
         else:
             return None
-        state.heading, state.heading_ns = heading, time_ns
+        state.heading, state.heading_ns, state.given_turn = heading, time_ns, None
         return heading
 
     def _follow_course(self, heading: float, velocity: tuple[float, float], speed: float, dt: float) -> float:
@@ -468,7 +523,7 @@ class InsMotion:
 
     @property
     def corrections(self) -> tuple[float, float]:
-        """None: speed and yaw rate are used as the INS gives them."""
+        """None that is learnt from what stands: the headings tell the bias of the yaw rate."""
         return 1.0, 0.0
 
     def learn(self, returns: StationaryReturns) -> None:

@@ -11,7 +11,8 @@ from candaemon.estimation.body_filter import POSITION, VELOCITY
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import near_pairs, to_travel_axes
 
-_DEVIATIONS = 3.0  # standard deviations by which the velocities of what is seen in one place may differ more
+_DEVIATIONS = 3.0  # standard deviations by which the velocities of what is seen in one place may differ more …
+_YOUNG_NS = 10**9  # ns, … while the later one is younger: who walks past a car is told from it by then
 
 
 def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tuple[Integers, Floats]:
@@ -48,12 +49,14 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             obstacles.confirmed,
             obstacles.directed,
             obstacles.last_ns,
+            obstacles.first_ns,
             stood,
             obstacles.fastest,
             reflections.body,
             reflections.last_ns,
             reflections.offset,
             since_ns,
+            time_ns - _YOUNG_NS,
             standing.speed,
             standing.moved,
             standing.apart,
@@ -103,8 +106,8 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     )
     near |= stands[young] & stands[old] & either
     variance = np.trace(moments.shown_covariance[:, VELOCITY, VELOCITY], axis1=1, axis2=2)
-    lately = obstacles.last_ns >= since_ns
-    unclear = np.where(lately[young] & lately[old], variance[young] + variance[old], 0.0)
+    lately, begun = obstacles.last_ns >= since_ns, time_ns - obstacles.first_ns < _YOUNG_NS
+    unclear = np.where(lately[young] & lately[old] & begun[young], variance[young] + variance[old], 0.0)
     by_speed = near & ((faster * faster).sum(axis=1) < settings.speed**2 + _DEVIATIONS**2 * unclear)
     # Nearer to the box than any driver follows: another part of the vehicle, however long it proves to be.
     gap = np.minimum(settings.following * speed, settings.following_gap)

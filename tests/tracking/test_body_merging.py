@@ -2,37 +2,67 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
+from candaemon import compiled
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.tracking.body_merging import merge_candidates
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.identities import Identities
 
-FIRST_NS = 10**9
+NOW_NS = 5 * 10**9
 
 
+@dataclass(frozen=True)
+class Second:
+    """What seems 3 m/s faster than the first, which moves at 2 m/s across the line of sight.
+
+    Attributes:
+        behind: m, the first.
+        deviation: of the velocities of both, m/s.
+        age: s.
+        unseen: s since it was detected last.
+    """
+
+    behind: float = 1.0
+    deviation: float = 0.5
+    age: float = 0.5
+    unseen: float = 0.0
+
+
+@pytest.mark.parametrize("by_kernels", [True, False])
 @pytest.mark.parametrize(
-    ("behind", "deviation", "lost", "older"),
-    [(1.0, 1.0, False, 0), (1.0, 0.2, False, -1), (4.5, 1.0, False, -1), (1.0, 1.0, True, -1)],
-    ids=["as far as is known", "too fast", "too far away", "one of them lost"],
+    ("second", "older"),
+    [
+        (Second(), 0),
+        (Second(deviation=0.4), -1),
+        (Second(behind=4.5), -1),
+        (Second(age=1.5), -1),
+        (Second(unseen=0.3), -1),
+    ],
+    ids=["as far as is known", "too fast", "too far away", "known for long", "lost"],
 )
 def test_what_is_in_one_place_is_one_vehicle_unless_its_speed_is_known_to_differ(
-    behind: float, deviation: float, lost: bool, older: int
+    second: Second, older: int, by_kernels: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of what crosses, the speed is known only after some scans: the second obstacle seems 3 m/s faster."""
+    """Of what crosses, the speed is known only after some scans."""
+    if by_kernels and not compiled.in_use:
+        pytest.skip("the kernels are not built")
+    monkeypatch.setattr(compiled, "in_use", by_kernels)
     bodies = Bodies(VehicleEstimatorSettings(kind="vehicle"), Identities())
     modes = bodies.filter.probability.shape[1]
     velocity = np.tile(np.array([[2.0, 0.0], [5.0, 0.0]])[:, None], (1, modes, 1))
-    spread = np.tile(np.eye(2) * deviation**2, (2, modes, 1, 1))
-    place = np.array([[0.0, 20.0], [-behind, 20.0]])
+    spread = np.tile(np.eye(2) * second.deviation**2, (2, modes, 1, 1))
+    place = np.array([[0.0, 20.0], [-second.behind, 20.0]])
     bodies.filter.spawn(place, np.tile(np.eye(2) * 0.04, (2, 1, 1)), velocity, spread, np.full((2, modes), 1 / modes))
-    for row in range(2):
-        bodies.add(FIRST_NS, np.array([1.0, 0.0]), 4.5, 1.8)
-        bodies.add_reflection(row, 0, row, FIRST_NS, np.zeros(2))
+    for row, age in enumerate((3.0, second.age)):
+        bodies.add(NOW_NS - round(age * 1e9), np.array([1.0, 0.0]), 4.5, 1.8)
+        bodies.add_reflection(row, 0, row, NOW_NS, np.zeros(2))
     bodies.obstacles.confirmed[0] = True
-    bodies.obstacles.last_ns[:] = FIRST_NS * 3, FIRST_NS * (2 if lost else 3)
-    found, _ = merge_candidates(bodies, ReflectionSettings(), 3 * FIRST_NS)
+    bodies.obstacles.last_ns[:] = NOW_NS, NOW_NS - round(second.unseen * 1e9)
+    found, _ = merge_candidates(bodies, ReflectionSettings(), NOW_NS)
     assert found.tolist() == [-1, older]
