@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 99
+REVISION = 100
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3448,13 +3448,14 @@ def note_sizes(
     const Py_ssize_t[:] first_ns,
     const double[:, :] mean,
     const Py_ssize_t[:] body,
-    const double[:] x,
-    const double[:] y,
+    const double[:, :] sight,
     const double[:] interval,
     Py_ssize_t time_ns,
     double near,
     double alone_time,
     double faster_share,
+    double crossing_share,
+    double crossing,
     double never,
     double age,
     double told,
@@ -3469,21 +3470,29 @@ def note_sizes(
     """Note in place how long bodies have shown one reflection close by, how fast they were, and which are small so."""
     cdef Py_ssize_t m = body.shape[0], k = alone.shape[0], i, t
     cdef double walker_length = walker[0], walker_width = walker[1]
-    cdef double rider_length = rider[0], rider_width = rider[1], speed, faster, counts
-    seen_array = np.zeros((2, k), np.intp)
+    cdef double rider_length = rider[0], rider_width = rider[1], speed, faster, counts, x, y, across, along
+    seen_array = np.zeros((3, k), np.intp)
     cdef Py_ssize_t[:, ::1] seen = seen_array
     with nogil:
         for i in range(m):
-            seen[0, body[i]] += 1
-            if sqrt(x[i] * x[i] + y[i] * y[i]) < near:
-                seen[1, body[i]] = 1
+            t = body[i]
+            x, y = sight[i, 0], sight[i, 1]
+            across, along = mean[t, 3] * x - mean[t, 2] * y, mean[t, 2] * x + mean[t, 3] * y
+            seen[0, t] += 1
+            if sqrt(x * x + y * y) < near:
+                seen[1, t] = 1
+            if fabs(across) > crossing * fabs(along):
+                seen[2, t] = 1
         for t in range(k):
             speed = velocity_of(mean, t)
             if seen[0, t] > 1:
                 alone[t] = never
             elif seen[0, t] == 1 and seen[1, t]:
-                counts = (1.0 if speed < walking else faster_share) if speed > moved else 0.0
-                alone[t] = alone[t] + interval[t] * counts / alone_time
+                counts = 1.0 if speed < walking else faster_share
+                if seen[2, t]:
+                    counts = crossing_share
+                if speed > moved:
+                    alone[t] = alone[t] + interval[t] * counts / alone_time
             fastest[t] = larger(fastest[t], speed if (time_ns - first_ns[t]) * 1e-9 > age else 0.0)
             if alone[t] > 1.0 and size_variance[t] > told and fastest[t] > moved:
                 if seen[0, t] > 0 and speed > moved and fastest[t] < riding:

@@ -92,6 +92,13 @@ class AloneSettings(Settings):
     faster: float = Field(
         0.25, ge=0, le=1, description="share with which the time counts that it is faster; standing tells nothing"
     )
+    crossing: float = Field(
+        1.7,
+        ge=0,
+        le=10,
+        description="times the time counts that it crosses the line of sight, at any speed: a car seen from its side "
+        "shows several soon",
+    )
 
 
 class ReflectionSettings(Settings):

@@ -32,6 +32,7 @@ TRUCK_WIDTH = 2.5  # m
 WALKER, RIDER = (0.5, 0.6), (1.8, 0.7)  # m, length and width
 _NEVER_ALONE = -1e12  # of what has shown several reflections
 _MOVED, _RIDING = 0.5, 9.0  # m/s
+_CROSSING = 1.5  # times the speed along the line of sight, from which on that across it shows a side
 _PACE_TIME = 4.0  # s, time constant with which the greatest speed of something small is forgotten, down to a walk
 _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
 _TURN_ERROR = 0.15  # rad/s, by which a turn rate is wrong
@@ -104,9 +105,11 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
 def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices, settings: AloneSettings) -> None:
     """Take what stays a single reflection close by for something small: a walker, or a rider where it is faster.
 
-    Two of three scans show one reflection of a car too, and for seconds at a time. Who walks does so all the time.
+    Two of three scans show one reflection of a car too, and for seconds at a time; from its side it shows several
+    sooner. Who walks does so all the time.
     """
-    obstacles, mean, x, y = bodies.obstacles, bodies.moments().mean, detections.x.take(rows), detections.y.take(rows)
+    obstacles, mean, measurement = bodies.obstacles, bodies.moments().mean, detections.measurement
+    sight = measurement.position.take(rows, axis=0) - measurement.origin
     size_variance = np.minimum(obstacles.length_variance, obstacles.width_variance)
     if compiled.in_use:
         compiled.kernels.note_sizes(
@@ -118,13 +121,14 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
             obstacles.first_ns,
             mean,
             body,
-            x,
-            y,
+            sight,
             obstacles.interval,
             detections.time_ns,
             settings.within,
             settings.time,
             settings.faster,
+            settings.crossing,
+            _CROSSING,
             _NEVER_ALONE,
             _AXIS_AGE,
             _TOLD,
@@ -138,12 +142,14 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
         )
         return
     count = np.bincount(body, minlength=len(obstacles))
-    distance = np.sqrt(x * x + y * y)
-    near = np.zeros(len(obstacles), dtype=np.bool_)
-    near[body[distance < settings.within]] = True
+    x, y = sight.T
+    near, crosses = np.zeros((2, len(obstacles)), dtype=np.bool_)
+    near[body[np.sqrt(x * x + y * y) < settings.within]] = True
+    across, along = mean[body, 3] * x - mean[body, 2] * y, mean[body, 2] * x + mean[body, 3] * y
+    crosses[body[np.abs(across) > _CROSSING * np.abs(along)]] = True
     speed = np.sqrt(mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3])
     alone = near & (count == 1) & (speed > _MOVED)
-    counts = np.where(speed < WALKING, 1.0, settings.faster) * alone
+    counts = np.where(crosses, settings.crossing, np.where(speed < WALKING, 1.0, settings.faster)) * alone
     obstacles.alone = np.where(count > 1, _NEVER_ALONE, obstacles.alone + obstacles.interval * counts / settings.time)
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))

@@ -531,6 +531,15 @@ def test_a_car_that_stops_is_not_small_though_one_reflection_shows() -> None:
     assert fed.tracker.state.tracks.obstacles.length[0] > 4.0
 
 
+@pytest.mark.parametrize(("across", "small"), [(True, True), (False, False)], ids=["across", "ahead"])
+def test_who_rides_across_is_small_soon_and_what_drives_ahead_may_be_a_car(across: bool, small: bool) -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(15)
+    for t in times(1, 80):
+        seen = Seen(0, 15.0, -12.0 + 6.0 * t, 0.0, 6.0) if across else Seen(0, 6.0 + 6.0 * t, 0.0, 6.0)
+        fed.scan(t, noisy(rng, [seen]))
+    assert (fed.tracker.state.tracks.obstacles.length[0] < 2.0) == small
+
+
 @pytest.mark.parametrize(("decelerated", "small"), [(True, False), (False, True)], ids=["stops", "goes on"])
 def test_what_stops_in_a_queue_is_no_walker_though_it_was_as_slow_when_it_was_seen_first(
     decelerated: bool, small: bool
