@@ -10,7 +10,22 @@ from candaemon.arrays import Booleans, Bytes, Floats, Indices, Integers
 REVISION: Final[int]
 _Heard: TypeAlias = tuple[float, int, int] | None
 _InsMemory: TypeAlias = tuple[
-    int, bool, float | None, int, float, int, float, float, float, float | None, float, float, float, float
+    int,
+    bool,
+    float | None,
+    int,
+    float,
+    int,
+    float,
+    float,
+    float,
+    float | None,
+    float,
+    float,
+    float,
+    float,
+    float,
+    float,
 ]
 _SampleT = TypeVar("_SampleT", bound=tuple[Any, ...])
 
@@ -398,6 +413,7 @@ def note_sizes(
     mean: Floats,
     body: Indices,
     sight: Floats,
+    own: Floats,
     interval: Floats,
     time_ns: int,
     near: float,

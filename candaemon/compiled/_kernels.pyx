@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 100
+REVISION = 101
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3449,6 +3449,7 @@ def note_sizes(
     const double[:, :] mean,
     const Py_ssize_t[:] body,
     const double[:, :] sight,
+    const double[:] own,
     const double[:] interval,
     Py_ssize_t time_ns,
     double near,
@@ -3482,7 +3483,9 @@ def note_sizes(
             if sqrt(x * x + y * y) < near:
                 seen[1, t] = 1
             if fabs(across) > crossing * fabs(along):
-                seen[2, t] = 1
+                across, along = mean[t, 3] * own[0] - mean[t, 2] * own[1], mean[t, 2] * own[0] + mean[t, 3] * own[1]
+                if fabs(across) >= crossing * fabs(along):
+                    seen[2, t] = 1
         for t in range(k):
             speed = velocity_of(mean, t)
             if seen[0, t] > 1:
@@ -4381,7 +4384,7 @@ cdef struct InsMemory:
     unsigned int known, waiting  # one bit each
     long long epoch_ns, heading_ns, heard_ns, last_ns, seen_ns
     bint is_open, has_heading, has_turn
-    double heading, yaw_rate, bridged, curvature, sideways, given_turn, bias, bias_speed, followed, straight
+    double heading, yaw_rate, bridged, curvature, sideways, given_turn, bias, bias_speed, followed, straight, excess, excess_time
     double east, north, ve, vn, ae, an  # of the last sample
     long long samples, from_curvature, from_heading, accelerations
 
@@ -4449,16 +4452,27 @@ cdef inline void follow_bias(
     InsMemory* own, const InsSetup* setup, double given, double speed, double change, double dt
 ) noexcept:
     """InsMotion._follow_bias"""
-    cdef double excess, share
+    cdef double excess, time, share
+    cdef bint is_straight, is_large
     if not own.has_turn:
+        own.excess = own.excess_time = 0.0
+        return
+    if given == 0.0 and fabs(speed) < setup.standing_speed:
         return
     own.straight = 0.0 if larger(fabs(given), fabs(own.given_turn)) >= setup.straight else own.straight + dt
-    excess = (given + own.given_turn) / 2 * dt - change
-    if own.straight < setup.settled or fabs(excess) >= setup.largest_change or setup.bias_time == 0.0:
+    own.excess += (given + own.given_turn) / 2 * dt - change
+    own.excess_time += dt
+    excess, time = own.excess, own.excess_time
+    is_straight = own.straight >= setup.settled and setup.bias_time > 0.0
+    is_large = fabs(excess) >= setup.largest_change + setup.largest_bias * time
+    if is_straight and is_large and time < setup.settled:
         return
-    own.followed = smaller(own.followed + dt, setup.bias_time)
-    share = dt / (dt + larger(own.followed, setup.earliest))
-    own.bias += share * (excess / dt - own.bias)
+    own.excess = own.excess_time = 0.0
+    if not is_straight or is_large:
+        return
+    own.followed = smaller(own.followed + time, setup.bias_time)
+    share = time / (time + larger(own.followed, setup.earliest))
+    own.bias += share * (excess / time - own.bias)
     own.bias = larger(-setup.largest_bias, smaller(own.bias, setup.largest_bias))
     own.bias_speed += share * (fabs(speed) - own.bias_speed)
 
@@ -4617,7 +4631,7 @@ cdef class InsEpochs:
         own.heading_ns, own.yaw_rate, own.heard_ns, own.bridged, own.curvature, own.sideways = memory[3:9]
         own.has_turn = memory[9] is not None
         own.given_turn = memory[9] if own.has_turn else 0.0
-        own.bias, own.bias_speed, own.followed, own.straight = memory[10:]
+        own.bias, own.bias_speed, own.followed, own.straight, own.excess, own.excess_time = memory[10:]
         own.last_ns, own.east, own.north, _, own.ve, own.vn, _, own.ae, own.an, own.seen_ns = last
         own.samples = own.from_curvature = own.from_heading = own.accelerations = 0
 
@@ -4634,7 +4648,7 @@ cdef class InsEpochs:
             (
                 own.epoch_ns, bool(own.is_open), own.heading if own.has_heading else None, own.heading_ns, own.yaw_rate,
                 own.heard_ns, own.bridged, own.curvature, own.sideways, own.given_turn if own.has_turn else None, own.bias,
-                own.bias_speed, own.followed, own.straight,
+                own.bias_speed, own.followed, own.straight, own.excess, own.excess_time,
             ),
             (own.samples, own.from_curvature, own.from_heading, own.accelerations),
         )

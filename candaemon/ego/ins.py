@@ -34,7 +34,7 @@ _STRAIGHT = radians(5.0)
 _SETTLED = 0.5
 """s, … and for so long after it."""
 _LARGEST_CHANGE = 6.0 * sqrt(2.0)
-"""Standard deviations of a heading; what changes by more beside the yaw rate has been set."""
+"""Standard deviations of a heading; what stays changed by more beside the yaw rate has been set."""
 _EARLIEST = 0.5
 """s; the change of the first headings tells less of a bias than of noise, and of how late they come in a bend."""
 
@@ -74,6 +74,8 @@ class InsMotionState:
         bias_speed: at which that was told, m/s.
         followed: s over which the heading has told it, up to `bias_time`.
         straight: s since the yaw rate was that of a bend.
+        excess: what the given yaw rate has turned more than the heading and the bias has not followed yet, rad.
+        excess_time: in which it has, s.
         counts: of samples, and what was derived in them.
     """
 
@@ -91,6 +93,8 @@ class InsMotionState:
     bias_speed: float = 0.0
     followed: float = 0.0
     straight: float = _SETTLED
+    excess: float = 0.0
+    excess_time: float = 0.0
     counts: SampleCounts = field(default_factory=SampleCounts)
 
 
@@ -264,6 +268,8 @@ class InsMotion:
                 state.bias_speed,
                 state.followed,
                 state.straight,
+                state.excess,
+                state.excess_time,
             ),
             last,
         )
@@ -295,6 +301,8 @@ class InsMotion:
             state.bias_speed,
             state.followed,
             state.straight,
+            state.excess,
+            state.excess_time,
         ) = memory
         counts.samples += counted[0]
         counts.yaw_rate_from_curvature += counted[1]
@@ -440,18 +448,30 @@ class InsMotion:
         """Let the bias follow by how much more a given yaw rate turns than a change of the heading, rad, in a time, s.
 
         The error of a heading is bounded, and counts for less the longer it is watched; that of a bias adds up. In
-        bends a heading that comes a little late seems to err as a bias does, and one that has been set does anywhere.
+        bends a heading that comes a little late seems to err as a bias does, and one that has been set does anywhere: a
+        large change waits for the next one to take it back. An INS that says at rest that it does not turn tells
+        nothing.
         """
         state, most, before = self._state, self._largest_bias, self._state.given_turn
         if before is None:
+            state.excess = state.excess_time = 0.0
+            return
+        if given.rate == 0.0 and abs(given.speed) < STANDING_SPEED:
             return
         state.straight = 0.0 if max(abs(given.rate), abs(before)) >= _STRAIGHT else state.straight + dt
-        excess = (given.rate + before) / 2 * dt - change
-        if state.straight < _SETTLED or abs(excess) >= self._largest_change or self._settings.bias_time == 0.0:
+        state.excess += (given.rate + before) / 2 * dt - change
+        state.excess_time += dt
+        excess, time = state.excess, state.excess_time
+        is_straight = state.straight >= _SETTLED and self._settings.bias_time > 0.0
+        is_large = abs(excess) >= self._largest_change + most * time
+        if is_straight and is_large and time < _SETTLED:
             return
-        state.followed = min(state.followed + dt, self._settings.bias_time)
-        share = dt / (dt + max(state.followed, _EARLIEST))
-        state.bias = max(-most, min(state.bias + share * (excess / dt - state.bias), most))
+        state.excess = state.excess_time = 0.0
+        if not is_straight or is_large:
+            return
+        state.followed = min(state.followed + time, self._settings.bias_time)
+        share = time / (time + max(state.followed, _EARLIEST))
+        state.bias = max(-most, min(state.bias + share * (excess / time - state.bias), most))
         state.bias_speed += share * (abs(given.speed) - state.bias_speed)
 
     def _bridge(

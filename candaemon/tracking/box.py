@@ -122,6 +122,7 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
             mean,
             body,
             sight,
+            measurement.velocity,
             obstacles.interval,
             detections.time_ns,
             settings.within,
@@ -145,8 +146,12 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     x, y = sight.T
     near, crosses = np.zeros((2, len(obstacles)), dtype=np.bool_)
     near[body[np.sqrt(x * x + y * y) < settings.within]] = True
-    across, along = mean[body, 3] * x - mean[body, 2] * y, mean[body, 2] * x + mean[body, 3] * y
-    crosses[body[np.abs(across) > _CROSSING * np.abs(along)]] = True
+    vx, vy = mean[:, 2].take(body), mean[:, 3].take(body)
+    crossing = np.abs(vy * x - vx * y) > _CROSSING * np.abs(vx * x + vy * y)
+    # what drives beside us shows one side all the time
+    ox, oy = measurement.velocity.tolist()
+    crossing &= np.abs(vy * ox - vx * oy) >= _CROSSING * np.abs(vx * ox + vy * oy)
+    crosses[body[crossing]] = True
     speed = np.sqrt(mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3])
     alone = near & (count == 1) & (speed > _MOVED)
     counts = np.where(crosses, settings.crossing, np.where(speed < WALKING, 1.0, settings.faster)) * alone

@@ -115,11 +115,19 @@ def test_a_heading_that_has_been_set_is_not_taken_for_a_bias() -> None:
     assert abs(drive.error()) < 0.05
 
 
+def test_headings_noisier_than_is_said_tell_the_bias_in_the_end() -> None:
+    drive = Drive(noise={"heading_deg": 0.005})
+    drive.go_on(30.0)
+    assert abs(drive.error()) < 0.1
+
+
 def test_who_stands_does_not_turn_whatever_the_bias_of_its_curvature() -> None:
     drive = Drive(turn=lambda _: 0.0, source="curvature")
     drive.go_on(10.0)
-    drive.go_on(0.5, speed=0.0)
+    drive.go_on(30.0, speed=0.0)
     assert drive.error() == 0.0
+    drive.go_on(0.1)
+    assert abs(drive.error()) < 0.1  # it is known still
 
 
 def test_what_stands_in_for_the_yaw_rate_has_not_its_bias() -> None:

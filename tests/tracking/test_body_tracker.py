@@ -540,6 +540,13 @@ def test_who_rides_across_is_small_soon_and_what_drives_ahead_may_be_a_car(acros
     assert (fed.tracker.state.tracks.obstacles.length[0] < 2.0) == small
 
 
+def test_a_car_that_keeps_beside_us_in_a_queue_does_not_cross() -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(16)
+    for t in times(1, 120):
+        fed.scan(t, noisy(rng, [Seen(0, 2.0 + 6.0 * t, 3.2, 6.0)]), ego=pose(t, east=6.0 * t, ve=6.0))
+    assert fed.tracker.state.tracks.obstacles.length[0] > 4.0
+
+
 @pytest.mark.parametrize(("decelerated", "small"), [(True, False), (False, True)], ids=["stops", "goes on"])
 def test_what_stops_in_a_queue_is_no_walker_though_it_was_as_slow_when_it_was_seen_first(
     decelerated: bool, small: bool
