@@ -9,24 +9,8 @@ from candaemon.arrays import Booleans, Bytes, Floats, Indices, Integers
 
 REVISION: Final[int]
 _Heard: TypeAlias = tuple[float, int, int] | None
-_InsMemory: TypeAlias = tuple[
-    int,
-    bool,
-    float | None,
-    int,
-    float,
-    int,
-    float,
-    float,
-    float,
-    float | None,
-    float,
-    float,
-    float,
-    float,
-    float,
-    float,
-]
+_Bias: TypeAlias = tuple[float | None, float, float, float, float, float, float]
+_InsMemory: TypeAlias = tuple[int, bool, float | None, int, float, int, float, float, float, _Bias]
 _SampleT = TypeVar("_SampleT", bound=tuple[Any, ...])
 
 def halved(covariance: Floats) -> None: ...

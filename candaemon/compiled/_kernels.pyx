@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 101
+REVISION = 102
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -4439,7 +4439,7 @@ cdef inline void hear(InsMemory* own, const InsSetup* setup, int quantity, doubl
 cdef inline double unbiased(
     const InsMemory* own, const InsSetup* setup, double turn, double speed, bint by_curvature, bint usual
 ) noexcept:
-    """InsMotion._unbiased"""
+    """TurnBias.unbiased"""
     speed = fabs(speed)
     if not usual or (turn == 0.0 and speed < setup.standing_speed):
         return turn
@@ -4451,7 +4451,7 @@ cdef inline double unbiased(
 cdef inline void follow_bias(
     InsMemory* own, const InsSetup* setup, double given, double speed, double change, double dt
 ) noexcept:
-    """InsMotion._follow_bias"""
+    """TurnBias.follow"""
     cdef double excess, time, share
     cdef bint is_straight, is_large
     if not own.has_turn:
@@ -4629,9 +4629,10 @@ cdef class InsEpochs:
         own.heading = memory[2] if own.has_heading else 0.0
         own.epoch_ns, own.is_open = memory[0], memory[1]
         own.heading_ns, own.yaw_rate, own.heard_ns, own.bridged, own.curvature, own.sideways = memory[3:9]
-        own.has_turn = memory[9] is not None
-        own.given_turn = memory[9] if own.has_turn else 0.0
-        own.bias, own.bias_speed, own.followed, own.straight, own.excess, own.excess_time = memory[10:]
+        bias = memory[9]
+        own.has_turn = bias[0] is not None
+        own.given_turn = bias[0] if own.has_turn else 0.0
+        own.bias, own.bias_speed, own.followed, own.straight, own.excess, own.excess_time = bias[1:]
         own.last_ns, own.east, own.north, _, own.ve, own.vn, _, own.ae, own.an, own.seen_ns = last
         own.samples = own.from_curvature = own.from_heading = own.accelerations = 0
 
@@ -4647,8 +4648,11 @@ cdef class InsEpochs:
             own.waiting,
             (
                 own.epoch_ns, bool(own.is_open), own.heading if own.has_heading else None, own.heading_ns, own.yaw_rate,
-                own.heard_ns, own.bridged, own.curvature, own.sideways, own.given_turn if own.has_turn else None, own.bias,
-                own.bias_speed, own.followed, own.straight, own.excess, own.excess_time,
+                own.heard_ns, own.bridged, own.curvature, own.sideways,
+                (
+                    own.given_turn if own.has_turn else None, own.bias, own.bias_speed, own.followed, own.straight,
+                    own.excess, own.excess_time,
+                ),
             ),
             (own.samples, own.from_curvature, own.from_heading, own.accelerations),
         )

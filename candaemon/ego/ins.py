@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from math import asin, atan2, copysign, cos, hypot, pi, radians, remainder, sin, sqrt, tau
-from typing import Final, NamedTuple
+from dataclasses import astuple, dataclass, field
+from math import asin, atan2, copysign, cos, hypot, pi, radians, remainder, sin, tau
+from typing import Final
 
 import numpy as np
 
@@ -15,10 +15,9 @@ from candaemon.config.ego import BiasSettings, InsSettings
 from candaemon.ego.motion import MotionHistory, MotionHistoryState, Sample, SampleCounts, StationaryReturns
 from candaemon.ego.motion_epoch import EARLY, LATE, SHORTEST_PERIOD_NS, MotionEpoch, MotionEpochState
 from candaemon.ego.pose import EgoPose
+from candaemon.ego.turn_bias import STANDING_SPEED, GivenTurn, TurnBias, TurnBiasState
 from candaemon.frames.times import LONG_AGO_NS
 
-STANDING_SPEED: Final = 0.2
-"""m/s; a vehicle that is slower keeps its heading while none comes."""
 LEAST_COURSE_SPEED: Final = 2.0
 """m/s; the course of a vehicle that is faster tells its heading while none comes."""
 FASTEST_TURN: Final = 2.0
@@ -27,32 +26,6 @@ _COURSE_SMOOTHING = 2.0
 """Times the smoothing of headings: a course is as much noisier."""
 _SIDEWAYS_SHARE = 0.05
 """Of a sample in the smoothed velocity sideways."""
-_LARGEST_BIAS = 3.0
-"""Standard deviations of a yaw rate; what differs more from the heading's is no bias, but another sign or scale."""
-_STRAIGHT = radians(5.0)
-"""rad/s; of what turns faster, the heading tells how late it comes rather than a bias …"""
-_SETTLED = 0.5
-"""s, … and for so long after it."""
-_LARGEST_CHANGE = 6.0 * sqrt(2.0)
-"""Standard deviations of a heading; what stays changed by more beside the yaw rate has been set."""
-_EARLIEST = 0.5
-"""s; the change of the first headings tells less of a bias than of noise, and of how late they come in a bend."""
-
-
-class GivenTurn(NamedTuple):
-    """A yaw rate that an INS gives.
-
-    Attributes:
-        rate: as it is given, rad/s.
-        speed: of the INS then, m/s.
-        by_curvature: whether it is the path's curvature times the speed.
-        is_usual: whether it comes from where it comes from usually, and headings tell its bias.
-    """
-
-    rate: float
-    speed: float
-    by_curvature: bool
-    is_usual: bool
 
 
 @dataclass(slots=True)
@@ -69,13 +42,7 @@ class InsMotionState:
         bridged: s driven since without another measure of it.
         curvature: of the path, 1/m, while the vehicle was last fast enough to show it.
         sideways: velocity of the rear axle to the left, m/s, smoothed: an error of the INS, for an axle does not slip.
-        given_turn: yaw rate as it was given with the latest heading, rad/s; None: none was that it tells the bias of.
-        bias: of the given yaw rate, rad/s.
-        bias_speed: at which that was told, m/s.
-        followed: s over which the heading has told it, up to `bias_time`.
-        straight: s since the yaw rate was that of a bend.
-        excess: what the given yaw rate has turned more than the heading and the bias has not followed yet, rad.
-        excess_time: in which it has, s.
+        turn_bias: of the yaw rate as it is given.
         counts: of samples, and what was derived in them.
     """
 
@@ -88,13 +55,7 @@ class InsMotionState:
     bridged: float = 0.0
     curvature: float = 0.0
     sideways: float = 0.0
-    given_turn: float | None = None
-    bias: float = 0.0
-    bias_speed: float = 0.0
-    followed: float = 0.0
-    straight: float = _SETTLED
-    excess: float = 0.0
-    excess_time: float = 0.0
+    turn_bias: TurnBiasState = field(default_factory=TurnBiasState)
     counts: SampleCounts = field(default_factory=SampleCounts)
 
 
@@ -125,8 +86,7 @@ class InsMotion:
         self._gives_acceleration, self._is_gated = "ax" in given, "valid" in given
         self._latency_ns = round(settings.latency * 1e9)
         self._age_limit_ns = round(settings.age_limit * 1e9)
-        self._largest_bias = _LARGEST_BIAS * radians(settings.noise.yaw_rate_deg)
-        self._largest_change = _LARGEST_CHANGE * radians(settings.noise.heading_deg)
+        self._turn_bias = TurnBias(settings)
         self.wanted = frozenset(given)
         self.history = MotionHistory(
             age_limit=settings.age_limit,
@@ -136,7 +96,7 @@ class InsMotion:
             smoothing=settings.smoothing,
             heading_variance=radians(settings.noise.heading_deg) ** 2,
         )
-        self._state = InsMotionState(self._epoch.state, self.history.state)
+        self._state = InsMotionState(self._epoch.state, self.history.state, turn_bias=self._turn_bias.state)
         # for many frames at once
         self._numbers: dict[str, int] = {}
         roles = (self._clock, "velocity_east", "heading", "yaw_rate", "curvature", "slip", "ax", "ay", "valid")
@@ -157,13 +117,7 @@ class InsMotion:
             FASTEST_TURN,
             LEAST_COURSE_SPEED,
             _SIDEWAYS_SHARE,
-            settings.bias_time,
-            self._largest_bias,
-            self._largest_change,
-            _STRAIGHT,
-            _SETTLED,
-            STANDING_SPEED,
-            _EARLIEST,
+            *self._turn_bias.limits,
         )
         self._steady: compiled.kernels.InsEpochs | None = None
         self._is_ahead = False
@@ -182,6 +136,7 @@ class InsMotion:
     def state(self, state: InsMotionState) -> None:
         self._is_ahead = False
         self._state, self._epoch.state, self.history.state = state, state.epoch, state.history
+        self._turn_bias.state = state.turn_bias
 
     @property
     def counts(self) -> SampleCounts:
@@ -263,13 +218,7 @@ class InsMotion:
                 state.bridged,
                 state.curvature,
                 state.sideways,
-                state.given_turn,
-                state.bias,
-                state.bias_speed,
-                state.followed,
-                state.straight,
-                state.excess,
-                state.excess_time,
+                astuple(state.turn_bias),
             ),
             last,
         )
@@ -296,14 +245,9 @@ class InsMotion:
             state.bridged,
             state.curvature,
             state.sideways,
-            state.given_turn,
-            state.bias,
-            state.bias_speed,
-            state.followed,
-            state.straight,
-            state.excess,
-            state.excess_time,
+            bias,
         ) = memory
+        self._turn_bias.state = state.turn_bias = TurnBiasState(*bias)
         counts.samples += counted[0]
         counts.yaw_rate_from_curvature += counted[1]
         counts.yaw_rate_from_heading += counted[2]
@@ -332,7 +276,7 @@ class InsMotion:
         if heading is None:
             return
         state.counts.samples += 1
-        turn = self._unbiased(given)
+        turn = self._turn_bias.unbiased(given)
         if turn is None:
             turn = state.yaw_rate
             state.counts.yaw_rate_from_heading += 1
@@ -364,20 +308,6 @@ class InsMotion:
             return None
         self._state.counts.yaw_rate_from_curvature += 1
         return GivenTurn(curvature * speed, speed, by_curvature=True, is_usual=not self._gives_yaw_rate)
-
-    def _unbiased(self, given: GivenTurn | None) -> float | None:
-        """Return a given yaw rate without its bias, rad/s.
-
-        An INS that says at rest that it does not turn knows it. The bias of a curvature may be one of the curvature,
-        or of the yaw rate that it was made of: at lower speeds the smaller of the two is taken off.
-        """
-        if given is None:
-            return None
-        speed, state = abs(given.speed), self._state
-        if not given.is_usual or (given.rate == 0.0 and speed < STANDING_SPEED):
-            return given.rate
-        slower = given.by_curvature and speed < state.bias_speed
-        return given.rate - (state.bias * (speed / state.bias_speed) if slower else state.bias)
 
     def _slip(self, speed: float, turn: float) -> float:
         """Return the angle from heading to velocity where the INS is; the rear axle does not slip."""
@@ -413,10 +343,10 @@ class InsMotion:
             together = self._epoch.belongs("heading")
             self._hear_heading(signal.value, signal.arrived_ns, time_ns if together else None, given)
         elif state.heading is not None and self._epoch.fresh("heading") is None:
-            return self._bridge(state.heading, time_ns, velocity, abs(speed), self._unbiased(given))
+            return self._bridge(state.heading, time_ns, velocity, abs(speed), self._turn_bias.unbiased(given))
         if state.heading is None:
             return None
-        turn = self._unbiased(given)
+        turn = self._turn_bias.unbiased(given)
         return state.heading + (state.yaw_rate if turn is None else turn) * ((time_ns - state.heading_ns) * 1e-9)
 
     def _hear_heading(self, compass: float, arrived_ns: int, time_ns: int | None, given: GivenTurn | None) -> None:
@@ -431,9 +361,9 @@ class InsMotion:
             dt = (time_ns - state.heading_ns) * 1e-9
             self._derive_turn(change, dt)
             if given is not None and given.is_usual and 0.0 < dt <= self._settings.age_limit:
-                self._follow_bias(given, change, dt)
+                self._turn_bias.follow(given, change, dt)
         state.heading, state.heading_ns = heading, time_ns
-        state.given_turn = given.rate if given is not None and given.is_usual else None
+        self._turn_bias.note(given)
 
     def _derive_turn(self, change: float, dt: float) -> None:
         """Let the yaw rate follow a change of the heading; begin anew after a pause, leave out one that was set."""
@@ -443,36 +373,6 @@ class InsMotion:
         elif dt > 0.0 and abs(change) <= FASTEST_TURN * dt:
             share = dt / (dt + self._settings.smoothing)
             state.yaw_rate += share * (change / dt - state.yaw_rate)
-
-    def _follow_bias(self, given: GivenTurn, change: float, dt: float) -> None:
-        """Let the bias follow by how much more a given yaw rate turns than a change of the heading, rad, in a time, s.
-
-        The error of a heading is bounded, and counts for less the longer it is watched; that of a bias adds up. In
-        bends a heading that comes a little late seems to err as a bias does, and one that has been set does anywhere: a
-        large change waits for the next one to take it back. An INS that says at rest that it does not turn tells
-        nothing.
-        """
-        state, most, before = self._state, self._largest_bias, self._state.given_turn
-        if before is None:
-            state.excess = state.excess_time = 0.0
-            return
-        if given.rate == 0.0 and abs(given.speed) < STANDING_SPEED:
-            return
-        state.straight = 0.0 if max(abs(given.rate), abs(before)) >= _STRAIGHT else state.straight + dt
-        state.excess += (given.rate + before) / 2 * dt - change
-        state.excess_time += dt
-        excess, time = state.excess, state.excess_time
-        is_straight = state.straight >= _SETTLED and self._settings.bias_time > 0.0
-        is_large = abs(excess) >= self._largest_change + most * time
-        if is_straight and is_large and time < _SETTLED:
-            return
-        state.excess = state.excess_time = 0.0
-        if not is_straight or is_large:
-            return
-        state.followed = min(state.followed + time, self._settings.bias_time)
-        share = time / (time + max(state.followed, _EARLIEST))
-        state.bias = max(-most, min(state.bias + share * (excess / time - state.bias), most))
-        state.bias_speed += share * (abs(given.speed) - state.bias_speed)
 
     def _bridge(
         self, heading: float, time_ns: int, velocity: tuple[float, float], speed: float, turn: float | None
@@ -498,7 +398,8 @@ class InsMotion:
             counts.heading_kept += 1
         else:
             return None
-        state.heading, state.heading_ns, state.given_turn = heading, time_ns, None
+        state.heading, state.heading_ns = heading, time_ns
+        self._turn_bias.note(None)
         return heading
 
     def _follow_course(self, heading: float, velocity: tuple[float, float], speed: float, dt: float) -> float:
