@@ -144,8 +144,13 @@ def mix_bodies(
     dwell: Floats,
     others: Floats,
     moves: Floats,
+    turns: Floats,
+    hidden: Floats,
     stoppable: float,
     least: float,
+    slow: float,
+    fastest: float,
+    least_turning: float,
 ) -> Floats: ...
 def step_bodies(
     mean: Floats,

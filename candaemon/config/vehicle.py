@@ -12,6 +12,7 @@ Acceleration = Annotated[float, Field(gt=0, le=20, description="m/s², standard 
 LateralAcceleration = Annotated[float, Field(gt=0, le=20, description="m/s², standard deviation of turn rate × speed")]
 Slip = Annotated[float, Field(gt=0, le=100, description="(m/s²)²/Hz, white acceleration in any direction: slip")]
 Dwell = Annotated[float, Field(gt=0.02, le=1e4, description="s, mean time for which a body drives so")]
+TurnTime = Annotated[float, Field(gt=0.02, le=60, description="s, within which the turn rate fades")]
 
 
 class CruisingSettings(Settings):
@@ -21,7 +22,7 @@ class CruisingSettings(Settings):
     lateral_acceleration: LateralAcceleration = 0.06
     noise: Slip = 0.001
     dwell: Dwell = 10.0
-    turn_time: float = Field(0.1, gt=0.02, le=60, description="s, within which the turn rate fades")
+    turn_time: TurnTime = 0.1
 
 
 class ManoeuvringSettings(Settings):
@@ -34,12 +35,16 @@ class ManoeuvringSettings(Settings):
 
 
 class TurningSettings(Settings):
-    """A body that turns at a speed that hardly changes."""
+    """A body that turns at a speed and a turn rate that hardly change, as in a bend or a roundabout."""
 
     acceleration: Acceleration = 0.15
-    lateral_acceleration: LateralAcceleration = 5.0
-    noise: Slip = 0.01
-    dwell: Dwell = 2.0
+    lateral_acceleration: LateralAcceleration = 2.0
+    noise: Slip = 0.007
+    dwell: Dwell = 2.3
+    turn_time: TurnTime = 8.0
+    onset: float = Field(
+        4.0, ge=0, le=20, description="m/s², standard deviation of turn rate × speed of a turn that begins"
+    )
 
 
 DrivingSettings = CruisingSettings | ManoeuvringSettings | TurningSettings
@@ -50,7 +55,7 @@ class StandingSettings(Settings):
     """A body that stands."""
 
     speed: float = Field(0.15, gt=0, le=2, description="m/s, standard deviation of what stands, as own motion errs")
-    dwell: float = Field(15.0, gt=0.02, le=1e4, description="s, mean time for which a body stands")
+    dwell: float = Field(16.0, gt=0.02, le=1e4, description="s, mean time for which a body stands")
 
 
 class SlidingSettings(Settings):
@@ -119,10 +124,8 @@ class VehicleEstimatorSettings(Settings):
     free: FreeSettings = Field(default_factory=FreeSettings.defaults)
     reflections: ReflectionPlaceSettings = Field(default_factory=ReflectionPlaceSettings.defaults)
     acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the acceleration")
-    turn_time: float = Field(
-        1.5, gt=0.05, le=60, description="s, correlation time of the turn rate of what manoeuvres or turns"
-    )
-    turn_rate: float = Field(0.5, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
+    turn_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the turn rate of what manoeuvres")
+    turn_rate: float = Field(0.25, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
     first_acceleration: float = Field(1.0, gt=0, le=20, description="m/s², standard deviation of a body's first one")
     evidence: float = Field(
         0.5,

@@ -59,6 +59,8 @@ class BodyMode:
         turn_time: correlation time of ω, s.
         settles: whether, where the sensors' walk hides it, its velocity across the axis settles while it is slow, and
             it hardly turns.
+        straight: whether it goes straight: what begins to turn from there may turn as fast as `onset` says.
+        onset: standard deviation of turn rate × speed of a turn that begins in this mode, m/s²; 0: none begins.
     """
 
     moves: bool
@@ -69,6 +71,8 @@ class BodyMode:
     dwell: float
     turn_time: float
     settles: bool = False
+    straight: bool = False
+    onset: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +153,10 @@ class BodyFilter:
         white = _column([mode.velocity_noise for mode in modes])
         walk = _column([mode.bias_walk for mode in modes])
         self._settles = _column([mode.settles for mode in modes])
+        self._straight = _column([mode.straight for mode in modes])
+        self._onset = _column([mode.onset for mode in modes])
+        self._turns_begin = bool(self._straight.any() and self._onset.any())
+        self._turns = np.hstack([self._straight, self._onset, self._settles]).T.copy()
         self._dwell = _column([mode.dwell for mode in modes])
         self._others = self._dwell.sum() - self._dwell
         self._has_room = len(modes) <= compiled.WIDEST
@@ -284,7 +292,7 @@ class BodyFilter:
         self.link = None
         if not len(self):
             return
-        self._interact(dt)
+        self._interact(dt, hidden)
         before = self.combined() if self.linking else None
         transition = self._step(dt, axis, walk, hidden, np.exp(-dt / bias_time))
         if before is not None and transition is not None:
@@ -302,17 +310,21 @@ class BodyFilter:
             predicted[:, at, at] += _UNSEEN_ACCELERATION**2
         return Link(state, predicted, smoothing_gain(cross, predicted))
 
-    def _interact(self, dt: float) -> None:
-        """Mix the modes' estimates, and predict the modes' probabilities (Blom and Bar-Shalom 1988)."""
+    def _interact(self, dt: float, hidden: Floats) -> None:
+        """Mix the modes' estimates, and predict the modes' probabilities (Blom and Bar-Shalom 1988).
+
+        What began to turn since may turn at any rate: how fast it went straight tells nothing of that. So the turn that
+        a mode has of its own is open to the extent that it was entered from modes that go straight.
+        """
         if len(self._dwell) == 1:
             return
         dwell, others = self._dwell, self._others
         leave = self._constants(dt).leave
         prior, mean, covariance = self.probability.T, self._state.mean.T, self._state.covariance.T
         if self._compiled:
-            limits = self._moves, _STOPPABLE, _LEAST_PROBABILITY
+            limits = _STOPPABLE, _LEAST_PROBABILITY, _SLOW, _FULL_TURN, _LEAST_TURNING
             self._state.probability = compiled.kernels.mix_bodies(
-                mean, covariance, prior, leave, dwell, others, *limits
+                mean, covariance, prior, leave, dwell, others, self._moves, self._turns, hidden, *limits
             ).T
             return
         # what leaves a mode goes to the others by their dwell: the part of a pool that all modes fill, but for its own
@@ -331,6 +343,10 @@ class BodyFilter:
         covariance += np.multiply(pooled, pool[:, :, None], out=self._room(covariance.shape))
         covariance -= self._outer(mean, mean)
         mean += origin
+        if self._turns_begin:
+            begun = pooled * _total(filled * self._straight)
+            rate = np.minimum(self._onset / np.maximum(_speed(mean), _SLOW), _FULL_TURN) * self._seen_turning(hidden)
+            covariance[TURN, TURN] += begun * rate * rate
         self._keep_moving(mean, predicted, (1.0 - leave) * prior)
         self._state.probability = predicted.T
 
@@ -491,9 +507,13 @@ class BodyFilter:
         covariance[7, 7] += across + more * sine * sine
         covariance[6, 7] += more * c * sine
         covariance[7, 6] += more * c * sine
-        turn_rate = self._turn_rates(_speed(mean)) * np.maximum(1.0 - self._settles * hidden, _LEAST_TURNING)
+        turn_rate = self._turn_rates(_speed(mean)) * self._seen_turning(hidden)
         covariance[TURN, TURN] += turn_rate * turn_rate * drive[4]
         covariance[ACCELERATION, ACCELERATION] += drive[5]
+
+    def _seen_turning(self, hidden: Floats) -> Floats:
+        """Return the share of the turn rates that the sensors' walk does not hide (n,), in each mode (M, n)."""
+        return np.maximum(1.0 - self._settles * hidden, _LEAST_TURNING)
 
     def _turn_rates(self, speed: Floats) -> Floats:
         """Return the standard deviations of ω in each mode at speeds (M, n), m/s: (M, n), rad/s."""

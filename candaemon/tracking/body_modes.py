@@ -14,11 +14,11 @@ MODE_NAMES = ("cruising", "manoeuvring", "turning", "standing", "sliding", "free
 def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
     """Return the modes in the order of `CRUISING`, `MANOEUVRING`, `TURNING`, `STANDING`, `SLIDING`, `FREE`."""
     sliding, free = settings.sliding, settings.free
-    cruising = _driving(settings.cruising, settings.cruising.turn_time)
+    cruising = replace(_driving(settings.cruising, settings.cruising.turn_time), straight=True)
     return (
         cruising,
         _driving(settings.manoeuvring, settings.turn_time),
-        _driving(settings.turning, settings.turn_time),
+        replace(_driving(settings.turning, settings.turning.turn_time), onset=settings.turning.onset),
         BodyMode(
             moves=False,
             acceleration=0.0,

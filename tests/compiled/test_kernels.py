@@ -241,9 +241,11 @@ def told(bodies: BodyFilter) -> list[Floats]:
 @pytest.mark.parametrize("modes", [MODES, MODES[:1], MODES[3:4], MODES[2:4]], ids=["all", "one", "standing", "two"])
 @pytest.mark.parametrize("bodies", [0, 1, 5, 8, 19])
 def test_mixing_of_bodies(bodies: int, modes: Sequence[BodyMode], monkeypatch: pytest.MonkeyPatch) -> None:
+    hidden = np.random.default_rng(5).random(bodies)
+
     def computed() -> list[Floats]:
         tracked = bodies_of(bodies, modes)
-        tracked._interact(0.05)
+        tracked._interact(0.05, hidden)
         return told(tracked)
 
     both(monkeypatch, computed)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.config.vehicle import VehicleEstimatorSettings
-from candaemon.estimation.body_filter import BodyFilter
+from candaemon.estimation.body_filter import TURN, BodyFilter
 from candaemon.estimation.body_transition import BodyTransition
 from candaemon.estimation.imm import mix
-from candaemon.tracking.body_modes import dynamics_of, modes_of
+from candaemon.tracking.body_modes import TURNING, dynamics_of, modes_of
 
 BODIES, MODES = 7, len(modes_of(VehicleEstimatorSettings(kind="vehicle")))
 STEP = 0.05  # s
@@ -46,7 +46,14 @@ def test_mixing_in_a_pool_is_mixing_by_every_pair() -> None:
     chain = leave[:, None] * others / others.sum(axis=1, keepdims=True) + np.diag(1.0 - leave)
     state = bodies.state
     mean, covariance, probability = mix(state.mean, state.covariance, state.probability, chain)
-    bodies._interact(STEP)
+    # what entered `turning` from where it went straight, by every pair, may turn at any rate
+    straight = np.array([mode.straight for mode in modes])
+    began = (state.probability * straight) @ chain[:, TURNING] / probability[:, TURNING]
+    hidden = random.random(BODIES)
+    speed = np.hypot(mean[:, TURNING, 2], mean[:, TURNING, 3])
+    rate = np.minimum(modes[TURNING].onset / np.maximum(speed, 1.0), 0.6) * (1.0 - hidden)
+    covariance[:, TURNING, TURN, TURN] += began * rate**2
+    bodies._interact(STEP, hidden)
     assert np.abs(bodies.state.mean - mean).max() < 1e-12
     assert np.abs(bodies.state.covariance - covariance).max() < 1e-10
     assert np.abs(bodies.state.probability - probability).max() < 1e-14
