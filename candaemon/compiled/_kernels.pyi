@@ -149,7 +149,7 @@ def mix_bodies(
     stoppable: float,
     least: float,
     slow: float,
-    fastest: float,
+    sharpest: float,
     least_turning: float,
 ) -> Floats: ...
 def step_bodies(

@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 103
+REVISION = 105
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1760,15 +1760,17 @@ def mix_bodies(
     double stoppable,
     double least,
     double slow,
-    double fastest,
+    double sharpest,
     double least_turning,
 ):
     """Mix the modes of bodies (8, M, n) and (8, 8, M, n) in place; return the predicted probabilities (M, n).
 
     A mode is left with a probability (M, 1), for the others by their dwell (M, 1), whose sum is given, too (M, 1). No
-    mode is left for those that stand where all that move (M, 1) are faster than stoppable. Turns, rows (3, M): whether a
-    mode goes straight, deviation of the lateral acceleration of a turn that begins in it, whether it settles; the variance
-    of ω grows where it was entered from modes that go straight, by what the sensors do not hide (n,).
+    mode is left for those that stand where all that move (M, 1) are faster than stoppable.
+
+    Of the modes' turns are told (2, M) the deviation of the lateral acceleration of one that begins where a mode is entered,
+    and whether they settle. The variance of ω in a mode grows as far as it has just been entered, and as turns are not
+    hidden (n,); the deviation of the rate of one that begins is the sharpest at most.
     """
     cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, i, a, b, l
     cdef double share, kept, pull, slowest, speed, stays, total
@@ -1781,7 +1783,8 @@ def mix_bodies(
     cdef double origin[LANES]
     cdef double pool[LANES]
     cdef double velocity[2][LANES]
-    cdef double straight[LANES]
+    cdef double filling[LANES]
+    cdef double entered
     cdef double concealed[LANES]
     cdef double rate
     predicted_array = np.empty((m, n))
@@ -1801,11 +1804,8 @@ def mix_bodies(
                 for l in range(LANES):
                     pool[l] = pool[l] + filled[i][l]
             for l in range(LANES):
-                straight[l] = filled[0][l] * turns[0, 0]
+                filling[l] = pool[l]
                 concealed[l] = hidden[t + (l if l < lanes else lanes - 1)]
-            for i in range(1, m):
-                for l in range(LANES):
-                    straight[l] = straight[l] + filled[i][l] * turns[0, i]
             for i in range(m):
                 pull = dwell[i, 0]
                 kept = 1.0 - leave[i, 0] - pull * (leave[i, 0] / others[i, 0])
@@ -1846,14 +1846,15 @@ def mix_bodies(
                         for l in range(LANES):
                             value[i][l] = value[i][l] * own[i][l] + pooled[i][l] * pool[l]
                             value[i][l] = value[i][l] - mixed[a][i][l] * mixed[b][i][l]
-                        if a == 4 and b == 4 and turns[1, i] > 0.0:
+                        if a == 4 and b == 4:
                             fetch(velocity[0], &mean[2, i, t], lanes)
                             fetch(velocity[1], &mean[3, i, t], lanes)
                             for l in range(LANES):
                                 speed = sqrt(velocity[0][l] * velocity[0][l] + velocity[1][l] * velocity[1][l])
-                                rate = smaller(turns[1, i] / larger(speed, slow), fastest)
-                                rate = rate * larger(1.0 - turns[2, i] * concealed[l], least_turning)
-                                value[i][l] = value[i][l] + pooled[i][l] * straight[l] * rate * rate
+                                rate = smaller(turns[0, i] / larger(speed, slow), sharpest)
+                                rate = rate * larger(1.0 - turns[1, i] * concealed[l], least_turning)
+                                entered = pooled[i][l] * (filling[l] - filled[i][l])
+                                value[i][l] = value[i][l] + entered * rate * rate
                         put(&covariance[a, b, i, t], value[i], lanes)
                         put(&covariance[b, a, i, t], value[i], lanes)
         for t in range(n):

@@ -124,8 +124,12 @@ class VehicleEstimatorSettings(Settings):
     free: FreeSettings = Field(default_factory=FreeSettings.defaults)
     reflections: ReflectionPlaceSettings = Field(default_factory=ReflectionPlaceSettings.defaults)
     acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the acceleration")
-    turn_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the turn rate of what manoeuvres")
-    turn_rate: float = Field(0.25, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate")
+    turn_time: float = Field(
+        1.5, gt=0.05, le=60, description="s, correlation time of the turn rate where nothing cruises or turns"
+    )
+    turn_rate: float = Field(
+        0.25, gt=0, le=2, description="rad/s, largest standard deviation of a turn rate that lasts"
+    )
     first_acceleration: float = Field(1.0, gt=0, le=20, description="m/s², standard deviation of a body's first one")
     evidence: float = Field(
         0.5,

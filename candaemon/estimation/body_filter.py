@@ -41,7 +41,8 @@ _SLOW = 1.0  # m/s, below which the course says nothing of the axis
 _STOPPABLE = 3.0  # m/s in every mode that moves, from which nothing comes to stand at once
 _LEAST_TURNING = 1e-3  # share of the turn rates that is never hidden: a variance that fades for minutes would be zero
 _UNSEEN_ACCELERATION = 0.1  # m/s² that a link adds: what stands has none at all, which would tie velocities to rounding
-_FULL_TURN = 0.6  # rad/s; no vehicle turns faster
+_SHARPEST_ONSET = 0.6  # rad/s, largest standard deviation of the rate of a turn that begins
+_FULL_TURN = 1.2  # rad/s; hardly anything turns faster: a bicycle at 4 m/s on a circle of 3.5 m
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +60,8 @@ class BodyMode:
         turn_time: correlation time of ω, s.
         settles: whether, where the sensors' walk hides it, its velocity across the axis settles while it is slow, and
             it hardly turns.
-        straight: whether it goes straight: what begins to turn from there may turn as fast as `onset` says.
-        onset: standard deviation of turn rate × speed of a turn that begins in this mode, m/s²; 0: none begins.
+        onset: standard deviation of turn rate × speed of a turn that begins where this mode is entered, m/s²; 0: none
+            does.
     """
 
     moves: bool
@@ -71,7 +72,6 @@ class BodyMode:
     dwell: float
     turn_time: float
     settles: bool = False
-    straight: bool = False
     onset: float = 0.0
 
 
@@ -153,10 +153,8 @@ class BodyFilter:
         white = _column([mode.velocity_noise for mode in modes])
         walk = _column([mode.bias_walk for mode in modes])
         self._settles = _column([mode.settles for mode in modes])
-        self._straight = _column([mode.straight for mode in modes])
         self._onset = _column([mode.onset for mode in modes])
-        self._turns_begin = bool(self._straight.any() and self._onset.any())
-        self._turns = np.hstack([self._straight, self._onset, self._settles]).T.copy()
+        self._turns = np.hstack([self._onset, self._settles]).T.copy()
         self._dwell = _column([mode.dwell for mode in modes])
         self._others = self._dwell.sum() - self._dwell
         self._has_room = len(modes) <= compiled.WIDEST
@@ -313,8 +311,8 @@ class BodyFilter:
     def _interact(self, dt: float, hidden: Floats) -> None:
         """Mix the modes' estimates, and predict the modes' probabilities (Blom and Bar-Shalom 1988).
 
-        What began to turn since may turn at any rate: how fast it went straight tells nothing of that. So the turn that
-        a mode has of its own is open to the extent that it was entered from modes that go straight.
+        A turn that begins may have any rate: how the body moved before tells nothing of that. So where a turn begins in
+        a mode, its rate is open to the extent that the body has just entered the mode.
         """
         if len(self._dwell) == 1:
             return
@@ -322,7 +320,7 @@ class BodyFilter:
         leave = self._constants(dt).leave
         prior, mean, covariance = self.probability.T, self._state.mean.T, self._state.covariance.T
         if self._compiled:
-            limits = _STOPPABLE, _LEAST_PROBABILITY, _SLOW, _FULL_TURN, _LEAST_TURNING
+            limits = _STOPPABLE, _LEAST_PROBABILITY, _SLOW, _SHARPEST_ONSET, _LEAST_TURNING
             self._state.probability = compiled.kernels.mix_bodies(
                 mean, covariance, prior, leave, dwell, others, self._moves, self._turns, hidden, *limits
             ).T
@@ -343,10 +341,9 @@ class BodyFilter:
         covariance += np.multiply(pooled, pool[:, :, None], out=self._room(covariance.shape))
         covariance -= self._outer(mean, mean)
         mean += origin
-        if self._turns_begin:
-            begun = pooled * _total(filled * self._straight)
-            rate = np.minimum(self._onset / np.maximum(_speed(mean), _SLOW), _FULL_TURN) * self._seen_turning(hidden)
-            covariance[TURN, TURN] += begun * rate * rate
+        entered = pooled * (_total(filled) - filled)
+        rate = np.minimum(self._onset / np.maximum(_speed(mean), _SLOW), _SHARPEST_ONSET) * self._seen_turning(hidden)
+        covariance[TURN, TURN] += entered * rate * rate
         self._keep_moving(mean, predicted, (1.0 - leave) * prior)
         self._state.probability = predicted.T
 
@@ -381,7 +378,9 @@ class BodyFilter:
         """Predict means and covariances in each mode; return F, which the kernel tells only if `linking`."""
         mean, covariance, constants = self._state.mean.T, self._state.covariance.T, self._constants(dt)
         drive, decay = constants.drive, constants.decay
-        turn = np.minimum(np.maximum(mean[TURN], -_FULL_TURN), _FULL_TURN) * drive[6]
+        # an estimate that ran away would be blamed for all that follows
+        np.minimum(np.maximum(mean[TURN], -_FULL_TURN), _FULL_TURN, out=mean[TURN])
+        turn = mean[TURN] * drive[6]
         turned = np.empty((2, *turn.shape))
         np.cos(turn, out=turned[0])
         np.sin(turn, out=turned[1])

@@ -14,7 +14,7 @@ MODE_NAMES = ("cruising", "manoeuvring", "turning", "standing", "sliding", "free
 def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
     """Return the modes in the order of `CRUISING`, `MANOEUVRING`, `TURNING`, `STANDING`, `SLIDING`, `FREE`."""
     sliding, free = settings.sliding, settings.free
-    cruising = replace(_driving(settings.cruising, settings.cruising.turn_time), straight=True)
+    cruising = _driving(settings.cruising, settings.cruising.turn_time)
     return (
         cruising,
         _driving(settings.manoeuvring, settings.turn_time),

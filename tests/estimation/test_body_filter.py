@@ -465,6 +465,51 @@ def test_what_a_body_does_shows_in_the_modes() -> None:
     assert mean[0, 2] == pytest.approx(speed, abs=0.3)
 
 
+def circling(speed: float, rates: list[float], seed: int) -> Floats:
+    """Return [ω, vx, vy] of what drives from x = 20 m at a speed, turning at rates a scan of 0.05 s, less the truth."""
+    bodies, rng = first_seen(1, np.random.default_rng(seed)), np.random.default_rng(seed)
+    place, heading, found = np.array([20.0, -5.0]), 0.5 * pi, []
+    bodies.shift(place - bodies.combined()[0][:, :2])
+    for rate in rates:
+        for _ in range(10):
+            place = place + 0.005 * speed * np.array([cos(heading), sin(heading)])
+            heading += 0.005 * rate
+        course = np.array([cos(heading), sin(heading)])
+        bodies.predict(0.05, course[None], np.zeros((1, 2)), np.zeros(1), np.full(1, BIAS_TIME))
+        sight = place / np.hypot(*place)
+        measured = place + 0.2 * rng.normal(size=2), speed * course @ sight + 0.12 * rng.normal(size=1)
+        updated(
+            bodies,
+            np.array([0]),
+            Measurement(
+                measured[0][None], np.eye(2)[None] * 0.04, np.zeros(2), np.zeros(2), measured[1], np.array([0.0144])
+            ),
+        )
+        mean = bodies.combined()[0][0]
+        found.append([mean[4] - rate, *(mean[2:4] - speed * course)])
+    return np.array(found)
+
+
+def rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.mark.parametrize(("speed", "rate"), [(3.0, 0.8), (4.5, 0.9), (1.4, 1.0)], ids=["car", "rider", "walker"])
+def test_the_rate_of_a_sharp_turn_does_not_run_away(speed: float, rate: float) -> None:
+    errors = np.array([circling(speed, [0.0] * 40 + [rate] * 200, seed)[160:] for seed in range(4)])
+    assert np.abs(errors[..., 0]).max() < 0.6
+    assert rms(errors[..., 1:].ravel()) < 0.3
+
+
+def test_a_bend_tells_its_rate_and_the_next_one_another() -> None:
+    """A turn to the left, and within two seconds one to the right."""
+    rates = [0.0] * 40 + [0.4] * 60 + np.linspace(0.4, -0.4, 40).tolist() + [-0.4] * 60
+    errors = np.array([circling(10.0, rates, seed) for seed in range(4)])
+    assert rms(errors[:, 70:100, 0]) < 0.05
+    assert rms(errors[:, 170:, 0]) < 0.08
+    assert rms(errors[:, 40:, 1:].ravel()) < 0.4
+
+
 @pytest.mark.parametrize(("stood", "stands"), [(0.9, 0.8), (0.0, 0.0)], ids=["stood", "moved"])
 def test_that_it_would_move_fast_does_not_tell_that_it_moves(stood: float, stands: float) -> None:
     """A noisy place makes the modes that move fast; nothing comes to stand from there, what stands may go on to."""

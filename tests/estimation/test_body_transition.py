@@ -46,9 +46,9 @@ def test_mixing_in_a_pool_is_mixing_by_every_pair() -> None:
     chain = leave[:, None] * others / others.sum(axis=1, keepdims=True) + np.diag(1.0 - leave)
     state = bodies.state
     mean, covariance, probability = mix(state.mean, state.covariance, state.probability, chain)
-    # what entered `turning` from where it went straight, by every pair, may turn at any rate
-    straight = np.array([mode.straight for mode in modes])
-    began = (state.probability * straight) @ chain[:, TURNING] / probability[:, TURNING]
+    # what has just entered `turning`, by every pair, may turn at any rate
+    others = np.arange(MODES) != TURNING
+    began = state.probability[:, others] @ chain[others, TURNING] / probability[:, TURNING]
     hidden = random.random(BODIES)
     speed = np.hypot(mean[:, TURNING, 2], mean[:, TURNING, 3])
     rate = np.minimum(modes[TURNING].onset / np.maximum(speed, 1.0), 0.6) * (1.0 - hidden)
