@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 105
+REVISION = 106
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1784,7 +1784,7 @@ def mix_bodies(
     cdef double pool[LANES]
     cdef double velocity[2][LANES]
     cdef double filling[LANES]
-    cdef double entered
+    cdef double entered, seen
     cdef double concealed[LANES]
     cdef double rate
     predicted_array = np.empty((m, n))
@@ -1852,7 +1852,8 @@ def mix_bodies(
                             for l in range(LANES):
                                 speed = sqrt(velocity[0][l] * velocity[0][l] + velocity[1][l] * velocity[1][l])
                                 rate = smaller(turns[0, i] / larger(speed, slow), sharpest)
-                                rate = rate * larger(1.0 - turns[1, i] * concealed[l], least_turning)
+                                seen = larger(1.0 - turns[1, i] * concealed[l], least_turning)
+                                rate = rate * (seen * seen)
                                 entered = pooled[i][l] * (filling[l] - filled[i][l])
                                 value[i][l] = value[i][l] + entered * rate * rate
                         put(&covariance[a, b, i, t], value[i], lanes)
@@ -2078,7 +2079,8 @@ def step_bodies(
                 for l in range(LANES):
                     speed[l] = sqrt(velocity[0][l] * velocity[0][l] + velocity[1][l] * velocity[1][l])
                     spread[l] = smaller(factor / larger(speed[l], slow), turn_rate)
-                    spread[l] = spread[l] * larger(1.0 - other * concealed[l], least_turning)
+                    across[l] = larger(1.0 - other * concealed[l], least_turning)
+                    spread[l] = spread[l] * (across[l] * across[l])
                     p[4][4][l] = p[4][4][l] + spread[l] * spread[l] * drive[4, i, 0]
                     p[5][5][l] = p[5][5][l] + drive[5, i, 0]
                 for a in range(8):

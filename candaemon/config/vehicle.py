@@ -38,7 +38,7 @@ class TurningSettings(Settings):
     """A body that turns at a speed and a turn rate that hardly change, as in a bend or a roundabout."""
 
     acceleration: Acceleration = 0.15
-    lateral_acceleration: LateralAcceleration = 2.0
+    lateral_acceleration: LateralAcceleration = 2.5
     noise: Slip = 0.007
     dwell: Dwell = 2.3
     turn_time: TurnTime = 8.0

@@ -39,7 +39,7 @@ _UNMEASURED = float(0.5 / np.pi)  # variance of a number that adds nothing to a 
 _LEAST_PROBABILITY = 1e-6
 _SLOW = 1.0  # m/s, below which the course says nothing of the axis
 _STOPPABLE = 3.0  # m/s in every mode that moves, from which nothing comes to stand at once
-_LEAST_TURNING = 1e-3  # share of the turn rates that is never hidden: a variance that fades for minutes would be zero
+_LEAST_TURNING = 0.03  # root of the share of turn rates never hidden: a variance that fades for minutes would be zero
 _UNSEEN_ACCELERATION = 0.1  # m/s² that a link adds: what stands has none at all, which would tie velocities to rounding
 _SHARPEST_ONSET = 0.6  # rad/s, largest standard deviation of the rate of a turn that begins
 _FULL_TURN = 1.2  # rad/s; hardly anything turns faster: a bicycle at 4 m/s on a circle of 3.5 m
@@ -511,8 +511,11 @@ class BodyFilter:
         covariance[ACCELERATION, ACCELERATION] += drive[5]
 
     def _seen_turning(self, hidden: Floats) -> Floats:
-        """Return the share of the turn rates that the sensors' walk does not hide (n,), in each mode (M, n)."""
-        return np.maximum(1.0 - self._settles * hidden, _LEAST_TURNING)
+        """Return the share of the turn rates that the sensors' walk (n,) does not hide, in each mode (M, n).
+
+        Its square: what walks seems to turn more often than what turns.
+        """
+        return np.square(np.maximum(1.0 - self._settles * hidden, _LEAST_TURNING))
 
     def _turn_rates(self, speed: Floats) -> Floats:
         """Return the standard deviations of ω in each mode at speeds (M, n), m/s: (M, n), rad/s."""

@@ -51,7 +51,7 @@ def test_mixing_in_a_pool_is_mixing_by_every_pair() -> None:
     began = state.probability[:, others] @ chain[others, TURNING] / probability[:, TURNING]
     hidden = random.random(BODIES)
     speed = np.hypot(mean[:, TURNING, 2], mean[:, TURNING, 3])
-    rate = np.minimum(modes[TURNING].onset / np.maximum(speed, 1.0), 0.6) * (1.0 - hidden)
+    rate = np.minimum(modes[TURNING].onset / np.maximum(speed, 1.0), 0.6) * np.maximum(1.0 - hidden, 0.03) ** 2
     covariance[:, TURNING, TURN, TURN] += began * rate**2
     bodies._interact(STEP, hidden)
     assert np.abs(bodies.state.mean - mean).max() < 1e-12

@@ -90,11 +90,9 @@ def test_a_last_line_cut_short_is_no_problem(of: Binding, tmp_path: Path) -> Non
 
 
 def test_a_mark_keeps_what_lies_around_it(of: Binding, tmp_path: Path) -> None:
-    events = {"before": 0.5, "after": 1.0, "faults": []}
-    with driven(
-        of, Recorder(RecordingSettings.model_validate({"file_seconds": 0.5, "events": events}), tmp_path, of)
-    ) as runs:
-        frames = highway(of, 3.0)
+    mine = recorded_with(of, file_seconds=0.5, events={"before": 0.5, "after": 1.0, "faults": []})
+    with driven(mine, Recorder(mine.settings.service.recording, tmp_path, mine)) as runs:
+        frames = highway(mine, 3.0)
         runs.feed(frames[: len(frames) // 2])
         runs.daemon.mark()
         runs.daemon.run_once()
