@@ -125,10 +125,10 @@ class VehicleEstimatorSettings(Settings):
     reflections: ReflectionPlaceSettings = Field(default_factory=ReflectionPlaceSettings.defaults)
     acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the acceleration")
     turn_time: float = Field(
-        1.5, gt=0.05, le=60, description="s, correlation time of the turn rate where nothing cruises or turns"
+        1.5, gt=0.05, le=60, description="s, correlation time of the turn rate in modes other than cruising and turning"
     )
     turn_rate: float = Field(
-        0.25, gt=0, le=2, description="rad/s, largest standard deviation of a turn rate that lasts"
+        0.25, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate, but of a turn that begins"
     )
     first_acceleration: float = Field(1.0, gt=0, le=20, description="m/s², standard deviation of a body's first one")
     evidence: float = Field(

@@ -60,8 +60,8 @@ class BodyMode:
         turn_time: correlation time of ω, s.
         settles: whether, where the sensors' walk hides it, its velocity across the axis settles while it is slow, and
             it hardly turns.
-        onset: standard deviation of turn rate × speed of a turn that begins where this mode is entered, m/s²; 0: none
-            does.
+        onset: standard deviation of turn rate × speed of a turn that begins as this mode is entered, m/s²; 0: the turn
+            rate stays what it was.
     """
 
     moves: bool
@@ -511,9 +511,9 @@ class BodyFilter:
         covariance[ACCELERATION, ACCELERATION] += drive[5]
 
     def _seen_turning(self, hidden: Floats) -> Floats:
-        """Return the share of the turn rates that the sensors' walk (n,) does not hide, in each mode (M, n).
+        """Return the share of the turn rates' deviations that counts where the sensors' walk hides some (n,): (M, n).
 
-        Its square: what walks seems to turn more often than what turns.
+        It is the square of what is not hidden: of a sensor that walks, most of what seems to turn is its walk.
         """
         return np.square(np.maximum(1.0 - self._settles * hidden, _LEAST_TURNING))
 
