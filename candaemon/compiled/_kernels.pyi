@@ -550,6 +550,9 @@ def turning_of_bodies(
     small: float,
     enough: float,
 ) -> tuple[Floats, Floats, Floats] | None: ...
+def swing_of_bodies(
+    overall: Floats, standing: Floats, rate: Floats, variance: Floats, pivot: Floats
+) -> tuple[Floats, Floats] | None: ...
 def weigh_existence(
     existence: Floats,
     in_sight: Floats,

@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 106
+REVISION = 107
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3895,6 +3895,35 @@ def turning_of_bodies(
                 apart = probability[i, t] * (covariance[4, 4, i, t] + apart * apart)
                 variance[t] = variance[t] + apart if i else apart
     return rate_array, variance_array, pivot_array
+
+
+def swing_of_bodies(
+    const double[:, ::1] overall,
+    const double[:] standing,
+    const double[:] rate,
+    const double[:] variance,
+    const double[:, ::1] pivot,
+):
+    """Return what turning adds to the velocities of bodies, as far as they do not stand, and a standard deviation of it,
+    a vector, (k, 2) each; None: all turn about the points that are told."""
+    cdef Py_ssize_t k = overall.shape[0], t
+    cdef bint some = False
+    cdef double moves, deviation, ahead, aside
+    for t in range(k):
+        if overall[t, 0] - pivot[t, 0] != 0.0 or overall[t, 1] - pivot[t, 1] != 0.0:
+            some = True
+            break
+    if not some:
+        return None
+    more_array, unknown_array = np.empty((k, 2)), np.empty((k, 2))
+    cdef double[:, ::1] more = more_array, unknown = unknown_array
+    with nogil:
+        for t in range(k):
+            ahead, aside = overall[t, 0] - pivot[t, 0], overall[t, 1] - pivot[t, 1]
+            moves, deviation = 1.0 - standing[t], sqrt(variance[t])
+            more[t, 0], more[t, 1] = moves * (rate[t] * -aside), moves * (rate[t] * ahead)
+            unknown[t, 0], unknown[t, 1] = moves * (deviation * -aside), moves * (deviation * ahead)
+    return more_array, unknown_array
 
 
 def weigh_existence(

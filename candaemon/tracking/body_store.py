@@ -295,10 +295,13 @@ class Bodies:
         turning = self.turning()
         if turning is None:
             return None
-        arm = self.moments().mean[:, POSITION] - turning.pivot
+        mean, standing = self.moments().mean, self.filter.probability[:, STANDING]
+        if compiled.in_use:
+            return compiled.kernels.swing_of_bodies(mean, standing, turning.rate, turning.variance, turning.pivot)
+        arm = mean[:, POSITION] - turning.pivot
         if not np.count_nonzero(arm):
             return None
-        moves = (1.0 - self.filter.probability[:, STANDING])[:, None]
+        moves = (1.0 - standing)[:, None]
         more, unknown = turning.swing(arm)
         return moves * more, moves * unknown
 
