@@ -50,6 +50,13 @@ class AssociationSettings(Settings):
     id_gate: float = Field(
         40.0, gt=1, le=1e6, description="the same where the sensor keeps the id of a confirmed obstacle"
     )
+    velocity_gate: float = Field(
+        40.0,
+        gt=1,
+        le=1e6,
+        description="of vehicles: the same for what a sensor without ids tells the velocity of, by which one that has "
+        "braked out of sight differs most",
+    )
 
 
 class CourseSettings(Settings):

@@ -129,7 +129,12 @@ def nearest_neighbours(
 
 
 def gated_pairs(
-    mean: Floats, covariance: Floats, tracks: Indices, measurement: Measurement, detections: Indices, gate: float
+    mean: Floats,
+    covariance: Floats,
+    tracks: Indices,
+    measurement: Measurement,
+    detections: Indices,
+    gate: float | Floats,
 ) -> tuple[Indices, Indices, Floats]:
     """Return the pairs within the gate: rows of tracks (p,), of detections (p,), and their NIS (p,).
 
@@ -139,7 +144,7 @@ def gated_pairs(
         tracks: likewise.
         measurement: likewise.
         detections: likewise.
-        gate: likewise.
+        gate: likewise, or one for each of all detections.
     """
     none = np.empty(0, dtype=np.intp)
     if not len(tracks) or not len(detections):
@@ -150,7 +155,7 @@ def gated_pairs(
         return none, none, np.empty(0)
     track, detection = tracks[t], detections[d]
     nis = pair_nis(mean[track], covariance[track], measurement.take(detection))
-    inside = nis <= gate
+    inside = nis <= (gate.take(detection) if isinstance(gate, np.ndarray) else gate)
     return track[inside], detection[inside], nis[inside]
 
 

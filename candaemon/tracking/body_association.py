@@ -20,6 +20,7 @@ from candaemon.tracking.reflections import to_travel_axes
 from candaemon.tracking.turning import rate_and_pivot
 
 _NEAREST = 1e-3  # m, nearer than which there is no line of sight
+_PLACE_AND_RATE = 3  # numbers measured; with more, a velocity is among them
 _LEAST_AGE = 0.05  # s, of a body that began just before
 
 
@@ -92,7 +93,10 @@ def associate(
     if settings.method == "nearest" or not detections.identified:
         usable = ~vague.take(bodies.reflections.body)
         usable[found.reflection[found.reflection >= 0]] = False
-        _by_place(found, bodies, mean, covariance, np.flatnonzero(usable), measurement, settings.gate, detecting)
+        gate: float | Floats = settings.gate
+        if measurement.projections and not detections.identified:
+            gate = np.where(measurement.measured > _PLACE_AND_RATE, settings.velocity_gate, settings.gate)
+        _by_place(found, bodies, mean, covariance, np.flatnonzero(usable), measurement, gate, detecting)
         left = np.flatnonzero(found.reflection < 0)
     found.body = np.where(found.reflection < 0, -1, bodies.reflections.body.take(found.reflection))
     if extent.merge and len(left):
@@ -183,7 +187,7 @@ def _by_place(
     covariance: Floats,
     free: Indices,
     measurement: Measurement,
-    gate: float,
+    gate: float | Floats,
     detecting: Callable[[], Detecting | None] | None,
 ) -> None:
     """Associate what is left by global nearest neighbour, in doubt where bodies compete for a detection."""

@@ -14,12 +14,13 @@ from candaemon.config.estimators import ImmEstimatorSettings
 from candaemon.config.load import load_config
 from candaemon.config.tracker import TrackerSettings
 from candaemon.errors import ConfigError
+from candaemon.estimation.measurement import Projection
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import load_scenario
 from candaemon.simulation.simulate import simulate
 from candaemon.tracking.obstacles import CONFIRMED
 from candaemon.tracking.tracker import Tracker
-from tests.support.builders import car, detections, pose
+from tests.support.builders import HandFedVehicles, Seen, car, detections, pose, times
 from tests.support.paths import ROOT
 
 POINTS = TrackerSettings(estimator=ImmEstimatorSettings())
@@ -54,6 +55,27 @@ def test_an_id_that_another_sensor_tells_stays() -> None:
     assert len(tracker) == 1
     assert tracker.state.tracks.row_of == {(0, 7): 0}
     assert tracker.state.tracks.reflections.object_id.tolist() == [7]
+
+
+@pytest.mark.parametrize(("association", "found"), [({}, 1), ({"velocity_gate": 16.0}, 2)])
+def test_a_car_that_brakes_out_of_sight_of_a_sensor_of_velocities_is_itself(
+    association: dict[str, float], found: int
+) -> None:
+    """A lorry hides it for half a second: it is .75 m/s slower then, which the gate of places alone does not let in."""
+    fed = HandFedVehicles(association=association)
+    for k, t in enumerate(times(1, 110)):
+        braked = max(t - 3.0, 0.0)
+        vx = 10.0 - 1.5 * braked
+        x = 30.0 + 10.0 * t - 0.75 * braked**2
+        shown = [] if 3.0 < t < 3.5 else [Seen(k % 7, x, 0.0, vx)]
+        scan = detections(pose(t), shown, sensor=0, noise=(0.2, 0.2, 0.1))
+        told = tuple(
+            Projection(np.tile(axis, (len(shown), 1)), np.full(len(shown), speed), np.full(len(shown), 0.01))
+            for axis, speed in (((1.0, 0.0), vx), ((0.0, 1.0), 0.0))
+        )
+        measurement = replace(scan.measurement, range_rate=None, range_rate_variance=None, projections=told)
+        fed.tracker.step(replace(scan, identified=False, measurement=measurement), pose(t))
+    assert fed.tracker.counts.obstacles == found
 
 
 def _without_identity(folder: Path, *changes: tuple[str, str]) -> Path:
