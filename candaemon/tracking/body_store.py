@@ -35,6 +35,7 @@ _OPENING_TIME = 0.03  # s, after which the square of that speed is added to the 
 _LEAST_DRIFT = 1e-3  # m/s; below it nothing drifts
 _LEAST_TIME = 1e-3  # s
 _LONGEST_INTERVAL = 0.5  # s; a gap that is longer counts as one of this length
+_SURELY = 2.25  # standard deviations: a turn rate that is still told after the turn would drive the point off
 _COURSE_SPEED = 3.0  # m/s, what was ever faster has a known axis
 
 
@@ -304,6 +305,27 @@ class Bodies:
         moves = (1.0 - standing)[:, None]
         more, unknown = turning.swing(arm)
         return moves * more, moves * unknown
+
+    def sure_turning(self) -> Turning | None:
+        """Return how bodies turn as far as they surely do, and do not stand; None: none does."""
+        turning = self.turning()
+        if turning is None:
+            return None
+        sure = turning.surely(_SURELY, 1.0 - self.filter.probability[:, STANDING])
+        return sure if np.count_nonzero(sure.rate) else None
+
+    def swing_references(self, dt: float) -> None:
+        """Let the reference points turn with their bodies, as far as those surely turn: predicted, they went straight.
+
+        Args:
+            dt: s; below 0 for a scan that comes late.
+        """
+        turning = self.sure_turning()
+        if turning is None:
+            return
+        swing, _ = turning.swing(self.moments().mean[:, POSITION] - turning.pivot)
+        if np.count_nonzero(swing):
+            self.shift(dt * swing)
 
     def reflection_states(self, rows: Indices | None = None) -> tuple[Floats, Floats]:
         """Return where reflections are expected and how they move: means (n, 4), covariances (n, 4, 4).

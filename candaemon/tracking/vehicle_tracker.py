@@ -260,11 +260,12 @@ class VehicleTracker:
             settles *= 1.0 - bodies.filter.probability[:, MANOEUVRING]
         rate = np.maximum(settles / self._places.settling, _LEAST_RATE)
         fading, owner, offsets = self._bias_time(), bodies.reflections.body.take(rows), bodies.offsets(rows)
-        found = []
+        found, turning = [], bodies.sure_turning()
+        swing = 0.0 if turning is None else turning.velocities(owner, bodies.moments().shown[owner, :2] + offsets)
         for horizon in horizons:
             across, fade = -np.expm1(-rate * horizon) / (rate * horizon), np.exp(-horizon / fading)
             leading = expected_places(mean, axis, across, fade, horizon)
-            found.append(np.asarray(leading.take(owner, axis=0) + offsets))
+            found.append(np.asarray(leading.take(owner, axis=0) + offsets + horizon * swing))
         return found
 
     def mode_probabilities(self) -> tuple[Integers, Floats]:
@@ -313,11 +314,13 @@ class VehicleTracker:
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
             bodies.changed()
+            bodies.swing_references(dt)
             box.follow_aspect(bodies, pose, dt)
         elif -LATEST_RETRODICTION < dt < 0.0:
             velocity = bodies.moments().mean[:, VELOCITY]
             bodies.filter.shift(dt * velocity)
             bodies.changed()
+            bodies.swing_references(dt)
             box.follow_aspect(bodies, pose, dt)
 
     def _smoother_link(self) -> tuple[Integers, Link]:
@@ -329,6 +332,8 @@ class VehicleTracker:
         if self._dt == 0.0 or link is None:
             state, covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])
             link = Link(state, covariance, np.broadcast_to(np.eye(6), covariance.shape))
+        else:  # the reference points may have moved on their bodies since the filter predicted
+            link.mean[:, POSITION] = self._bodies.moments().mean[:, POSITION]
         return self._bodies.obstacles.id.copy(), link
 
     def _of_leaders(self, told: Floats) -> Floats:

@@ -98,6 +98,14 @@ def test_errors_shrink_below_those_of_point_models(brake: Drive, cut_in: Drive, 
         assert default.evaluation("smoothed").errors.velocity < 0.5 * before.errors.velocity
 
 
+def test_errors_shrink_where_reference_points_move_on_their_bodies(tmp_path: Path) -> None:
+    """What crosses shows another part of itself from scan to scan: the filter predicts none of that."""
+    drive = Drive("traffic_left_turn", tmp_path)
+    before, after = drive.evaluation("filtered"), drive.evaluation("smoothed")
+    assert after.errors.position < before.errors.position
+    assert after.errors.velocity < 0.95 * before.errors.velocity
+
+
 def test_two_runs_give_the_same_bytes(brake: Drive, tmp_path: Path) -> None:
     replayed("esr_ins", brake.log, tmp_path / "again", "--smooth", "1")
     assert (tmp_path / "again" / "t.csv").read_bytes() == (brake.folder / "smoothed" / "t.csv").read_bytes()

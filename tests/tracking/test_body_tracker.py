@@ -344,6 +344,25 @@ def test_a_car_that_turns_off_is_one_obstacle_with_the_velocity_of_its_reference
             assert hypot(told.vx[0] - there[0], told.vy[0] - there[1]) < 1.6
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_side_of_a_car_that_circles_us_keeps_up_with_its_centre(side: float) -> None:
+    """The middle of its side is nearer to us than its centre, and slower by .36 m/s."""
+    fed, rate = HandFedVehicles(), side * 0.4
+    for t in times(1, 100):
+        ahead, left = np.array([cos(rate * t), sin(rate * t)]), np.array([-sin(rate * t), cos(rate * t)])
+        at, velocity = 19.1 * ahead, 19.1 * rate * left
+        scan = detections(pose(t), [Seen(0, *at, *velocity)], sensor=0, noise=(0.3, 0.3, 0.1))
+        told = tuple(Projection(line[None], line[None] @ velocity, np.array([0.01])) for line in (ahead, left))
+        scan = replace(scan, measurement=replace(scan.measurement, projections=told), length=np.array([4.6]))
+        found = fed.tracker.step(replace(scan, width=np.array([1.8])), pose(t))
+        (expected,) = fed.tracker.expected_positions([0.25])
+        if t > 2.0:
+            assert len(found) == 1
+            assert abs((np.array([found.x[0], found.y[0]]) - at) @ left) < 0.22
+            later = 19.1 * np.array([cos(rate * (t + 0.25)), sin(rate * (t + 0.25))])
+            assert np.hypot(*(expected[0] - later)) < 0.25
+
+
 def test_a_car_that_stops_beside_a_post_stays_a_car() -> None:
     """The post has stood all the time: it is none of what has moved."""
     fed, rng = HandFedVehicles(), np.random.default_rng(4)
