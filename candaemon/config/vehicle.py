@@ -92,6 +92,13 @@ class ReflectionPlaceSettings(Settings):
         le=100,
         description="m/s, faster than which it does not: there the course tells the axis; settling would let it lag",
     )
+    sure_turn: float = Field(
+        2.25,
+        ge=0,
+        le=10,
+        description="standard deviations of a turn rate: with what is beyond them the reference point turns about the "
+        "centre of a known box",
+    )
     body: float = Field(0.3, ge=0, le=5, description="m, standard deviation of the bias once two are seen")
     beyond: float = Field(
         0.3,

@@ -35,7 +35,6 @@ _OPENING_TIME = 0.03  # s, after which the square of that speed is added to the 
 _LEAST_DRIFT = 1e-3  # m/s; below it nothing drifts
 _LEAST_TIME = 1e-3  # s
 _LONGEST_INTERVAL = 0.5  # s; a gap that is longer counts as one of this length
-_SURELY = 2.25  # standard deviations: a turn rate that is still told after the turn would drive the point off
 _COURSE_SPEED = 3.0  # m/s, what was ever faster has a known axis
 
 
@@ -311,7 +310,8 @@ class Bodies:
         turning = self.turning()
         if turning is None:
             return None
-        sure = turning.surely(_SURELY, 1.0 - self.filter.probability[:, STANDING])
+        # a turn rate that is still told after the turn would drive the point off
+        sure = turning.surely(self._places.sure_turn, 1.0 - self.filter.probability[:, STANDING])
         return sure if np.count_nonzero(sure.rate) else None
 
     def swing_references(self, dt: float) -> None:

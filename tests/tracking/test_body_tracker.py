@@ -361,6 +361,8 @@ def test_the_side_of_a_car_that_circles_us_keeps_up_with_its_centre(side: float)
             assert abs((np.array([found.x[0], found.y[0]]) - at) @ left) < 0.22
             later = 19.1 * np.array([cos(rate * (t + 0.25)), sin(rate * (t + 0.25))])
             assert np.hypot(*(expected[0] - later)) < 0.25
+    before = fed.tracker.step(None, pose(t - 0.04))
+    assert hypot(before.x[0] - found.x[0], before.y[0] - found.y[0]) == pytest.approx(19.1 * 0.4 * 0.04, abs=0.008)
 
 
 def test_a_car_that_stops_beside_a_post_stays_a_car() -> None:

@@ -31,6 +31,12 @@ def test_what_turning_adds_is_left_out_of_velocities_and_what_is_unknown_of_it_i
     assert told.range_rate is rate
 
 
+def test_only_what_is_beyond_the_deviations_of_a_turn_rate_is_sure() -> None:
+    rates = Turning(np.array([0.5, -0.5, 0.3, 0.0]), np.full(4, 0.04), np.zeros((4, 2)))
+    sure = rates.surely(2.0, np.array([1.0, 0.5, 1.0, 1.0])).rate
+    np.testing.assert_allclose(sure, [0.1, -0.05, 0.0, 0.0], atol=1e-12)
+
+
 @pytest.mark.parametrize("variance", [1e-6, 1.0])
 def test_the_axis_follows_the_course_of_the_centre_unless_the_turn_rate_is_vague(variance: float) -> None:
     """The front of a car that turns to the left at .5 rad/s goes 1 m/s to the left of where it heads."""
