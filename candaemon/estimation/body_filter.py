@@ -649,6 +649,13 @@ class BodyFilter:
         mean, covariance = self._combined(SEEN)
         return mean, covariance[:, :4, :4].copy(), *shown(mean, covariance)
 
+    def shown_in_modes(self, rows: Indices) -> tuple[Floats, Floats]:
+        """Return what sensors see of some bodies (m,) as `shown` has it, in each mode: (m, M, 4) and (m, M, 4, 4)."""
+        state, m = self._state, len(self._dwell)
+        covariance = state.covariance[rows][:, :, SEEN][..., SEEN]
+        seen, spread = shown(state.mean[rows].reshape(-1, WIDTH), covariance.reshape(-1, 6, 6))
+        return seen.reshape(-1, m, 4), spread.reshape(-1, m, 4, 4)
+
     def turn_rates(self) -> tuple[Floats, Floats]:
         """Return means and variances of ω over all modes (n,), rad/s and (rad/s)²."""
         probability, turn = self.probability.T, self._state.mean.T[TURN]

@@ -51,6 +51,8 @@ def _solver() -> Solver:
 
 
 _OUT_OF_GATE = 1e9
+_IMPROBABLE = 1e-3  # of a mode, that it is not looked for
+_LEAST, _MOST = 1e-12, 1e3  # of a probability, and of a NIS, that a logarithm is taken of
 _REACH = 30.0  # m; a pair farther apart passes no gate and is not worth the arithmetic
 
 
@@ -107,6 +109,44 @@ def _joint_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Fl
     return np.asarray((innovation * solved).sum(axis=1))
 
 
+def nis_in_best_mode(probability: Floats, innovation: Floats, spread: Floats) -> Floats:
+    """Return the normalised innovation squared of pairs (…) in the mode that fits each best, of those not improbable.
+
+    Args:
+        probability: of the modes (…, M).
+        innovation: in each mode (…, M, f).
+        spread: covariance of it (…, M, f, f).
+    """
+    nis = _nis(innovation, spread)
+    return np.asarray(np.where(probability >= _IMPROBABLE, nis, np.inf).min(axis=-1))
+
+
+def nis_over_modes(probability: Floats, innovation: Floats, spread: Floats, overall: Floats) -> Floats:
+    """Return how unlikely pairs (…) are over all modes: −2 ln of the likelihood by its peak, were it one Gaussian.
+
+    So it is the normalised innovation squared where the modes are alike (Alspach and Sorenson 1972). One Gaussian would
+    hide what an unlikely mode allows: of a car that cruised and was not detected for half a second, one in two hundred
+    has braked.
+
+    Args:
+        probability: of the modes (…, M).
+        innovation: in each mode (…, M, f).
+        spread: covariance of it (…, M, f, f).
+        overall: covariance of the innovation over all modes (…, f, f).
+    """
+    wider = np.linalg.slogdet(spread)[1] - np.linalg.slogdet(overall)[1][..., None]
+    cost = np.clip(_nis(innovation, spread) + wider, -_MOST, _MOST)
+    return np.asarray(-2.0 * np.log((np.maximum(probability, _LEAST) * np.exp(-0.5 * cost)).sum(axis=-1)))
+
+
+def _nis(innovation: Floats, spread: Floats) -> Floats:
+    try:
+        solved = np.linalg.solve(spread, innovation[..., None])[..., 0]
+    except np.linalg.LinAlgError:  # as in `_joint_nis`
+        return np.full(innovation.shape[:-1], np.inf)
+    return np.asarray((innovation * solved).sum(axis=-1))
+
+
 def nearest_neighbours(
     mean: Floats, covariance: Floats, tracks: Indices, measurement: Measurement, detections: Indices, gate: float
 ) -> tuple[Indices, Indices]:
@@ -146,17 +186,28 @@ def gated_pairs(
         detections: likewise.
         gate: likewise, or one for each of all detections.
     """
-    none = np.empty(0, dtype=np.intp)
-    if not len(tracks) or not len(detections):
-        return none, none, np.empty(0)
-    apart = np.abs(mean[tracks, None, :2] - measurement.position[None, detections]).max(axis=2)
-    t, d = np.nonzero(apart < _REACH)
-    if not len(t):
-        return none, none, np.empty(0)
-    track, detection = tracks[t], detections[d]
+    track, detection = near_pairs(mean, tracks, measurement, detections)
+    if not len(track):
+        return track, detection, np.empty(0)
     nis = pair_nis(mean[track], covariance[track], measurement.take(detection))
     inside = nis <= (gate.take(detection) if isinstance(gate, np.ndarray) else gate)
     return track[inside], detection[inside], nis[inside]
+
+
+def near_pairs(mean: Floats, tracks: Indices, measurement: Measurement, detections: Indices) -> tuple[Indices, Indices]:
+    """Return the pairs that are near enough to pass a gate: rows of tracks (p,) and of detections (p,).
+
+    Args:
+        mean: as in `nearest_neighbours`, like all others.
+        tracks: likewise.
+        measurement: likewise.
+        detections: likewise.
+    """
+    if not len(tracks) or not len(detections):
+        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+    apart = np.abs(mean[tracks, None, :2] - measurement.position[None, detections]).max(axis=2)
+    t, d = np.nonzero(apart < _REACH)
+    return tracks[t], detections[d]
 
 
 def best_pairs(track: Indices, detection: Indices, cost: Floats) -> Indices:

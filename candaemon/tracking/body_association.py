@@ -13,7 +13,8 @@ from candaemon.config.tracker import AssociationSettings, ReflectionSettings
 from candaemon.estimation.body_filter import POSITION
 from candaemon.estimation.measurement import Measurement
 from candaemon.radar.detections import Detections
-from candaemon.tracking.association import best_pairs, gated_pairs, pair_nis
+from candaemon.tracking.association import best_pairs, gated_pairs, near_pairs, nis_in_best_mode, pair_nis
+from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.joint_association import doubts, likelihood_ratios
 from candaemon.tracking.reflections import to_travel_axes
@@ -21,6 +22,7 @@ from candaemon.tracking.turning import rate_and_pivot
 
 _NEAREST = 1e-3  # m, nearer than which there is no line of sight
 _PLACE_AND_RATE = 3  # numbers measured; with more, a velocity is among them
+_STANDS = 0.5  # probability above which a body is taken to stand
 _LEAST_AGE = 0.05  # s, of a body that began just before
 
 
@@ -101,6 +103,8 @@ def associate(
     found.body = np.where(found.reflection < 0, -1, bodies.reflections.body.take(found.reflection))
     if extent.merge and len(left):
         found.body[left] = beside(bodies, mean, measurement, left, extent, detections.time_ns)
+    if settings.method == "nearest" or not detections.identified:
+        _by_modes(found, bodies, mean, covariance, vague, measurement, settings.gate)
     return found
 
 
@@ -203,6 +207,73 @@ def _by_place(
     if (doubt > 1.0).any():
         found.doubt = np.ones(len(found.body))
         found.doubt[detection[chosen]] = doubt
+
+
+def _by_modes(
+    found: Association,
+    bodies: Bodies,
+    mean: Floats,
+    covariance: Floats,
+    vague: Booleans,
+    measurement: Measurement,
+    gate: float,
+) -> None:
+    """Associate what is left with confirmed bodies of which nothing was found, as each of their modes has moved them.
+
+    Who brakes or turns off out of sight leaves the gate of all modes together, in which those who drive on prevail.
+    What never drove has no course to leave, and nothing but false detections drives off with it.
+    """
+    left, owner = np.flatnonzero(found.body < 0), bodies.reflections.body
+    if not len(left):
+        return
+    missed = bodies.obstacles.confirmed & bodies.obstacles.directed & ~vague
+    missed[found.body[found.body >= 0]] = False
+    row, detection = near_pairs(mean, np.flatnonzero(missed.take(owner)), measurement, left)
+    if not len(row):
+        return
+    nis = _nis_in_modes(bodies, mean[row], covariance[row], owner[row], measurement.take(detection))
+    row, detection, nis = row[nis <= gate], detection[nis <= gate], nis[nis <= gate]
+    chosen = best_pairs(row, detection, nis)
+    row, detection = row[chosen], detection[chosen]
+    found.reflection[detection], found.nis[detection], found.body[detection] = row, nis[chosen], owner[row]
+
+
+def _nis_in_modes(bodies: Bodies, mean: Floats, covariance: Floats, body: Indices, measurement: Measurement) -> Floats:
+    """Return the normalised innovations squared of aligned pairs in the mode that fits each best (p,).
+
+    Args:
+        bodies: that are known.
+        mean: states of reflections over all modes (p, 4).
+        covariance: (p, 4, 4).
+        body: row of the body of each (p,).
+        measurement: p detections.
+    """
+    moments, (probability, shown, spread) = bodies.moments(), in_modes(bodies, body)
+    modes = shown.shape[1]
+    mean = mean[:, None] + (shown - moments.shown[body, None])
+    covariance = covariance[:, None] + (spread - moments.shown_covariance[body, None])
+    each = measurement.take(np.repeat(np.arange(len(body)), modes))
+    innovation, jacobian, noise = each.linearised(mean.reshape(-1, 4))
+    s = jacobian @ covariance.reshape(-1, 4, 4) @ np.swapaxes(jacobian, 1, 2) + noise
+    f = innovation.shape[1]
+    return nis_in_best_mode(probability, innovation.reshape(-1, modes, f), s.reshape(-1, modes, f, f))
+
+
+def in_modes(bodies: Bodies, rows: Indices) -> tuple[Floats, Floats, Floats]:
+    """Return how probable modes are in which some bodies may have gone on, and what a sensor would see in each.
+
+    What moves does not stand at once: of that mode the probability is 0 unless the body is taken to stand.
+
+    Args:
+        bodies: that are known.
+        rows: of the bodies (m,).
+
+    Returns:
+        Probabilities (m, M), means (m, M, 4) and covariances (m, M, 4, 4) of place and velocity.
+    """
+    probability, (shown, spread) = bodies.filter.probability[rows], bodies.filter.shown_in_modes(rows)
+    probability[:, STANDING] *= probability[:, STANDING] > _STANDS
+    return probability, shown, spread
 
 
 def beside(

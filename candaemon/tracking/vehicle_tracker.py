@@ -24,7 +24,8 @@ from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView, in_look, seen_by_any
 from candaemon.tracking import box
-from candaemon.tracking.body_association import Association, associate
+from candaemon.tracking.association import nis_over_modes
+from candaemon.tracking.body_association import Association, associate, in_modes
 from candaemon.tracking.body_axes import turned_axes
 from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_images import images
@@ -728,9 +729,15 @@ class VehicleTracker:
         if not len(young) or not len(lost):
             return lost, np.full((len(young), len(lost)), np.inf)
         moments = bodies.moments()
+        probability, shown, covariance = in_modes(bodies, lost)
         apart = moments.shown[young, None] - moments.shown[lost]
-        spread = moments.shown_covariance[young, None] + moments.shown_covariance[lost] + np.diag(_ALIKE)
-        distance = np.einsum("ijk,ijk->ij", apart, np.linalg.solve(spread, apart[..., None])[..., 0])
+        spread = moments.shown_covariance[young] + np.diag(_ALIKE)
+        distance = nis_over_modes(
+            probability,
+            moments.shown[young, None, None] - shown,
+            spread[:, None, None] + covariance,
+            spread[:, None] + moments.shown_covariance[lost],
+        )
         later = obstacles.first_ns[young, None] > obstacles.last_ns[lost] - int(_OVERLAP * 1e9)
         possible = later & (distance < self.settings.association.gate)
         possible &= np.hypot(apart[..., 0], apart[..., 1]) < _FARTHEST
