@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 107
+REVISION = 108
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1187,6 +1187,50 @@ cdef inline double nis_of_pair(
     return nis + residual * residual / spread if isfinite(residual) else nis
 
 
+cdef void turn_into_axes(
+    const double[:, :] state,
+    const double[:, :, :] covariance,
+    const double[:, :] direction,
+    const double[:] forward,
+    double east,
+    double north,
+    double c,
+    double s,
+    double least_square,
+    double[:, ::1] told,
+    double[:, :, ::1] turned,
+) noexcept nogil:
+    cdef Py_ssize_t t, a, b, i, j
+    cdef double first, second, square, way
+    cdef double half[2][2]
+    for t in range(state.shape[0]):
+        for a in range(3):
+            first = state[t, 2 * a] - (east if a == 0 else 0.0)
+            second = state[t, 2 * a + 1] - (north if a == 0 else 0.0)
+            told[2 * a, t] = first * c + second * s
+            told[2 * a + 1, t] = second * c - first * s
+        for a in range(2):
+            for b in range(2):
+                for j in range(2):
+                    first, second = covariance[t, 2 * a, 2 * b + j], covariance[t, 2 * a + 1, 2 * b + j]
+                    half[0][j] = first * c + second * s
+                    half[1][j] = second * c - first * s
+                for i in range(2):
+                    turned[t, 2 * a + i, 2 * b] = half[i][0] * c + half[i][1] * s
+                    turned[t, 2 * a + i, 2 * b + 1] = half[i][1] * c - half[i][0] * s
+        for i in range(4):
+            told[6 + i, t] = sqrt(larger(turned[t, i, i], 0.0))
+            for j in range(i):
+                turned[t, i, j] = turned[t, j, i]
+        square = told[2, t] * told[2, t] + told[3, t] * told[3, t]
+        told[10, t] = NAN
+        if square > least_square:
+            told[10, t] = (told[5, t] * told[2, t] - told[4, t] * told[3, t]) / square
+        way = forward[t] if forward[t] != 0.0 else NAN
+        told[11, t] = (direction[t, 0] * c + direction[t, 1] * s) * way
+        told[12, t] = (direction[t, 1] * c - direction[t, 0] * s) * way
+
+
 def vehicle_axes(
     const double[:, :] state,
     const double[:, :, :] covariance,
@@ -1204,39 +1248,12 @@ def vehicle_axes(
     squared is above the least, else NaN, and the course, a vector, NaN where forward is 0. The second is the covariance
     (k, 4, 4).
     """
-    cdef Py_ssize_t k = state.shape[0], t, a, b, i, j
-    cdef double first, second, square, way
-    cdef double half[2][2]
+    cdef Py_ssize_t k = state.shape[0]
     told_array, turned_array = np.empty((13, k)), np.empty((k, 4, 4))
     cdef double[:, ::1] told = told_array
     cdef double[:, :, ::1] turned = turned_array
     with nogil:
-        for t in range(k):
-            for a in range(3):
-                first = state[t, 2 * a] - (east if a == 0 else 0.0)
-                second = state[t, 2 * a + 1] - (north if a == 0 else 0.0)
-                told[2 * a, t] = first * c + second * s
-                told[2 * a + 1, t] = second * c - first * s
-            for a in range(2):
-                for b in range(2):
-                    for j in range(2):
-                        first, second = covariance[t, 2 * a, 2 * b + j], covariance[t, 2 * a + 1, 2 * b + j]
-                        half[0][j] = first * c + second * s
-                        half[1][j] = second * c - first * s
-                    for i in range(2):
-                        turned[t, 2 * a + i, 2 * b] = half[i][0] * c + half[i][1] * s
-                        turned[t, 2 * a + i, 2 * b + 1] = half[i][1] * c - half[i][0] * s
-            for i in range(4):
-                told[6 + i, t] = sqrt(larger(turned[t, i, i], 0.0))
-                for j in range(i):
-                    turned[t, i, j] = turned[t, j, i]
-            square = told[2, t] * told[2, t] + told[3, t] * told[3, t]
-            told[10, t] = NAN
-            if square > least_square:
-                told[10, t] = (told[5, t] * told[2, t] - told[4, t] * told[3, t]) / square
-            way = forward[t] if forward[t] != 0.0 else NAN
-            told[11, t] = (direction[t, 0] * c + direction[t, 1] * s) * way
-            told[12, t] = (direction[t, 1] * c - direction[t, 0] * s) * way
+        turn_into_axes(state, covariance, direction, forward, east, north, c, s, least_square, told, turned)
     return told_array, turned_array
 
 
@@ -2673,18 +2690,22 @@ def update_bodies(
 def motion_of_bodies(const double[:, :] mean, double slow):
     """Return place, velocity and acceleration (n, 6) of bodies (n, 8); below the slow speed the course is shorter than
     one."""
-    cdef Py_ssize_t n = mean.shape[0], t, a
-    cdef double along
-    out_array = np.empty((n, 6))
+    out_array = np.empty((mean.shape[0], 6))
     cdef double[:, ::1] out = out_array
     with nogil:
-        for t in range(n):
-            for a in range(4):
-                out[t, a] = mean[t, a]
-            along = mean[t, 5] / larger(sqrt(mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3]), slow)
-            out[t, 4] = along * mean[t, 2] - mean[t, 4] * mean[t, 3]
-            out[t, 5] = along * mean[t, 3] + mean[t, 4] * mean[t, 2]
+        move_bodies(mean, slow, out)
     return out_array
+
+
+cdef void move_bodies(const double[:, :] mean, double slow, double[:, ::1] out) noexcept nogil:
+    cdef Py_ssize_t t, a
+    cdef double along
+    for t in range(mean.shape[0]):
+        for a in range(4):
+            out[t, a] = mean[t, a]
+        along = mean[t, 5] / larger(sqrt(mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3]), slow)
+        out[t, 4] = along * mean[t, 2] - mean[t, 4] * mean[t, 3]
+        out[t, 5] = along * mean[t, 3] + mean[t, 4] * mean[t, 2]
 
 
 def to_travel_axes(const double[:, :] vectors, const double[:, :] direction):
@@ -3775,7 +3796,7 @@ def likelihood_ratios(
     return seen_array, out_array
 
 
-def add_places(
+cdef void add_places(
     double[:, :, ::1] covariance,
     double[:, ::1] told,
     const double[:] length,
@@ -3787,36 +3808,35 @@ def add_places(
     double place,
     double large,
     double anywhere,
-):
-    """Add in place what is unknown of where on bodies reflections lie, and of our own velocity; tell the deviations."""
-    cdef Py_ssize_t k = length.shape[0], t
+) noexcept nogil:
+    """Add what is unknown of where on bodies reflections lie, and of our own velocity; tell the deviations."""
+    cdef Py_ssize_t t
     cdef double x, y, norm, side, ax, ay, variance, xx, xy, yy, lx, ly, speed
-    with nogil:
-        for t in range(k):
-            x, y = told[0, t], told[1, t]
-            norm = larger(sqrt(x * x + y * y), close)
-            x, y = x / norm, y / norm
-            ax, ay = told[11, t], told[12, t]
-            variance = large if alone[t] < 0.0 else (small if alone[t] > 1.0 else place)
-            variance = variance * variance
-            side = anywhere * (length[t] * (ax * y - ay * x))
-            ax, ay = side * ax, side * ay
-            xx, xy, yy = variance + ax * ax, ax * ay, variance + ay * ay
-            lx, ly = -y, x
-            speed = lx * xx * lx + lx * xy * ly + ly * xy * lx + ly * yy * ly
-            speed = speed / (time * time)
-            covariance[t, 0, 0] = covariance[t, 0, 0] + xx
-            covariance[t, 0, 1] = covariance[t, 0, 1] + xy
-            covariance[t, 1, 0] = covariance[t, 1, 0] + xy
-            covariance[t, 1, 1] = covariance[t, 1, 1] + yy
-            covariance[t, 2, 2] = covariance[t, 2, 2] + (own[0, 0] + speed * lx * lx)
-            covariance[t, 2, 3] = covariance[t, 2, 3] + (own[0, 1] + speed * lx * ly)
-            covariance[t, 3, 2] = covariance[t, 3, 2] + (own[1, 0] + speed * ly * lx)
-            covariance[t, 3, 3] = covariance[t, 3, 3] + (own[1, 1] + speed * ly * ly)
-            told[6, t] = sqrt(larger(covariance[t, 0, 0], 0.0))
-            told[7, t] = sqrt(larger(covariance[t, 1, 1], 0.0))
-            told[8, t] = sqrt(larger(covariance[t, 2, 2], 0.0))
-            told[9, t] = sqrt(larger(covariance[t, 3, 3], 0.0))
+    for t in range(length.shape[0]):
+        x, y = told[0, t], told[1, t]
+        norm = larger(sqrt(x * x + y * y), close)
+        x, y = x / norm, y / norm
+        ax, ay = told[11, t], told[12, t]
+        variance = large if alone[t] < 0.0 else (small if alone[t] > 1.0 else place)
+        variance = variance * variance
+        side = anywhere * (length[t] * (ax * y - ay * x))
+        ax, ay = side * ax, side * ay
+        xx, xy, yy = variance + ax * ax, ax * ay, variance + ay * ay
+        lx, ly = -y, x
+        speed = lx * xx * lx + lx * xy * ly + ly * xy * lx + ly * yy * ly
+        speed = speed / (time * time)
+        covariance[t, 0, 0] = covariance[t, 0, 0] + xx
+        covariance[t, 0, 1] = covariance[t, 0, 1] + xy
+        covariance[t, 1, 0] = covariance[t, 1, 0] + xy
+        covariance[t, 1, 1] = covariance[t, 1, 1] + yy
+        covariance[t, 2, 2] = covariance[t, 2, 2] + (own[0, 0] + speed * lx * lx)
+        covariance[t, 2, 3] = covariance[t, 2, 3] + (own[0, 1] + speed * lx * ly)
+        covariance[t, 3, 2] = covariance[t, 3, 2] + (own[1, 0] + speed * ly * lx)
+        covariance[t, 3, 3] = covariance[t, 3, 3] + (own[1, 1] + speed * ly * ly)
+        told[6, t] = sqrt(larger(covariance[t, 0, 0], 0.0))
+        told[7, t] = sqrt(larger(covariance[t, 1, 1], 0.0))
+        told[8, t] = sqrt(larger(covariance[t, 2, 2], 0.0))
+        told[9, t] = sqrt(larger(covariance[t, 3, 3], 0.0))
 
 
 def states_of_reflections(
@@ -3897,32 +3917,49 @@ def turning_of_bodies(
     return rate_array, variance_array, pivot_array
 
 
-def swing_of_bodies(
-    const double[:, ::1] overall,
+cdef bint swings(const double[:, :] overall, const double[:, :] pivot) noexcept nogil:
+    """Return whether some body turns about another point than the one that is told."""
+    cdef Py_ssize_t t
+    for t in range(overall.shape[0]):
+        if overall[t, 0] - pivot[t, 0] != 0.0 or overall[t, 1] - pivot[t, 1] != 0.0:
+            return True
+    return False
+
+
+cdef void swing(
+    const double[:, :] overall,
     const double[:] standing,
     const double[:] rate,
     const double[:] variance,
-    const double[:, ::1] pivot,
+    const double[:, :] pivot,
+    double[:, ::1] more,
+    double[:, ::1] unknown,
+) noexcept nogil:
+    cdef Py_ssize_t t
+    cdef double moves, deviation, ahead, aside
+    for t in range(overall.shape[0]):
+        ahead, aside = overall[t, 0] - pivot[t, 0], overall[t, 1] - pivot[t, 1]
+        moves, deviation = 1.0 - standing[t], sqrt(variance[t])
+        more[t, 0], more[t, 1] = moves * (rate[t] * -aside), moves * (rate[t] * ahead)
+        unknown[t, 0], unknown[t, 1] = moves * (deviation * -aside), moves * (deviation * ahead)
+
+
+def swing_of_bodies(
+    const double[:, :] overall,
+    const double[:] standing,
+    const double[:] rate,
+    const double[:] variance,
+    const double[:, :] pivot,
 ):
     """Return what turning adds to the velocities of bodies, as far as they do not stand, and a standard deviation of it,
     a vector, (k, 2) each; None: all turn about the points that are told."""
-    cdef Py_ssize_t k = overall.shape[0], t
-    cdef bint some = False
-    cdef double moves, deviation, ahead, aside
-    for t in range(k):
-        if overall[t, 0] - pivot[t, 0] != 0.0 or overall[t, 1] - pivot[t, 1] != 0.0:
-            some = True
-            break
-    if not some:
+    cdef Py_ssize_t k = overall.shape[0]
+    if not swings(overall, pivot):
         return None
     more_array, unknown_array = np.empty((k, 2)), np.empty((k, 2))
     cdef double[:, ::1] more = more_array, unknown = unknown_array
     with nogil:
-        for t in range(k):
-            ahead, aside = overall[t, 0] - pivot[t, 0], overall[t, 1] - pivot[t, 1]
-            moves, deviation = 1.0 - standing[t], sqrt(variance[t])
-            more[t, 0], more[t, 1] = moves * (rate[t] * -aside), moves * (rate[t] * ahead)
-            unknown[t, 0], unknown[t, 1] = moves * (deviation * -aside), moves * (deviation * ahead)
+        swing(overall, standing, rate, variance, pivot, more, unknown)
     return more_array, unknown_array
 
 
@@ -4018,8 +4055,121 @@ def learn_rates(
             detected[row, part] = detected[row, part] * fading[row, part] + counts[1, row, part] * share
 
 
-def tell_bodies(
-    const double[:, :] told,
+def report_bodies(
+    const double[:, :] mean,
+    const double[:, :, :] covariance,
+    const double[:] standing,
+    const double[:] turn,
+    const double[:] turn_variance,
+    const double[:, :] pivot,
+    const double[:, :] axis,
+    const double[:, :] facing,
+    const double[:] length,
+    const double[:] width,
+    const double[:] length_variance,
+    const double[:] extent,
+    const double[:] alone,
+    const double[:] fastest,
+    const Py_ssize_t[:] first_ns,
+    const Py_ssize_t[:] last_ns,
+    const unsigned char[:] confirmed,
+    const double[:, :] own,
+    double east,
+    double north,
+    double c,
+    double s,
+    Py_ssize_t time_ns,
+    Py_ssize_t slack_ns,
+    double wander_time,
+    double slow_course,
+    double close,
+    double small_place,
+    double place,
+    double large_place,
+    double anywhere,
+    double surely,
+    double settled,
+    double slow,
+    double told_length,
+    double small,
+    double enough,
+    double narrow,
+    double truck_length,
+    double walking,
+):
+    """Return what is told of k bodies in the axes of a vehicle at (east, north) and in the local frame.
+
+    Rows of the first (23, k): x, y, vx, vy, ax, ay, the deviations of the first four, a number that says nothing, the
+    axis, a vector, yaw rate, length, width, x and y of the centre, age, east, north and velocity there, NaN where
+    unknown. State and class (2, k); covariance of [x, y, vx, vy] (k, 4, 4).
+    """
+    cdef Py_ssize_t k = mean.shape[0], t, i
+    cdef double first, second
+    cdef double gone[2]
+    cdef bint turns = turn is not None and swings(mean, pivot)
+    numbers_array, codes_array = np.empty((23, k)), np.zeros((2, k), np.int8)
+    turned_array, moving_array = np.empty((k, 4, 4)), np.empty((k, 6))
+    cdef double[:, ::1] numbers = numbers_array, moving = moving_array
+    cdef signed char[:, ::1] codes = codes_array
+    cdef double[:, :, ::1] turned = turned_array
+    cdef double[:, ::1] more, unknown
+    cdef const double[:] forward = np.ones(k)
+    if turns:
+        more, unknown = np.empty((k, 2)), np.empty((k, 2))
+    with nogil:
+        move_bodies(mean, slow_course, moving)
+        if turns:
+            swing(mean, standing, turn, turn_variance, pivot, more, unknown)
+            for t in range(k):
+                moving[t, 2], moving[t, 3] = moving[t, 2] + more[t, 0], moving[t, 3] + more[t, 1]
+        turn_into_axes(moving, covariance, axis, forward, east, north, c, s, INFINITY, numbers, turned)
+        if turns:
+            for t in range(k):
+                first, second = unknown[t, 0], unknown[t, 1]
+                gone[0], gone[1] = first * c + second * s, second * c - first * s
+                for i in range(2):
+                    turned[t, 2 + i, 2] = turned[t, 2 + i, 2] + gone[i] * gone[0]
+                    turned[t, 2 + i, 3] = turned[t, 2 + i, 3] + gone[i] * gone[1]
+        add_places(
+            turned, numbers, length, alone, own, wander_time, close, small_place, place, large_place, anywhere
+        )
+        tell_bodies(
+            numbers,
+            codes,
+            mean,
+            facing,
+            length,
+            width,
+            length_variance,
+            extent,
+            fastest,
+            first_ns,
+            last_ns,
+            confirmed,
+            standing,
+            time_ns,
+            slack_ns,
+            c,
+            s,
+            surely,
+            settled,
+            slow,
+            told_length,
+            small,
+            enough,
+            narrow,
+            truck_length,
+            walking,
+        )
+        for t in range(k):
+            for i in range(4):
+                numbers[19 + i, t] = moving[t, i]
+    return numbers_array, codes_array, turned_array
+
+
+cdef void tell_bodies(
+    double[:, ::1] numbers,
+    signed char[:, ::1] codes,
     const double[:, :] mean,
     const double[:, :] facing,
     const double[:] length,
@@ -4044,39 +4194,34 @@ def tell_bodies(
     double narrow,
     double truck_length,
     double walking,
-):
-    """Return yaw rate, length, width, x and y of the centre, age, NaN where unknown (6, k); state and class (2, k)."""
-    cdef Py_ssize_t k = length.shape[0], t
+) noexcept nogil:
+    """Tell yaw rate, length, width, x and y of the centre, age in rows 13 to 18; state and class."""
+    cdef Py_ssize_t t
     cdef double speed
     cdef bint is_told, sized
-    numbers_array, codes_array = np.empty((6, k)), np.zeros((2, k), np.int8)
-    cdef double[:, ::1] numbers = numbers_array
-    cdef signed char[:, ::1] codes = codes_array
-    with nogil:
-        for t in range(k):
-            speed = sqrt(told[2, t] * told[2, t] + told[3, t] * told[3, t])
-            numbers[0, t] = mean[t, 4] if speed > slow else 0.0
-            is_told = length_variance[t] < told_length or length[t] < small
-            sized = is_told or extent[t] > enough
-            numbers[1, t] = length[t] if sized else NAN
-            numbers[2, t] = width[t] if sized else NAN
-            numbers[3, t] = told[0, t] - (facing[t, 0] * c + facing[t, 1] * s if sized else 0.0)
-            numbers[4, t] = told[1, t] - (facing[t, 1] * c - facing[t, 0] * s if sized else 0.0)
-            numbers[5, t] = (time_ns - first_ns[t] if time_ns > first_ns[t] else 0) * 1e-9
-            if confirmed[t]:
-                codes[0, t] = 2 if time_ns - last_ns[t] > slack_ns else 1
-            if is_told and width[t] >= narrow:
-                codes[1, t] = 1
-            if length[t] > truck_length:
-                codes[1, t] = 2
-            if is_told and width[t] < narrow:
-                if speed > walking:
-                    codes[1, t] = 3
-                elif speed <= walking and length[t] < narrow:
-                    codes[1, t] = 4
-            if standing[t] > surely or ((time_ns - first_ns[t]) * 1e-9 > settled and fastest[t] < slow):
-                codes[1, t] = 5
-    return numbers_array, codes_array
+    for t in range(length.shape[0]):
+        speed = sqrt(numbers[2, t] * numbers[2, t] + numbers[3, t] * numbers[3, t])
+        numbers[13, t] = mean[t, 4] if speed > slow else 0.0
+        is_told = length_variance[t] < told_length or length[t] < small
+        sized = is_told or extent[t] > enough
+        numbers[14, t] = length[t] if sized else NAN
+        numbers[15, t] = width[t] if sized else NAN
+        numbers[16, t] = numbers[0, t] - (facing[t, 0] * c + facing[t, 1] * s if sized else 0.0)
+        numbers[17, t] = numbers[1, t] - (facing[t, 1] * c - facing[t, 0] * s if sized else 0.0)
+        numbers[18, t] = (time_ns - first_ns[t] if time_ns > first_ns[t] else 0) * 1e-9
+        if confirmed[t]:
+            codes[0, t] = 2 if time_ns - last_ns[t] > slack_ns else 1
+        if is_told and width[t] >= narrow:
+            codes[1, t] = 1
+        if length[t] > truck_length:
+            codes[1, t] = 2
+        if is_told and width[t] < narrow:
+            if speed > walking:
+                codes[1, t] = 3
+            elif speed <= walking and length[t] < narrow:
+                codes[1, t] = 4
+        if standing[t] > surely or ((time_ns - first_ns[t]) * 1e-9 > settled and fastest[t] < slow):
+            codes[1, t] = 5
 
 
 def fit_reflections(

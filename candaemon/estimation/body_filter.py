@@ -32,12 +32,12 @@ from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.estimation.smoothing import Link, smoothing_gain
 
 WIDTH = 8
+SLOW = 1.0  # m/s, below which the course says nothing of the axis
 POSITION, VELOCITY, BIAS = slice(0, 2), slice(2, 4), slice(6, 8)
 TURN, ACCELERATION = 4, 5
 SEEN = [0, 1, 2, 3, 6, 7]  # of what sensors see: place, velocity, bias
 _UNMEASURED = float(0.5 / np.pi)  # variance of a number that adds nothing to a log likelihood
 _LEAST_PROBABILITY = 1e-6
-_SLOW = 1.0  # m/s, below which the course says nothing of the axis
 _STOPPABLE = 3.0  # m/s in every mode that moves, from which nothing comes to stand at once
 _LEAST_TURNING = 0.03  # root of the share of turn rates never hidden: a variance that fades for minutes would be zero
 _UNSEEN_ACCELERATION = 0.1  # m/s² that a link adds: what stands has none at all, which would tie velocities to rounding
@@ -320,7 +320,7 @@ class BodyFilter:
         leave = self._constants(dt).leave
         prior, mean, covariance = self.probability.T, self._state.mean.T, self._state.covariance.T
         if self._compiled:
-            limits = _STOPPABLE, _LEAST_PROBABILITY, _SLOW, _SHARPEST_ONSET, _LEAST_TURNING
+            limits = _STOPPABLE, _LEAST_PROBABILITY, SLOW, _SHARPEST_ONSET, _LEAST_TURNING
             self._state.probability = compiled.kernels.mix_bodies(
                 mean, covariance, prior, leave, dwell, others, self._moves, self._turns, hidden, *limits
             ).T
@@ -342,7 +342,7 @@ class BodyFilter:
         covariance -= self._outer(mean, mean)
         mean += origin
         entered = pooled * (_total(filled) - filled)
-        rate = np.minimum(self._onset / np.maximum(_speed(mean), _SLOW), _SHARPEST_ONSET) * self._seen_turning(hidden)
+        rate = np.minimum(self._onset / np.maximum(_speed(mean), SLOW), _SHARPEST_ONSET) * self._seen_turning(hidden)
         covariance[TURN, TURN] += entered * rate * rate
         self._keep_moving(mean, predicted, (1.0 - leave) * prior)
         self._state.probability = predicted.T
@@ -407,7 +407,7 @@ class BodyFilter:
             settling,
             gain,
             dt,
-            _SLOW,
+            SLOW,
             self._dynamics.turn_rate,
             _LEAST_TURNING,
         )
@@ -463,7 +463,7 @@ class BodyFilter:
         mean, moves = self._state.mean.T, self._moves
         vx, vy, acceleration = mean[2], mean[3], mean[ACCELERATION]
         speed = _speed(mean)
-        fast, divisor = speed > _SLOW, np.maximum(speed, _SLOW)
+        fast, divisor = speed > SLOW, np.maximum(speed, SLOW)
         c, s = turned
         turned_x, turned_y = c * vx - s * vy, s * vx + c * vy
         after = np.empty((2, 4, *speed.shape))  # velocity by velocity, ω and a
@@ -519,7 +519,7 @@ class BodyFilter:
 
     def _turn_rates(self, speed: Floats) -> Floats:
         """Return the standard deviations of ω in each mode at speeds (M, n), m/s: (M, n), rad/s."""
-        return np.minimum(self._lateral_acceleration / np.maximum(speed, _SLOW), self._dynamics.turn_rate)
+        return np.minimum(self._lateral_acceleration / np.maximum(speed, SLOW), self._dynamics.turn_rate)
 
     def update(
         self, rows: Indices, measurement: Measurement, alike: float = 1.0, rates: BodyRates | None = None
@@ -717,9 +717,9 @@ def motion(mean: Floats) -> Floats:
         mean: states (n, 8).
     """
     if compiled.in_use:
-        return compiled.kernels.motion_of_bodies(mean, _SLOW)
+        return compiled.kernels.motion_of_bodies(mean, SLOW)
     vx, vy, turn = mean[:, 2], mean[:, 3], mean[:, TURN]
-    along = mean[:, ACCELERATION] / np.maximum(_speed(mean.T), _SLOW)
+    along = mean[:, ACCELERATION] / np.maximum(_speed(mean.T), SLOW)
     return np.concatenate([mean[:, :4], np.stack([along * vx - turn * vy, along * vy + turn * vx], axis=1)], axis=1)
 
 
@@ -741,7 +741,7 @@ def shown(mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
 def report_jacobian(mean: Floats) -> Floats:
     """Return the Jacobian (n, 6, 8) of [x, y, vx, vy, ax, ay] over the state, velocity held for the last two."""
     velocity = mean[:, VELOCITY]
-    course = velocity / np.maximum(np.hypot(velocity[:, 0], velocity[:, 1]), _SLOW)[:, None]
+    course = velocity / np.maximum(np.hypot(velocity[:, 0], velocity[:, 1]), SLOW)[:, None]
     jacobian = np.zeros((len(mean), 6, WIDTH))
     jacobian[:, :4, :4] = np.eye(4)
     jacobian[:, 4, TURN], jacobian[:, 5, TURN] = -velocity[:, 1], velocity[:, 0]

@@ -34,10 +34,7 @@ _NEVER_ALONE = -1e12  # of what has shown several reflections
 _MOVED, _RIDING = 0.5, 9.0  # m/s
 _CROSSING = 1.5  # times the speed along the line of sight, from which on that across it shows a side
 _PACE_TIME = 4.0  # s, time constant with which the greatest speed of something small is forgotten, down to a walk
-_SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
 _TURN_ERROR = 0.15  # rad/s, by which a turn rate is wrong
-_CLOSE = 0.1  # m, nearest that the line of sight is known
-_ANYWHERE = 12.0**-0.5  # of a length, standard deviation of a place anywhere on it
 _TOLD = 0.1  # m²; a width known better was told
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 TRUCK_LENGTH, NARROW, WALKING = 7.0, 1.1, 3.5
@@ -315,51 +312,6 @@ def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:
         reflections.offset -= to_travel_axes(step, obstacles.axis).take(reflections.body, axis=0)
         obstacles.facing += step
         bodies.shift(step)
-
-
-def add_places(bodies: Bodies, told: Floats, covariance: Floats, own: Floats, time: float) -> None:
-    """Add what is unknown of where on bodies the reflections lie, and of our own velocity, to what is told of them.
-
-    Of a body that shows its side, the reflections may lie anywhere along it. As they wander over it, its velocity is
-    uncertain across the line of sight, where it follows from places alone; along it, it is measured.
-
-    Args:
-        bodies: with their boxes.
-        told: as `in_vehicle_axes` returns it with the boxes' axes for courses (13, k); the deviations are changed.
-        covariance: of [x, y, vx, vy] (k, 4, 4), changed.
-        own: covariance of our velocity (2, 2), (m/s)².
-        time: within which reflections wander over their bodies, s.
-    """
-    obstacles = bodies.obstacles
-    if compiled.in_use:
-        compiled.kernels.add_places(
-            covariance,
-            told,
-            obstacles.length,
-            obstacles.alone,
-            own,
-            time,
-            _CLOSE,
-            _SMALL_PLACE,
-            _PLACE,
-            _LARGE_PLACE,
-            _ANYWHERE,
-        )
-        return
-    x, y = told[:2] / np.maximum(np.sqrt(told[0] * told[0] + told[1] * told[1]), _CLOSE)
-    unresolved = np.where(obstacles.alone > 1.0, _SMALL_PLACE, _PLACE)
-    anywhere = np.square(np.where(obstacles.alone < 0.0, _LARGE_PLACE, unresolved))
-    side = _ANYWHERE * (obstacles.length * (told[11] * y - told[12] * x))
-    along, left = side * told[11:], (-y, x)
-    place = along[:, None] * along
-    place[0, 0] = anywhere + place[0, 0]
-    place[1, 1] = anywhere + place[1, 1]
-    speed = sum(left[i] * place[i, j] * left[j] for i in (0, 1) for j in (0, 1)) / (time * time)
-    for i in (0, 1):
-        for j in (0, 1):
-            covariance[:, i, j] += place[i, j]
-            covariance[:, 2 + i, 2 + j] += own[i, j] + speed * left[i] * left[j]
-    told[6:10] = np.sqrt(np.maximum(np.einsum("nii->in", covariance), 0.0))
 
 
 def classes(

@@ -130,20 +130,20 @@ def in_vehicle_axes(
         )
     told = np.empty((13, len(state)))
     vectors = state.T.reshape(3, 2, -1) - np.array([[pose.east, pose.north], [0.0, 0.0], [0.0, 0.0]])[:, :, None]
-    told[:6:2], told[1:6:2] = _turned(vectors[:, 0], vectors[:, 1], c, s)
+    told[:6:2], told[1:6:2] = turned(vectors[:, 0], vectors[:, 1], c, s)
     blocks = spread[:, :4, :4].reshape(-1, 2, 2, 2, 2)
-    half = np.stack(_turned(blocks[:, :, 0], blocks[:, :, 1], c, s), axis=2)
-    covariance = np.stack(_turned(half[..., 0], half[..., 1], c, s), axis=-1).reshape(-1, 4, 4)
+    half = np.stack(turned(blocks[:, :, 0], blocks[:, :, 1], c, s), axis=2)
+    covariance = np.stack(turned(half[..., 0], half[..., 1], c, s), axis=-1).reshape(-1, 4, 4)
     covariance = np.where(np.tri(4, k=-1, dtype=np.bool_), np.swapaxes(covariance, 1, 2), covariance)
     told[6:10] = np.sqrt(np.maximum(np.einsum("nii->in", covariance), 0.0))
     vx, vy, ax, ay = told[2:6]
     square = vx * vx + vy * vy
     told[10] = np.nan
     np.divide(ay * vx - ax * vy, square, out=told[10], where=square > least_square)
-    told[11:] = np.stack(_turned(direction[:, 0], direction[:, 1], c, s)) * np.where(forward == 0.0, np.nan, forward)
+    told[11:] = np.stack(turned(direction[:, 0], direction[:, 1], c, s)) * np.where(forward == 0.0, np.nan, forward)
     return told, covariance
 
 
-def _turned(x: Floats, y: Floats, c: float, s: float) -> tuple[Floats, Floats]:
+def turned(x: Floats, y: Floats, c: float, s: float) -> tuple[Floats, Floats]:
     """Return vectors in axes that are turned by an angle with cosine c and sine s."""
     return x * c + y * s, y * c - x * s
