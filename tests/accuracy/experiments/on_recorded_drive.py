@@ -22,7 +22,7 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.playback.predictions import PredictionQueue
 from candaemon.playback.replay import HORIZONS
 from candaemon.radar.detections import Detections
-from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.obstacles import TENTATIVE, Obstacles
 from candaemon.tracking.update import Update
 from tests.accuracy.experiments.finding import Effort, Experiment, Finding
 from tests.accuracy.simulated_runs import bound
@@ -49,7 +49,9 @@ class ByRadar(DriveScore):
 
 
 class IdChanges:
-    """Counts the radar's tracks, and those over which the obstacle's id changes.
+    """Counts the radar's tracks, and those over which the obstacle's id changes once it is confirmed.
+
+    Before that its number is provisional: it may be found to be one that was lost sight of.
 
     Args:
         cycle_times: nominal cycle time of each sensor, s.
@@ -71,7 +73,8 @@ class IdChanges:
             self._span[one] = first, detections.time_ns
         run_of = dict(zip(detections.object_id.tolist(), run.tolist(), strict=True))
         for key, row in zip(obstacles.used_object.tolist(), obstacles.used_row.tolist(), strict=True):
-            self._owners.setdefault(run_of[key], set()).add(int(obstacles.id[row]))
+            if obstacles.state[row] != TENTATIVE:
+                self._owners.setdefault(run_of[key], set()).add(int(obstacles.id[row]))
 
     def result(self) -> tuple[int, int]:
         """Return how many tracks of the radar were long, and how many of those had several obstacles, or none."""
@@ -142,6 +145,7 @@ RECORDED_DRIVE: Final = Experiment(
         ("YAML, defaults, --tracker", "the configuration's tracker section; none; none but the settings given"),
         ("ahead", "RMSE of where a reflection is expected, beside where the radar places it then, vehicle axes"),
         ("tracks", f"of the radar, as its slots and flags tell; ahead: those of {LONG:g} s and more"),
+        ("id", "of the confirmed obstacle that a track of the radar belongs to"),
         ("what stands", "RMS of obstacles whose speed along the line of sight is mostly below 1 m/s over ground"),
         ("duplicates", "confirmed obstacles with another within 3 m along, 1 m across and 1 m/s, share of samples"),
     ),
