@@ -51,7 +51,7 @@ def _solver() -> Solver:
 
 
 _OUT_OF_GATE = 1e9
-_IMPROBABLE = 1e-3  # of a mode, that it is not looked for
+_IMPROBABLE = 3e-4  # of a mode, that it is not looked for
 _LEAST, _MOST = 1e-12, 1e3  # of a probability, and of a NIS, that a logarithm is taken of
 _REACH = 30.0  # m; a pair farther apart passes no gate and is not worth the arithmetic
 
