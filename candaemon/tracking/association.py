@@ -134,8 +134,8 @@ def nis_over_modes(probability: Floats, innovation: Floats, spread: Floats, over
         spread: covariance of it (…, M, f, f).
         overall: covariance of the innovation over all modes (…, f, f).
     """
-    wider = np.linalg.slogdet(spread)[1] - np.linalg.slogdet(overall)[1][..., None]
-    cost = np.clip(_nis(innovation, spread) + wider, -_MOST, _MOST)
+    volume, whole = (np.maximum(np.linalg.slogdet(each)[1], -_MOST) for each in (spread, overall))
+    cost = np.clip(_nis(innovation, spread) + volume - whole[..., None], -_MOST, _MOST)
     return np.asarray(-2.0 * np.log((np.maximum(probability, _LEAST) * np.exp(-0.5 * cost)).sum(axis=-1)))
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from candaemon.estimation.measurement import Measurement, line_of_sight
-from candaemon.tracking.association import nearest_neighbours, pair_nis
+from candaemon.tracking.association import nearest_neighbours, nis_in_best_mode, nis_over_modes, pair_nis
 from tests.support.builders import random_covariance
 from tests.support.effort import examples
 
@@ -91,3 +91,29 @@ def test_only_what_is_free_is_paired() -> None:
     none = np.empty(0, dtype=np.intp)
     for free, seen in ((none, np.arange(4)), (np.arange(4), none)):
         assert [len(rows) for rows in nearest_neighbours(mean, covariance, free, measurement, seen, 1e6)] == [0, 0]
+
+
+def test_modes_that_are_alike_have_the_nis_of_one() -> None:
+    spread = np.diag([4.0, 1.0])
+    innovation = np.array([[[2.0, 3.0]] * 3])
+    modes = np.array([[0.2, 0.5, 0.3]])
+    nis = np.array([1.0 + 9.0])
+    np.testing.assert_allclose(nis_over_modes(modes, innovation, np.tile(spread, (1, 3, 1, 1)), spread[None]), nis)
+    np.testing.assert_allclose(nis_in_best_mode(modes, innovation, np.tile(spread, (1, 3, 1, 1))), nis)
+
+
+def test_what_an_unlikely_mode_allows_costs_how_unlikely_and_how_wide_that_is() -> None:
+    """Six standard deviations of the likely mode, one of another: 2 ln 100 for that, 2 ln 6 for its width."""
+    modes, innovation = np.array([[0.99, 0.01]]), np.full((1, 2, 1), 6.0)
+    spread = np.array([[[[1.0]], [[36.0]]]])
+    nis = nis_over_modes(modes, innovation, spread, np.ones((1, 1, 1)))
+    np.testing.assert_allclose(nis, 1.0 + 2.0 * np.log(100.0) + 2.0 * np.log(6.0), atol=1e-4)
+    assert nis_in_best_mode(modes, innovation, spread) == [1.0]
+    assert nis_in_best_mode(np.array([[1.0 - 1e-4, 1e-4]]), innovation, spread) == [36.0]
+
+
+def test_covariances_that_cannot_be_inverted_fit_nothing() -> None:
+    singular, innovation = np.zeros((1, 2, 2, 2)), np.ones((1, 2, 2))
+    modes = np.array([[0.5, 0.5]])
+    assert (nis_in_best_mode(modes, innovation, singular) > 1e6).all()
+    assert (nis_over_modes(modes, innovation, singular, np.eye(2)[None]) > 100.0).all()

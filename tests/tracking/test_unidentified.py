@@ -72,6 +72,25 @@ def test_a_car_that_brakes_out_of_sight_is_itself(braking: float, hidden: float,
     assert fed.tracker.counts.obstacles == 1
 
 
+@pytest.mark.parametrize("identified", [False, True])
+def test_a_car_that_turns_off_out_of_sight_is_itself(identified: bool) -> None:
+    """Nothing sees it for 1.5 s from the start of the bend on; a sensor's own id for it is another then."""
+    fed = HandFedVehicles()
+    ids = set[int]()
+    for t in times(1, 120):
+        heading = 0.3 * min(max(t - 3.0, 0.0), 3.0)
+        on = max(t - 6.0, 0.0)
+        x = 30.0 + 10.0 * min(t, 3.0) + np.sin(heading) / 0.03 + 10.0 * on * np.cos(heading)
+        y = (1.0 - np.cos(heading)) / 0.03 + 10.0 * on * np.sin(heading)
+        seen = Seen(
+            1 if t < 3.5 else 2, float(x), float(y), 10.0 * float(np.cos(heading)), 10.0 * float(np.sin(heading))
+        )
+        scan = detections(pose(t), [] if 3.0 < t < 4.5 else [seen], sensor=0, noise=(0.2, 0.2, 0.1))
+        obstacles = fed.tracker.step(replace(scan, identified=identified), pose(t))
+        ids |= set(obstacles.id[obstacles.state == CONFIRMED].tolist())
+    assert ids == {1}
+
+
 def test_a_post_does_not_drive_off_with_what_passes() -> None:
     """It is not detected any more, and a car passes that was not seen before."""
     fed = HandFedVehicles()
