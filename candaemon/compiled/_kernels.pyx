@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 108
+REVISION = 109
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3102,9 +3102,10 @@ def bodies_to_merge(
     cdef bint moving, by_course, by_box, near
     found_array, needed_array = np.empty(n, np.int64), np.empty(n)
     cdef Py_ssize_t[::1] found = found_array
-    cdef double[::1] needed = needed_array
+    cdef double[::1] needed = needed_array, fast = np.empty(n)
     with nogil:
         for young in range(n):
+            fast[young] = velocity_of(mean, young)
             found[young], needed[young] = -1, merge_time
             for old in range(young):
                 x, y = shown[young, 0] - shown[old, 0], shown[young, 1] - shown[old, 1]
@@ -3115,13 +3116,13 @@ def bodies_to_merge(
                 aside = fabs(y * axis[old, 0] - x * axis[old, 1])
                 faster = fabs(vx * axis[old, 0] + vy * axis[old, 1])
                 drift = fabs(vy * axis[old, 0] - vx * axis[old, 1])
-                moving = smaller(velocity_of(mean, young), velocity_of(mean, old)) > course_speed
+                moving = smaller(fast[young], fast[old]) > course_speed
                 moving = moving and drift < course_drift
                 by_course = moving and aside < course_across and ahead < course_along and faster < course_faster
                 x = shown[young, 0] - (mean[old, 0] - facing[old, 0])
                 y = shown[young, 1] - (mean[old, 1] - facing[old, 1])
                 beyond = fabs(x * axis[old, 0] + y * axis[old, 1])
-                by_box = moving and beyond - 0.5 * length[old] < smaller(following * velocity_of(mean, old), following_gap)
+                by_box = moving and beyond - 0.5 * length[old] < smaller(following * fast[old], following_gap)
                 by_box = by_box and beyond < extent and faster < following_speed
                 beyond = fabs(y * axis[old, 0] - x * axis[old, 1])
                 by_box = by_box and (aside < course_across or beyond - 0.5 * width[old] < beside)
