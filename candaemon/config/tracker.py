@@ -185,7 +185,10 @@ class LifecycleSettings(Settings):
         "is given and this is not …",
     )
     false_rate: float = Field(
-        1.0, gt=0, le=100, description="1/min, … so that this many false obstacles of all sensors are confirmed at most"
+        1.0,
+        gt=0,
+        le=100,
+        description="1/min, … so that this many false obstacles of all sensors of a group are confirmed at most",
     )
     window: int = Field(8, ge=1, le=32, description="… by hits: among so many")
     sure: float = Field(0.95, gt=0.5, lt=1, description="probability of existence that confirms")
