@@ -95,7 +95,8 @@ def pair_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Floa
     spread += variance
     spread -= gain_x * cx
     spread -= gain_y * cy
-    return nis + np.where(np.isfinite(residual), residual * residual / spread, 0.0)
+    with np.errstate(over="ignore"):  # infinitely far off is out of every gate
+        return nis + np.where(np.isfinite(residual), residual * residual / spread, 0.0)
 
 
 def _joint_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Floats:
@@ -144,7 +145,8 @@ def _nis(innovation: Floats, spread: Floats) -> Floats:
         solved = np.linalg.solve(spread, innovation[..., None])[..., 0]
     except np.linalg.LinAlgError:  # as in `_joint_nis`
         return np.full(innovation.shape[:-1], np.inf)
-    return np.asarray((innovation * solved).sum(axis=-1))
+    with np.errstate(over="ignore"):  # as in `pair_nis`
+        return np.asarray((innovation * solved).sum(axis=-1))
 
 
 def nearest_neighbours(

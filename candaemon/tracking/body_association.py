@@ -104,7 +104,12 @@ def associate(
     if extent.merge and len(left):
         found.body[left] = beside(bodies, mean, measurement, left, extent, detections.time_ns)
     if settings.method == "nearest" or not detections.identified:
-        _by_modes(found, bodies, mean, covariance, vague, measurement, settings.gate)
+        claimed = _by_modes(found, bodies, mean, covariance, vague, measurement, settings.gate)
+        found.slot_jumps -= _kept(found, bodies, detections, claimed)
+        left = np.flatnonzero(found.body < 0)
+        if extent.merge and len(claimed) and len(left):
+            mean = _as_found(found, bodies, mean, measurement, claimed)
+            found.body[left] = beside(bodies, mean, measurement, left, extent, detections.time_ns)
     return found
 
 
@@ -217,25 +222,57 @@ def _by_modes(
     vague: Booleans,
     measurement: Measurement,
     gate: float,
-) -> None:
+) -> Indices:
     """Associate what is left with confirmed bodies of which nothing was found, as each of their modes has moved them.
 
     Who brakes or turns off out of sight leaves the gate of all modes together, in which those who drive on prevail.
     What never drove has no course to leave, and nothing but false detections drives off with it.
+
+    Returns:
+        The detections.
     """
     left, owner = np.flatnonzero(found.body < 0), bodies.reflections.body
     if not len(left):
-        return
+        return left
     missed = bodies.obstacles.confirmed & bodies.obstacles.directed & ~vague
     missed[found.body[found.body >= 0]] = False
     row, detection = near_pairs(mean, np.flatnonzero(missed.take(owner)), measurement, left)
     if not len(row):
-        return
+        return detection
     nis = _nis_in_modes(bodies, mean[row], covariance[row], owner[row], measurement.take(detection))
     row, detection, nis = row[nis <= gate], detection[nis <= gate], nis[nis <= gate]
     chosen = best_pairs(row, detection, nis)
     row, detection = row[chosen], detection[chosen]
     found.reflection[detection], found.nis[detection], found.body[detection] = row, nis[chosen], owner[row]
+    return detection
+
+
+def _kept(found: Association, bodies: Bodies, detections: Detections, claimed: Indices) -> int:
+    """Return how many of some detections are of the reflections that the sensor's ids say: their slots did not jump."""
+    if not detections.identified or not len(claimed):
+        return 0
+    rows, distinct = bodies.rows_of(detections.sensor, detections.object_id)
+    same = (rows[claimed] == found.reflection[claimed]) & ~detections.new[claimed]
+    return int(np.count_nonzero(same)) if distinct else 0
+
+
+def _as_found(found: Association, bodies: Bodies, mean: Floats, measurement: Measurement, claimed: Indices) -> Floats:
+    """Return states of reflections (n, 4), of bodies that were found elsewhere as one of their detections has them.
+
+    Args:
+        found: what the detections belong to.
+        bodies: that are known.
+        mean: of their reflections as expected (n, 4).
+        measurement: of the scan.
+        claimed: rows of the detections of such bodies.
+    """
+    innovation, jacobian, _ = measurement.take(claimed).linearised(mean[found.reflection[claimed]])
+    apart = np.concatenate(
+        [innovation[:, :2], np.einsum("pf,pfd->pd", innovation[:, 2:], jacobian[:, 2:, 2:4])], axis=1
+    )
+    step = np.zeros((len(bodies), 4))
+    step[found.body[claimed]] = apart
+    return mean + step.take(bodies.reflections.body, axis=0)
 
 
 def _nis_in_modes(bodies: Bodies, mean: Floats, covariance: Floats, body: Indices, measurement: Measurement) -> Floats:

@@ -73,6 +73,20 @@ def test_a_car_that_brakes_out_of_sight_is_itself(braking: float, hidden: float,
 
 
 @pytest.mark.parametrize("identified", [False, True])
+def test_all_reflections_of_a_car_that_braked_out_of_sight_are_its_own(identified: bool) -> None:
+    """Hidden for so long that one of them is left; the sensor's ids for them are what they were."""
+    fed = HandFedVehicles()
+    for t in times(1, 100):
+        braked = max(t - 3.0, 0.0)
+        vx, x = 10.0 - 2.5 * braked, 30.0 + 10.0 * t - 1.25 * braked**2
+        shown = [Seen(1, x, 0.0, vx), Seen(2, x + 2.5, 0.5, vx), Seen(3, x + 5.0, 0.3, vx)]
+        scan = detections(pose(t), [] if 3.0 < t < 4.0 else shown, sensor=0, noise=(0.2, 0.2, 0.1))
+        obstacles = fed.tracker.step(replace(scan, identified=identified), pose(t))
+        assert t < 1.0 or 3.0 < t < 4.0 or obstacles.id.tolist() == [1]
+    assert fed.tracker.counts.slot_jumps == 0
+
+
+@pytest.mark.parametrize("identified", [False, True])
 def test_a_car_that_turns_off_out_of_sight_is_itself(identified: bool) -> None:
     """Nothing sees it for 1.5 s from the start of the bend on; a sensor's own id for it is another then."""
     fed = HandFedVehicles()
