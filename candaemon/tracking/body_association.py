@@ -14,7 +14,7 @@ from candaemon.estimation.body_filter import POSITION
 from candaemon.estimation.measurement import Measurement
 from candaemon.radar.detections import Detections
 from candaemon.tracking.association import best_pairs, gated_pairs, near_pairs, nis_in_best_mode, pair_nis
-from candaemon.tracking.body_modes import STANDING
+from candaemon.tracking.body_modes import SLIDING, STANDING
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.joint_association import doubts, likelihood_ratios
 from candaemon.tracking.reflections import to_travel_axes
@@ -299,7 +299,8 @@ def _nis_in_modes(bodies: Bodies, mean: Floats, covariance: Floats, body: Indice
 def in_modes(bodies: Bodies, rows: Indices) -> tuple[Floats, Floats, Floats]:
     """Return how probable modes are in which some bodies may have gone on, and what a sensor would see in each.
 
-    What moves does not stand at once: of that mode the probability is 0 unless the body is taken to stand.
+    What moves does not stand at once: of that mode the probability is 0 unless the body is taken to stand. Nor does a
+    reflection that slides over a body explain where that has gone.
 
     Args:
         bodies: that are known.
@@ -310,6 +311,7 @@ def in_modes(bodies: Bodies, rows: Indices) -> tuple[Floats, Floats, Floats]:
     """
     probability, (shown, spread) = bodies.filter.probability[rows], bodies.filter.shown_in_modes(rows)
     probability[:, STANDING] *= probability[:, STANDING] > _STANDS
+    probability[:, SLIDING] = 0.0
     return probability, shown, spread
 
 
