@@ -219,6 +219,10 @@ class Visibility:
         )
         return self._models[sensor].clutter(learnt), persistence
 
+    def cluttered(self) -> int:
+        """Return how many sensors have shown something that belongs to nothing lately, at least 1."""
+        return max(sum(each.false >= 1.0 for each in self._state.sensors.values()), 1)
+
     def clutter_density(self, sensor: int) -> float:
         """Return how many detections of a scan belong to nothing, per m² of the field of view."""
         return self._models[sensor].clutter_density(self._state.sensors[sensor])
