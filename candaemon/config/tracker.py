@@ -57,6 +57,13 @@ class AssociationSettings(Settings):
         description="of vehicles: the same for what a sensor without ids tells the velocity of, which differs most "
         "from what is expected",
     )
+    least_mode: float = Field(
+        3e-4,
+        ge=1e-6,
+        le=1,
+        description="of vehicles: probability of a mode below which one that was lost is not looked for where that "
+        "mode would have moved it",
+    )
 
 
 class CourseSettings(Settings):

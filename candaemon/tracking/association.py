@@ -51,7 +51,6 @@ def _solver() -> Solver:
 
 
 _OUT_OF_GATE = 1e9
-_IMPROBABLE = 3e-4  # of a mode, that it is not looked for
 _LEAST, _MOST = 1e-12, 1e3  # of a probability, and of a NIS, that a logarithm is taken of
 _REACH = 30.0  # m; a pair farther apart passes no gate and is not worth the arithmetic
 
@@ -102,24 +101,20 @@ def pair_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Floa
 def _joint_nis(mean: Floats, covariance: Floats, measurement: Measurement) -> Floats:
     """Return the same where the sensor gives velocity components: all measured numbers in one system of equations."""
     innovation, jacobian, noise = measurement.linearised(mean[:, :4])
-    s = jacobian @ covariance[:, :4, :4] @ np.swapaxes(jacobian, 1, 2) + noise
-    try:
-        solved = np.linalg.solve(s, innovation[:, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:  # numbers so far apart that 64 bits do not hold the small ones: no pair passes a gate
-        return np.full(len(s), np.inf)
-    return np.asarray((innovation * solved).sum(axis=1))
+    return _nis(innovation, jacobian @ covariance[:, :4, :4] @ np.swapaxes(jacobian, 1, 2) + noise)
 
 
-def nis_in_best_mode(probability: Floats, innovation: Floats, spread: Floats) -> Floats:
+def nis_in_best_mode(probability: Floats, innovation: Floats, spread: Floats, least: float) -> Floats:
     """Return the normalised innovation squared of pairs (…) in the mode that fits each best, of those not improbable.
 
     Args:
         probability: of the modes (…, M).
         innovation: in each mode (…, M, f).
         spread: covariance of it (…, M, f, f).
+        least: probability of a mode below which it is improbable.
     """
     nis = _nis(innovation, spread)
-    return np.asarray(np.where(probability >= _IMPROBABLE, nis, np.inf).min(axis=-1))
+    return np.asarray(np.where(probability >= least, nis, np.inf).min(axis=-1))
 
 
 def nis_over_modes(probability: Floats, innovation: Floats, spread: Floats, overall: Floats) -> Floats:
@@ -141,9 +136,10 @@ def nis_over_modes(probability: Floats, innovation: Floats, spread: Floats, over
 
 
 def _nis(innovation: Floats, spread: Floats) -> Floats:
+    """Return the normalised innovation squared (…) of innovations (…, f) with covariances (…, f, f)."""
     try:
         solved = np.linalg.solve(spread, innovation[..., None])[..., 0]
-    except np.linalg.LinAlgError:  # as in `_joint_nis`
+    except np.linalg.LinAlgError:  # numbers so far apart that 64 bits do not hold the small ones: no pair passes a gate
         return np.full(innovation.shape[:-1], np.inf)
     with np.errstate(over="ignore"):  # as in `pair_nis`
         return np.asarray((innovation * solved).sum(axis=-1))

@@ -69,8 +69,9 @@ def associate(
     """Return what the detections of a scan belong to.
 
     First by the sensor's ids, where the detection lies within the gate of the id's reflection; those left over by
-    global nearest neighbour among the reflections left over; and those still left over, as one more reflection, with
-    the body whose reflections they lie beside and whose speed they have.
+    global nearest neighbour among the reflections left over; those still left over, as one more reflection, with
+    the body whose reflections they lie beside and whose speed they have; and the rest with bodies of which nothing was
+    found, as one of their modes may have moved them.
 
     Args:
         bodies: predicted to the time of the detections.
@@ -104,7 +105,7 @@ def associate(
     if extent.merge and len(left):
         found.body[left] = beside(bodies, mean, measurement, left, extent, detections.time_ns)
     if settings.method == "nearest" or not detections.identified:
-        claimed = _by_modes(found, bodies, mean, covariance, vague, measurement, settings.gate)
+        claimed = _by_modes(found, bodies, mean, covariance, vague, measurement, settings)
         found.slot_jumps -= _kept(found, bodies, detections, claimed)
         left = np.flatnonzero(found.body < 0)
         if extent.merge and len(claimed) and len(left):
@@ -221,7 +222,7 @@ def _by_modes(
     covariance: Floats,
     vague: Booleans,
     measurement: Measurement,
-    gate: float,
+    settings: AssociationSettings,
 ) -> Indices:
     """Associate what is left with confirmed bodies of which nothing was found, as each of their modes has moved them.
 
@@ -239,8 +240,10 @@ def _by_modes(
     row, detection = near_pairs(mean, np.flatnonzero(missed.take(owner)), measurement, left)
     if not len(row):
         return detection
-    nis = _nis_in_modes(bodies, mean[row], covariance[row], owner[row], measurement.take(detection))
-    row, detection, nis = row[nis <= gate], detection[nis <= gate], nis[nis <= gate]
+    each = measurement.take(detection)
+    nis = _nis_in_modes(bodies, mean[row], covariance[row], owner[row], each, settings.least_mode)
+    inside = nis <= settings.gate
+    row, detection, nis = row[inside], detection[inside], nis[inside]
     chosen = best_pairs(row, detection, nis)
     row, detection = row[chosen], detection[chosen]
     found.reflection[detection], found.nis[detection], found.body[detection] = row, nis[chosen], owner[row]
@@ -275,7 +278,9 @@ def _as_found(found: Association, bodies: Bodies, mean: Floats, measurement: Mea
     return mean + step.take(bodies.reflections.body, axis=0)
 
 
-def _nis_in_modes(bodies: Bodies, mean: Floats, covariance: Floats, body: Indices, measurement: Measurement) -> Floats:
+def _nis_in_modes(
+    bodies: Bodies, mean: Floats, covariance: Floats, body: Indices, measurement: Measurement, least: float
+) -> Floats:
     """Return the normalised innovations squared of aligned pairs in the mode that fits each best (p,).
 
     Args:
@@ -284,6 +289,7 @@ def _nis_in_modes(bodies: Bodies, mean: Floats, covariance: Floats, body: Indice
         covariance: (p, 4, 4).
         body: row of the body of each (p,).
         measurement: p detections.
+        least: probability below which a mode is not looked for.
     """
     moments, (probability, shown, spread) = bodies.moments(), in_modes(bodies, body)
     modes = shown.shape[1]
@@ -293,7 +299,7 @@ def _nis_in_modes(bodies: Bodies, mean: Floats, covariance: Floats, body: Indice
     innovation, jacobian, noise = each.linearised(mean.reshape(-1, 4))
     s = jacobian @ covariance.reshape(-1, 4, 4) @ np.swapaxes(jacobian, 1, 2) + noise
     f = innovation.shape[1]
-    return nis_in_best_mode(probability, innovation.reshape(-1, modes, f), s.reshape(-1, modes, f, f))
+    return nis_in_best_mode(probability, innovation.reshape(-1, modes, f), s.reshape(-1, modes, f, f), least)
 
 
 def in_modes(bodies: Bodies, rows: Indices) -> tuple[Floats, Floats, Floats]:

@@ -181,13 +181,14 @@ class BodyExistence:
     def confirming(self, sensor: int) -> float:
         """Return how many detections in succession confirm: as many as let few false obstacles a minute through.
 
-        Each sensor that has shown false detections has its share of those: twelve let through twelve times as many.
+        The sensors that have shown false detections share those: each on its own, twelve would let through twelve times
+        as many.
         """
         least, most = self._settings.earliest, self._settings.confirm
         if least >= most or sensor not in self._visibility.state.sensors:
             return float(most)
         false, persistence = self._visibility.false_beginnings(sensor)
-        allowed = self._settings.false_rate * self._minutes[sensor] / self._visibility.cluttered()
+        allowed = self._settings.false_rate * self._minutes[sensor] / self._visibility.sensors_with_clutter()
         needed = 1.0 + log(max(false / allowed, 1.0)) / -log(persistence)
         return min(max(needed, float(least)), float(most))
 

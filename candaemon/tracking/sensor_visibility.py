@@ -219,8 +219,8 @@ class Visibility:
         )
         return self._models[sensor].clutter(learnt), persistence
 
-    def cluttered(self) -> int:
-        """Return how many sensors have shown something that belongs to nothing lately, at least 1."""
+    def sensors_with_clutter(self) -> int:
+        """Return of how many sensors a false detection is remembered, at least 1."""
         return max(sum(each.false >= 1.0 for each in self._state.sensors.values()), 1)
 
     def clutter_density(self, sensor: int) -> float:

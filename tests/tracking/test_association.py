@@ -99,7 +99,7 @@ def test_modes_that_are_alike_have_the_nis_of_one() -> None:
     modes = np.array([[0.2, 0.5, 0.3]])
     nis = np.array([1.0 + 9.0])
     np.testing.assert_allclose(nis_over_modes(modes, innovation, np.tile(spread, (1, 3, 1, 1)), spread[None]), nis)
-    np.testing.assert_allclose(nis_in_best_mode(modes, innovation, np.tile(spread, (1, 3, 1, 1))), nis)
+    np.testing.assert_allclose(nis_in_best_mode(modes, innovation, np.tile(spread, (1, 3, 1, 1)), 3e-4), nis)
 
 
 def test_what_an_unlikely_mode_allows_costs_how_unlikely_and_how_wide_that_is() -> None:
@@ -108,12 +108,12 @@ def test_what_an_unlikely_mode_allows_costs_how_unlikely_and_how_wide_that_is() 
     spread = np.array([[[[1.0]], [[36.0]]]])
     nis = nis_over_modes(modes, innovation, spread, np.ones((1, 1, 1)))
     np.testing.assert_allclose(nis, 1.0 + 2.0 * np.log(100.0) + 2.0 * np.log(6.0), atol=1e-4)
-    assert nis_in_best_mode(modes, innovation, spread) == [1.0]
-    assert nis_in_best_mode(np.array([[1.0 - 1e-4, 1e-4]]), innovation, spread) == [36.0]
+    assert nis_in_best_mode(modes, innovation, spread, 3e-4) == [1.0]
+    assert nis_in_best_mode(np.array([[1.0 - 1e-4, 1e-4]]), innovation, spread, 3e-4) == [36.0]
 
 
 def test_covariances_that_cannot_be_inverted_fit_nothing() -> None:
     singular, innovation = np.zeros((1, 2, 2, 2)), np.ones((1, 2, 2))
     modes = np.array([[0.5, 0.5]])
-    assert (nis_in_best_mode(modes, innovation, singular) > 1e6).all()
+    assert (nis_in_best_mode(modes, innovation, singular, 3e-4) > 1e6).all()
     assert (nis_over_modes(modes, innovation, singular, np.eye(2)[None]) > 100.0).all()

@@ -157,7 +157,7 @@ def test_a_sensor_without_clutter_that_comes_again_confirms_early(
 
 
 def test_sensors_share_the_false_obstacles_that_are_let_through() -> None:
-    """Of the same clutter, now and then detected twice, twelve sensors confirm twelve times as much as one."""
+    """Twelve that show clutter need more detections each than one; eleven beside it that show none change nothing."""
     needed = []
     for sensors, cluttered in ((1, 1), (12, 1), (12, 12)):
         existence = BodyExistence(TrackerSettings().lifecycle, dict.fromkeys(range(sensors), FRONT), [])

@@ -63,13 +63,23 @@ def test_an_id_that_another_sensor_tells_stays() -> None:
 @pytest.mark.parametrize(("braking", "hidden"), [(1.5, 0.5), (2.5, 0.3), (2.5, 1.0), (4.0, 0.7)])
 def test_a_car_that_brakes_out_of_sight_is_itself(braking: float, hidden: float, velocities: bool) -> None:
     """A lorry hides it for a while: it is slower then than nearly all who drove on as it had."""
-    fed = HandFedVehicles()
+    assert _obstacles_of_one_that_brakes(HandFedVehicles(), braking, hidden, velocities=velocities) == 1
+
+
+def test_modes_that_are_less_probable_than_asked_for_are_not_looked_for() -> None:
+    assert _obstacles_of_one_that_brakes(HandFedVehicles(association={"least_mode": 0.1}), 2.5, 0.3) == 2
+
+
+def _obstacles_of_one_that_brakes(
+    fed: HandFedVehicles, braking: float, hidden: float, *, velocities: bool = False
+) -> int:
+    """Return how many obstacles a car has become that brakes, m/s², from 3 s on, when it is hidden for a time, s."""
     for k, t in enumerate(times(1, 100)):
         braked = max(t - 3.0, 0.0)
         vx, x = 10.0 - braking * braked, 30.0 + 10.0 * t - 0.5 * braking * braked**2
         shown = [] if 3.0 < t < 3.0 + hidden else [Seen(k % 7, x, 0.0, vx)]
         fed.tracker.step(_unnamed(t, shown, velocities=velocities), pose(t))
-    assert fed.tracker.counts.obstacles == 1
+    return fed.tracker.counts.obstacles
 
 
 @pytest.mark.parametrize("identified", [False, True])
