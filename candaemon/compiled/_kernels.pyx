@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 109
+REVISION = 110
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -4100,15 +4100,15 @@ def report_bodies(
 ):
     """Return what is told of k bodies in the axes of a vehicle at (east, north) and in the local frame.
 
-    Rows of the first (23, k): x, y, vx, vy, ax, ay, the deviations of the first four, a number that says nothing, the
-    axis, a vector, yaw rate, length, width, x and y of the centre, age, east, north and velocity there, NaN where
-    unknown. State and class (2, k); covariance of [x, y, vx, vy] (k, 4, 4).
+    Rows of the first (22, k): x, y, vx, vy, ax, ay, the deviations of the first four, yaw rate, the axis, a vector,
+    length, width, x and y of the centre, age, east, north and velocity there, NaN where unknown. State and class (2, k);
+    covariance of [x, y, vx, vy] (k, 4, 4).
     """
     cdef Py_ssize_t k = mean.shape[0], t, i
-    cdef double first, second
+    cdef double first, second, speed
     cdef double gone[2]
-    cdef bint turns = turn is not None and swings(mean, pivot)
-    numbers_array, codes_array = np.empty((23, k)), np.zeros((2, k), np.int8)
+    cdef bint is_told, sized, turns = turn is not None and swings(mean, pivot)
+    numbers_array, codes_array = np.empty((22, k)), np.zeros((2, k), np.int8)
     turned_array, moving_array = np.empty((k, 4, 4)), np.empty((k, 6))
     cdef double[:, ::1] numbers = numbers_array, moving = moving_array
     cdef signed char[:, ::1] codes = codes_array
@@ -4134,95 +4134,32 @@ def report_bodies(
         add_places(
             turned, numbers, length, alone, own, wander_time, close, small_place, place, large_place, anywhere
         )
-        tell_bodies(
-            numbers,
-            codes,
-            mean,
-            facing,
-            length,
-            width,
-            length_variance,
-            extent,
-            fastest,
-            first_ns,
-            last_ns,
-            confirmed,
-            standing,
-            time_ns,
-            slack_ns,
-            c,
-            s,
-            surely,
-            settled,
-            slow,
-            told_length,
-            small,
-            enough,
-            narrow,
-            truck_length,
-            walking,
-        )
         for t in range(k):
+            speed = sqrt(numbers[2, t] * numbers[2, t] + numbers[3, t] * numbers[3, t])
+            numbers[10, t] = mean[t, 4] if speed > slow else 0.0
+            is_told = length_variance[t] < told_length or length[t] < small
+            sized = is_told or extent[t] > enough
+            numbers[13, t] = length[t] if sized else NAN
+            numbers[14, t] = width[t] if sized else NAN
+            numbers[15, t] = numbers[0, t] - (facing[t, 0] * c + facing[t, 1] * s if sized else 0.0)
+            numbers[16, t] = numbers[1, t] - (facing[t, 1] * c - facing[t, 0] * s if sized else 0.0)
+            numbers[17, t] = (time_ns - first_ns[t] if time_ns > first_ns[t] else 0) * 1e-9
+            if confirmed[t]:
+                codes[0, t] = 2 if time_ns - last_ns[t] > slack_ns else 1
+            if is_told and width[t] >= narrow:
+                codes[1, t] = 1
+            if length[t] > truck_length:
+                codes[1, t] = 2
+            if is_told and width[t] < narrow:
+                if speed > walking:
+                    codes[1, t] = 3
+                elif speed <= walking and length[t] < narrow:
+                    codes[1, t] = 4
+            if standing[t] > surely or ((time_ns - first_ns[t]) * 1e-9 > settled and fastest[t] < slow):
+                codes[1, t] = 5
             for i in range(4):
-                numbers[19 + i, t] = moving[t, i]
+                numbers[18 + i, t] = moving[t, i]
     return numbers_array, codes_array, turned_array
-
-
-cdef void tell_bodies(
-    double[:, ::1] numbers,
-    signed char[:, ::1] codes,
-    const double[:, :] mean,
-    const double[:, :] facing,
-    const double[:] length,
-    const double[:] width,
-    const double[:] length_variance,
-    const double[:] extent,
-    const double[:] fastest,
-    const Py_ssize_t[:] first_ns,
-    const Py_ssize_t[:] last_ns,
-    const unsigned char[:] confirmed,
-    const double[:] standing,
-    Py_ssize_t time_ns,
-    Py_ssize_t slack_ns,
-    double c,
-    double s,
-    double surely,
-    double settled,
-    double slow,
-    double told_length,
-    double small,
-    double enough,
-    double narrow,
-    double truck_length,
-    double walking,
-) noexcept nogil:
-    """Tell yaw rate, length, width, x and y of the centre, age in rows 13 to 18; state and class."""
-    cdef Py_ssize_t t
-    cdef double speed
-    cdef bint is_told, sized
-    for t in range(length.shape[0]):
-        speed = sqrt(numbers[2, t] * numbers[2, t] + numbers[3, t] * numbers[3, t])
-        numbers[13, t] = mean[t, 4] if speed > slow else 0.0
-        is_told = length_variance[t] < told_length or length[t] < small
-        sized = is_told or extent[t] > enough
-        numbers[14, t] = length[t] if sized else NAN
-        numbers[15, t] = width[t] if sized else NAN
-        numbers[16, t] = numbers[0, t] - (facing[t, 0] * c + facing[t, 1] * s if sized else 0.0)
-        numbers[17, t] = numbers[1, t] - (facing[t, 1] * c - facing[t, 0] * s if sized else 0.0)
-        numbers[18, t] = (time_ns - first_ns[t] if time_ns > first_ns[t] else 0) * 1e-9
-        if confirmed[t]:
-            codes[0, t] = 2 if time_ns - last_ns[t] > slack_ns else 1
-        if is_told and width[t] >= narrow:
-            codes[1, t] = 1
-        if length[t] > truck_length:
-            codes[1, t] = 2
-        if is_told and width[t] < narrow:
-            if speed > walking:
-                codes[1, t] = 3
-            elif speed <= walking and length[t] < narrow:
-                codes[1, t] = 4
-        if standing[t] > surely or ((time_ns - first_ns[t]) * 1e-9 > settled and fastest[t] < slow):
-            codes[1, t] = 5
 
 
 def fit_reflections(

@@ -52,8 +52,8 @@ def report(
     """
     obstacles = bodies.obstacles
     numbers, (status, kind), covariance = _told(bodies, pose, slack_ns, wander_time)
-    x, y, vx, vy, ax, ay, sx, sy, svx, svy, _, axis_x, axis_y = numbers[:13]
-    yaw_rate, length, width, center_x, center_y, age, east, north, ve, vn = numbers[13:]
+    x, y, vx, vy, ax, ay, sx, sy, svx, svy, yaw_rate, axis_x, axis_y = numbers[:13]
+    length, width, center_x, center_y, age, east, north, ve, vn = numbers[13:]
     if existence is None:
         existence = np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _HISTORY_LENGTH)
     found = Obstacles(
@@ -103,9 +103,9 @@ def _told(bodies: Bodies, pose: EgoPose, slack_ns: int, wander_time: float) -> t
         wander_time: likewise.
 
     Returns:
-        Numbers (23, k), NaN where unknown: as `in_vehicle_axes` returns them, with the axes of the boxes for courses,
-        the yaw rate there of no use; yaw rate, length, width, x and y of the centre, age; place and velocity in the
-        local frame. State and class (2, k). Covariance of [x, y, vx, vy] (k, 4, 4).
+        Numbers (22, k), NaN where unknown: as `in_vehicle_axes` returns them, with the axes of the boxes for courses;
+        length, width, x and y of the centre, age; place and velocity in the local frame. State and class (2, k).
+        Covariance of [x, y, vx, vy] (k, 4, 4).
     """
     obstacles, moments, standing = bodies.obstacles, bodies.moments(), bodies.filter.probability[:, STANDING]
     mean, c, s = moments.mean, cos(pose.heading), sin(pose.heading)
@@ -171,12 +171,12 @@ def _told(bodies: Bodies, pose: EgoPose, slack_ns: int, wander_time: float) -> t
 def _lives(
     bodies: Bodies, time_ns: int, told: Floats, slack_ns: int, standing: Floats, facing: tuple[Floats, Floats]
 ) -> tuple[Floats, NDArray[np.int8]]:
-    """Return yaw rate, length, width, x and y of the centre, age, NaN where unknown (6, k); state and class (2, k).
+    """Return length, width, centre, x and y, age, NaN where unknown (5, k), and state and class (2, k); tell yaw rates.
 
     Args:
         bodies: as in `report`.
         time_ns: of the pose.
-        told: as `in_vehicle_axes` returns it.
+        told: as `in_vehicle_axes` returns it; the yaw rates are changed to those of the filter.
         slack_ns: as in `report`.
         standing: probability that each stands (k,).
         facing: the reference points minus the centres of the boxes in vehicle axes, x and y (k,) each, m.
@@ -189,8 +189,8 @@ def _lives(
     sized = obstacles.sized
     status = np.add(time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
     status[~obstacles.confirmed] = TENTATIVE
+    told[10] = np.where(speed > _LEAST_SPEED, turn, 0.0)
     numbers = [
-        np.where(speed > _LEAST_SPEED, turn, 0.0),
         np.where(sized, obstacles.length, np.nan),
         np.where(sized, obstacles.width, np.nan),
         x - np.where(sized, facing[0], 0.0),
