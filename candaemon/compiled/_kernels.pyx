@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 110
+REVISION = 111
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3142,10 +3142,14 @@ def bodies_to_merge(
                             or squared < standing_extent * standing_extent
                             and close_by(shown, axis, body, seen_ns, offset, since_ns, young, old, apart)
                         )
-                    unclear = 0.0
-                    if last_ns[young] >= since_ns and last_ns[old] >= since_ns and first_ns[young] > begun_ns:
-                        unclear = spread[young, 2, 2] + spread[young, 3, 3] + (spread[old, 2, 2] + spread[old, 3, 3])
-                    if not (near and faster * faster + drift * drift < speed + deviations * unclear):
+                    squared = faster * faster + drift * drift
+                    unclear = spread[young, 2, 2] + spread[young, 3, 3] + (spread[old, 2, 2] + spread[old, 3, 3])
+                    if fastest[young] <= moved and fastest[old] <= moved:
+                        if squared > larger(slow * slow, deviations * unclear):
+                            continue
+                    if not (last_ns[young] >= since_ns and last_ns[old] >= since_ns and first_ns[young] > begun_ns):
+                        unclear = 0.0
+                    if not (near and squared < speed + deviations * unclear):
                         continue
                 if stood[young] and fastest[old] > moved or stood[old] and fastest[young] > moved:
                     continue

@@ -23,7 +23,8 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     be parked across; but what was last seen in one scan is two, as who stands beside a car, unless reflections of both
     lie close together: so do those of a car parked across, and who stands that close to one is a part of it. What moves
     one behind the other as fast is one vehicle where no driver would follow so closely. What has stood all the time is
-    none of what has moved: a car that stops beside a post stays a car.
+    none of what has moved: a car that stops beside a post stays a car. Of two that never were faster than
+    someone walks, one that surely walks is none of one that stands.
 
     Args:
         bodies: of the cycle.
@@ -107,8 +108,11 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     near |= stands[young] & stands[old] & either
     variance = np.trace(moments.shown_covariance[:, VELOCITY, VELOCITY], axis1=1, axis2=2)
     lately, begun = obstacles.last_ns >= since_ns, time_ns - obstacles.first_ns < _YOUNG_NS
-    unclear = np.where(lately[young] & lately[old] & begun[young], variance[young] + variance[old], 0.0)
-    by_speed = near & ((faster * faster).sum(axis=1) < settings.speed**2 + _DEVIATIONS**2 * unclear)
+    unclear, differ = variance[young] + variance[old], (faster * faster).sum(axis=1)
+    walkers = (obstacles.fastest[young] <= standing.moved) & (obstacles.fastest[old] <= standing.moved)
+    walks_off = walkers & (differ > np.maximum(standing.speed**2, _DEVIATIONS**2 * unclear))
+    unclear = np.where(lately[young] & lately[old] & begun[young], unclear, 0.0)
+    by_speed = near & ~walks_off & (differ < settings.speed**2 + _DEVIATIONS**2 * unclear)
     # Nearer to the box than any driver follows: another part of the vehicle, however long it proves to be.
     gap = np.minimum(settings.following * speed, settings.following_gap)
     beyond = to_travel_axes(place[young] - (moments.mean[old, POSITION] - obstacles.facing[old]), axis)

@@ -13,6 +13,7 @@ from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.tracking.body_merging import merge_candidates
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.identities import Identities
+from tests.support.builders import HandFedVehicles, Seen, times
 
 NOW_NS = 5 * 10**9
 
@@ -66,3 +67,16 @@ def test_what_is_in_one_place_is_one_vehicle_unless_its_speed_is_known_to_differ
     bodies.obstacles.last_ns[:] = NOW_NS, NOW_NS - round(second.unseen * 1e9)
     found, _ = merge_candidates(bodies, ReflectionSettings(), NOW_NS)
     assert found.tolist() == [-1, older]
+
+
+def test_two_of_which_one_walks_past_the_other_do_not_become_one() -> None:
+    """Nearer than reflections of one vehicle lie, and slower than vehicles drive."""
+    fed, rng = HandFedVehicles(noise=(0.2, 0.2, 0.1)), np.random.default_rng(3)
+    for t in times(1, 120):
+        dx, dy, ex, ey = rng.normal(size=4) * 0.2
+        told = fed.scan(
+            t,
+            [Seen(1, 32.0 + dx, -2.0 + dy, 0.0), Seen(2, 29.8 + ex, -5.0 + 1.0 * t + ey, 0.0, 1.0)],
+        )
+    assert len(told) == 2
+    assert fed.tracker.counts.merged == 0
