@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 111
+REVISION = 112
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3438,6 +3438,94 @@ def learn_offsets(
             offset[r, 0] = offset[r, 0] + gain * (x * axis[t, 0] + y * axis[t, 1])
             offset[r, 1] = offset[r, 1] + gain * (y * axis[t, 0] - x * axis[t, 1])
             variance[r] = (1.0 - gain) * variance[r]
+
+
+def note_strays(
+    double[:, :] trail,
+    double[:] walked,
+    double[:] stood,
+    Py_ssize_t[:] trail_ns,
+    const Py_ssize_t[:] row,
+    const Py_ssize_t[:] body,
+    const double[:, :] position,
+    const double[:, :, :] noise,
+    const double[:] length,
+    const double[:] dt,
+    const double[:] keep,
+    const unsigned char[:] lost,
+    Py_ssize_t time_ns,
+    double sensor_x,
+    double sensor_y,
+    double own_vx,
+    double own_vy,
+    double slow,
+    double distance,
+    double deviations,
+    double memory_cubed,
+    double surely,
+    double jump,
+    double still,
+    double nearest,
+):
+    """Follow in place reflections (m,) for themselves, and note how far they walk and for how long they stand."""
+    cdef Py_ssize_t m = row.shape[0], i, r
+    cdef double x, y, gain, share, variance, turns, speed, fastest
+    cdef bint jumped
+    with nogil:
+        for i in range(m):
+            r = row[i]
+            x, y = trail[r, 0] + dt[i] * trail[r, 2], trail[r, 1] + dt[i] * trail[r, 3]
+            variance = noise[i, 0, 0] + noise[i, 1, 1]
+            speed = (position[i, 0] - x) * (position[i, 0] - x) + (position[i, 1] - y) * (position[i, 1] - y)
+            jumped = speed > jump * variance
+            gain = 0.0 if jumped else (1.0 - keep[i]) * (1.0 - keep[i]) / dt[i]
+            share = 1.0 - keep[i] * keep[i]
+            trail[r, 2] = 0.0 if lost[i] else trail[r, 2] + gain * (position[i, 0] - x)
+            trail[r, 3] = 0.0 if lost[i] else trail[r, 3] + gain * (position[i, 1] - y)
+            trail[r, 0] = position[i, 0] if lost[i] or jumped else x + share * (position[i, 0] - x)
+            trail[r, 1] = position[i, 1] if lost[i] or jumped else y + share * (position[i, 1] - y)
+            trail_ns[r] = time_ns
+            x, y = position[i, 0] - sensor_x, position[i, 1] - sensor_y
+            turns = fabs(x * own_vy - y * own_vx) / larger(x * x + y * y, nearest)
+            fastest = larger(slow, surely * sqrt(variance * dt[i] / (4.0 * memory_cubed)))
+            fastest = fastest + 0.5 * length[body[i]] * turns
+            speed = sqrt(trail[r, 2] * trail[r, 2] + trail[r, 3] * trail[r, 3])
+            share = dt[i] * speed / larger(distance, deviations * sqrt(variance))
+            walked[r] = walked[r] + share if not lost[i] and speed > fastest else 0.0
+            stood[r] = stood[r] + dt[i] if not lost[i] and not jumped and speed < still else 0.0
+
+
+def strays(
+    const double[:] walked,
+    const double[:] stood,
+    const Py_ssize_t[:] body,
+    const Py_ssize_t[:] last_ns,
+    const Py_ssize_t[:] leader,
+    const double[:] body_fastest,
+    const double[:, :] mean,
+    double slow,
+    double still,
+    double fastest,
+    Py_ssize_t since_ns,
+    Py_ssize_t time_ns,
+):
+    """Return the reflections detected now that walk while the body or the one that leads it stands, or that stand while
+    that walks; None: there are none."""
+    cdef Py_ssize_t n = body.shape[0], i, t, lead
+    cdef bint rests
+    found = []
+    for i in range(n):
+        t = body[i]
+        lead = leader[t]
+        if last_ns[i] != time_ns or last_ns[lead] < since_ns or not body_fastest[t] < fastest:
+            continue
+        rests = stood[lead] >= still or mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3] < slow
+        if walked[lead] >= 1.0:
+            if stood[i] >= still:
+                found.append(i)
+        elif walked[i] >= 1.0 and rests:
+            found.append(i)
+    return np.array(found, np.intp) if found else None
 
 
 def factors_of_scans(

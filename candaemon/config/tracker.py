@@ -98,6 +98,18 @@ class StoodSettings(Settings):
     extent: float = Field(4.5, gt=0, le=30, description="… where their leading reflections are nearer than so many m")
 
 
+class StraySettings(Settings):
+    """When a reflection of what stands is someone who stood beside it, and walks away; of `vehicle`."""
+
+    memory: float = Field(0.5, ge=0.05, le=10, description="s over which the speed of a single reflection is told")
+    distance: float = Field(0.4, gt=0, le=10, description="m that it walks, faster than `stood.speed` …")
+    deviations: float = Field(
+        1.0, ge=0, le=10, description="… and as many standard deviations of its place, while another one of the same …"
+    )
+    still: float = Field(0.5, gt=0, le=60, description="… stands, for s")
+    fastest: float = Field(2.5, gt=0, le=30, description="m/s, what was ever faster is a vehicle")
+
+
 class AloneSettings(Settings):
     """When what always shows a single reflection is small, and no car of which one alone is seen; of `vehicle`."""
 
@@ -154,6 +166,7 @@ class ReflectionSettings(Settings):
     course: CourseSettings = Field(default_factory=CourseSettings.defaults)
     stood: StoodSettings = Field(default_factory=StoodSettings.defaults)
     alone: AloneSettings = Field(default_factory=AloneSettings.defaults)
+    stray: StraySettings = Field(default_factory=StraySettings.defaults)
     merge_time: float = Field(
         0.5,
         ge=0,

@@ -262,6 +262,24 @@ class BodyFilter:
             for j in (0, 1):
                 covariance[2 + i, 2 + j] += self._moves * (spread[:, i] * spread[:, j])
 
+    def restart(self, rows: Indices, velocity: Floats, spread: Floats, probability: Floats) -> None:
+        """Let bodies move otherwise than they seemed to, in the modes that move.
+
+        Args:
+            rows: of the bodies, none twice (n,).
+            velocity: over ground (n, 2), m/s.
+            spread: standard deviation of each of its components (n,), m/s.
+            probability: of the modes (n, M).
+        """
+        mean, covariance = self._state.mean, self._state.covariance
+        for mode in np.flatnonzero(self._moves).tolist():
+            mean[rows, mode, VELOCITY] = velocity
+            covariance[rows, mode, VELOCITY, :] = 0.0
+            covariance[rows, mode, :, VELOCITY] = 0.0
+            for axis in (2, 3):
+                covariance[rows, mode, axis, axis] = spread * spread
+        self._state.probability[rows] = probability / probability.sum(axis=1, keepdims=True)
+
     def loosen(self, rows: Indices, variance: float) -> None:
         """Let it be open again where on rows' bodies the leading reflections lie: position and bias, not their sum.
 

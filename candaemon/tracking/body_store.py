@@ -65,6 +65,11 @@ class BodyReflectionTable(Table):
         rate_difference: smoothed difference of its range rate from that of its body, m/s.
         innovation: of its place when it was last detected (n, 2), local frame, in standard deviations of the noise;
             `UNUSED` where it did not lead, or its body was too young.
+        trail: its place and its velocity over ground for itself (n, 4), local frame, m and m/s; of bodies that show
+            several.
+        trail_ns: of those.
+        walked: how far it has walked in that time, 1: far enough to be sure.
+        stood: for how long it has not moved at all, s.
     """
 
     sensor: Integers = field(default_factory=_integers)
@@ -76,6 +81,10 @@ class BodyReflectionTable(Table):
     variance: Floats = field(default_factory=_numbers)
     rate_difference: Floats = field(default_factory=_numbers)
     innovation: Floats = field(default_factory=_pairs)
+    trail: Floats = field(default_factory=lambda: np.zeros((0, 4)))
+    trail_ns: Integers = field(default_factory=_integers)
+    walked: Floats = field(default_factory=_numbers)
+    stood: Floats = field(default_factory=_numbers)
 
     def __len__(self) -> int:
         return len(self.sensor)
@@ -479,6 +488,10 @@ class Bodies:
             variance=np.array([0.0 if leads else self._places.spread**2]),
             rate_difference=np.zeros(1),
             innovation=np.full((1, 2), UNUSED),
+            trail=np.zeros((1, 4)),
+            trail_ns=np.zeros(1, dtype=np.int64),
+            walked=np.zeros(1),
+            stood=np.zeros(1),
         )
         if key is not None:
             self.assign_id(row, sensor, key)

@@ -42,6 +42,7 @@ from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoise
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.sensor_visibility import VisibilityState
 from candaemon.tracking.smoother_history import SmootherHistory
+from candaemon.tracking.straying import note_strays, part, strays
 from candaemon.tracking.tracker import EARLIEST_NS, LATEST_RETRODICTION, MISSED_SCAN
 from candaemon.tracking.turning import rate_and_pivot
 from candaemon.tracking.update import PredictedReflections, TrackerCounts, Update, Used
@@ -496,6 +497,8 @@ class VehicleTracker:
                 measurement = turning.left_out(measurement, body, place)
         bodies.note_detections(body, detections.time_ns)
         self._note_rates(row, body, offset, measurement)
+        if len(reflections) > len(bodies):
+            note_strays(bodies, row, body, measurement, detections.time_ns, self.settings.reflections)
         self._correlation.observe(bodies, row, measurement, detections.time_ns)
         measurement = self._as_alike(measurement, body)
         alike = self._alike(detections.sensor)
@@ -777,9 +780,14 @@ class VehicleTracker:
         if splitting is not None:
             detected = bodies.reflections.last_ns == self._state.time_ns
             rows = np.flatnonzero(splitting & detected)
-            bodies.split(rows)
+            part(bodies, rows, settings)
             self.counts.obstacles += len(rows)
             self._delete(splitting & ~detected, np.zeros(len(bodies), dtype=np.bool_))
+        if len(bodies.reflections) > len(bodies):
+            straying = strays(bodies, settings, self._state.time_ns)
+            if straying is not None:
+                part(bodies, straying, settings)
+                self.counts.obstacles += len(straying)
         self._merge()
 
     def _merge(self) -> None:

@@ -63,6 +63,7 @@ from candaemon.tracking.identities import Identities
 from candaemon.tracking.innovation_correlation import _innovations
 from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
 from candaemon.tracking.sensor_visibility import Visibility
+from candaemon.tracking.straying import note_strays, strays
 from candaemon.tracking.update import Used
 from candaemon.tracking.vehicle_tracker import VehicleTracker, _standing, expected_places
 from tests.benchmarks.chains import full_binding, imm_binding, reduced_binding, simulated_log
@@ -658,6 +659,37 @@ def test_reflections_to_split_and_places_expected(monkeypatch: pytest.MonkeyPatc
         assert 0 < np.count_nonzero(splitting) < 9
         expected = expected_places(bodies.moments().mean, bodies.obstacles.axis, across, fade, 0.7)
         return [splitting.astype(np.float64), expected]
+
+    both(monkeypatch, computed)
+
+
+def test_reflections_are_followed_for_themselves_and_stray(monkeypatch: pytest.MonkeyPatch) -> None:
+    random = np.random.default_rng(6)
+    trail = np.concatenate([random.uniform(-25.0, 25.0, (29, 2)), random.normal(size=(29, 2)) * 0.7], axis=1)
+    trail_ns = random.choice([9 * 10**8, 2 * 10**8], 29, p=[0.9, 0.1])
+    walked, stood = random.random((2, 29))
+    rows, leads = random.permutation(29)[:25], np.arange(20)
+    steps = random.normal(size=(25, 2)) * np.where(random.random(25) < 0.8, 0.1, 3.0)[:, None]
+
+    def computed() -> list[Floats]:
+        bodies, settings = bodies_on_road(20, 9), ReflectionSettings()
+        reflections, scan = bodies.reflections, scan_of(25, False)
+        reflections.trail, reflections.trail_ns = trail.copy(), trail_ns.copy()
+        reflections.walked, reflections.stood = walked.copy(), stood.copy()
+        bodies.obstacles.fastest[::2] = 1.4
+        measurement = replace(scan.measurement, position=trail[rows, :2] + steps)
+        note_strays(bodies, rows, reflections.body[rows], measurement, 10**9, settings)
+        assert 3 < np.count_nonzero(reflections.walked > 0.0) < 25
+        assert 3 < np.count_nonzero(reflections.stood > 0.0) < 25
+        followed = [each.astype(np.float64) for each in (reflections.trail, reflections.trail_ns)]
+        noted = [reflections.walked.copy(), reflections.stood.copy()]
+        reflections.last_ns[:], reflections.walked[:], reflections.stood[:] = 10**9, 0.0, 0.0
+        assert strays(bodies, settings, 10**9) is None
+        reflections.walked[leads], reflections.stood[20:] = 2.0, 1.0
+        straying = strays(bodies, settings, 10**9)
+        assert straying is not None
+        assert 0 < len(straying) < 9
+        return [*followed, *noted, straying.astype(np.float64)]
 
     both(monkeypatch, computed)
 

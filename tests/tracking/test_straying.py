@@ -1,0 +1,75 @@
+"""Who stood beside what stands, and walks away from it, is another obstacle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from candaemon.tracking.obstacles import Obstacles
+from tests.support.builders import HandFedVehicles, Seen, times
+
+WALKS, STANDS_UNTIL = 1.4, 2.0
+PARKED = ((25.0, -2.0), (28.0, -2.5), (31.0, -2.0))
+"""m, reflections of cars parked one behind the other."""
+
+
+def walker(t: float) -> Seen:
+    """Return one who stands between the parked cars, then walks across, as slowly as it takes to be seen by place."""
+    walked = WALKS * max(t - STANDS_UNTIL, 0.0)
+    return Seen(9, 29.5, -2.2 + walked, 0.0, WALKS if walked else 0.0)
+
+
+def parked(_: float) -> list[Seen]:
+    return [Seen(key, x, y, 0.0) for key, (x, y) in enumerate(PARKED)]
+
+
+def seen(
+    walkers: Callable[[float], Seen], until: float, *, deviation: float = 0.25, seed: int = 1
+) -> tuple[HandFedVehicles, Obstacles]:
+    """Return a tracker that saw parked cars and someone until a time, and the obstacles that it tells then."""
+    fed, rng = HandFedVehicles(noise=(deviation, deviation, 0.1)), np.random.default_rng(seed)
+    for t in times(1, round(until / 0.05)):
+        shown = [*parked(t), walkers(t)]
+        noise = rng.normal(size=(len(shown), 2)) * deviation
+        shown = [
+            Seen(one.key, one.x + dx, one.y + dy, one.vx, one.vy)
+            for one, (dx, dy) in zip(shown, noise.tolist(), strict=True)
+        ]
+        told = fed.scan(t, shown)
+    return fed, told
+
+
+def obstacle_near(told: Obstacles, x: float, y: float) -> int:
+    """Return the row of the obstacle nearest to a place."""
+    return int(np.argmin(np.hypot(told.x - x, told.y - y)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_who_walks_away_from_parked_cars_is_an_obstacle(seed: int) -> None:
+    _, told = seen(walker, 4.5, seed=seed)
+    at = walker(4.5)
+    row = obstacle_near(told, at.x, at.y)
+    assert np.hypot(told.x[row] - at.x, told.y[row] - at.y) < 0.8
+    assert told.vy[row] == pytest.approx(WALKS, abs=0.5)
+    others = [k for k in range(len(told)) if k != row]
+    assert others
+    assert np.hypot(told.vx[others], told.vy[others]).max() < 0.3
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_who_stands_between_parked_cars_is_no_further_obstacle(seed: int) -> None:
+    fed, _ = seen(lambda t: walker(min(t, STANDS_UNTIL)), 6.0, seed=seed)
+    before = fed.tracker.counts.obstacles
+    fed, _ = seen(lambda t: walker(min(t, STANDS_UNTIL)), 2.0, seed=seed)
+    assert fed.tracker.counts.obstacles == before
+
+
+def test_a_reflection_that_slides_at_once_is_none_who_walks() -> None:
+    def slides(t: float) -> Seen:
+        return Seen(9, 29.5 if t < 3.0 else 28.0, -2.2, 0.0)
+
+    fed, _ = seen(slides, 6.0)
+    stays, _ = seen(lambda _: slides(0.0), 6.0)
+    assert fed.tracker.counts.obstacles == stays.tracker.counts.obstacles
