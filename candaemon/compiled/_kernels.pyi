@@ -397,6 +397,8 @@ def note_strays(
     memory_cubed: float,
     surely: float,
     jump: float,
+    least_jump: float,
+    walking: float,
     still: float,
     nearest: float,
 ) -> None: ...

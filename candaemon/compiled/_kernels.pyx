@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 112
+REVISION = 114
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3464,35 +3464,37 @@ def note_strays(
     double memory_cubed,
     double surely,
     double jump,
+    double least_jump,
+    double walking,
     double still,
     double nearest,
 ):
     """Follow in place reflections (m,) for themselves, and note how far they walk and for how long they stand."""
     cdef Py_ssize_t m = row.shape[0], i, r
-    cdef double x, y, gain, share, variance, turns, speed, fastest
-    cdef bint jumped
+    cdef double x, y, gain, share, variance, turns, speed, slowest
     with nogil:
         for i in range(m):
             r = row[i]
             x, y = trail[r, 0] + dt[i] * trail[r, 2], trail[r, 1] + dt[i] * trail[r, 3]
             variance = noise[i, 0, 0] + noise[i, 1, 1]
             speed = (position[i, 0] - x) * (position[i, 0] - x) + (position[i, 1] - y) * (position[i, 1] - y)
-            jumped = speed > jump * variance
-            gain = 0.0 if jumped else (1.0 - keep[i]) * (1.0 - keep[i]) / dt[i]
-            share = 1.0 - keep[i] * keep[i]
+            slowest = least_jump + walking * dt[i]
+            if not lost[i] and speed > larger(jump * variance, slowest * slowest):
+                continue
+            gain, share = (1.0 - keep[i]) * (1.0 - keep[i]) / dt[i], 1.0 - keep[i] * keep[i]
             trail[r, 2] = 0.0 if lost[i] else trail[r, 2] + gain * (position[i, 0] - x)
             trail[r, 3] = 0.0 if lost[i] else trail[r, 3] + gain * (position[i, 1] - y)
-            trail[r, 0] = position[i, 0] if lost[i] or jumped else x + share * (position[i, 0] - x)
-            trail[r, 1] = position[i, 1] if lost[i] or jumped else y + share * (position[i, 1] - y)
+            trail[r, 0] = position[i, 0] if lost[i] else x + share * (position[i, 0] - x)
+            trail[r, 1] = position[i, 1] if lost[i] else y + share * (position[i, 1] - y)
             trail_ns[r] = time_ns
             x, y = position[i, 0] - sensor_x, position[i, 1] - sensor_y
             turns = fabs(x * own_vy - y * own_vx) / larger(x * x + y * y, nearest)
-            fastest = larger(slow, surely * sqrt(variance * dt[i] / (4.0 * memory_cubed)))
-            fastest = fastest + 0.5 * length[body[i]] * turns
+            slowest = larger(slow, surely * sqrt(variance * dt[i] / (4.0 * memory_cubed)))
+            slowest = slowest + 0.5 * length[body[i]] * turns
             speed = sqrt(trail[r, 2] * trail[r, 2] + trail[r, 3] * trail[r, 3])
             share = dt[i] * speed / larger(distance, deviations * sqrt(variance))
-            walked[r] = walked[r] + share if not lost[i] and speed > fastest else 0.0
-            stood[r] = stood[r] + dt[i] if not lost[i] and not jumped and speed < still else 0.0
+            walked[r] = walked[r] + share if speed > slowest and speed < walking else 0.0
+            stood[r] = stood[r] + dt[i] if not lost[i] and speed < still else 0.0
 
 
 def strays(
@@ -3519,7 +3521,8 @@ def strays(
         lead = leader[t]
         if last_ns[i] != time_ns or last_ns[lead] < since_ns or not body_fastest[t] < fastest:
             continue
-        rests = stood[lead] >= still or mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3] < slow
+        rests = mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3] < slow and stood[lead] > 0.0
+        rests = rests or stood[lead] >= still
         if walked[lead] >= 1.0:
             if stood[i] >= still:
                 found.append(i)

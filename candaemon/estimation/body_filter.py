@@ -212,7 +212,42 @@ class BodyFilter:
             velocity_covariance: (k, M, 2, 2).
             probability: of the modes (k, M).
         """
-        dynamics, (k, m) = self._dynamics, probability.shape
+        mean, covariance = self._begun(position, noise, velocity, velocity_covariance)
+        state = self._state
+        self._set(
+            np.concatenate([state.mean.T, mean.T], axis=-1),
+            np.concatenate([state.covariance.T, covariance.T], axis=-1),
+            np.concatenate([state.probability.T, probability.T], axis=-1),
+        )
+
+    def restart(
+        self,
+        rows: Indices,
+        position: Floats,
+        noise: Floats,
+        velocity: Floats,
+        velocity_covariance: Floats,
+        probability: Floats,
+    ) -> None:
+        """Let bodies begin anew, as `spawn` does.
+
+        Args:
+            rows: of the bodies, none twice (k,).
+            position: (k, 2), m.
+            noise: covariance of that position, without the bias (k, 2, 2).
+            velocity: over ground in each mode (k, M, 2), m/s.
+            velocity_covariance: (k, M, 2, 2).
+            probability: of the modes (k, M).
+        """
+        state = self._state
+        state.mean[rows], state.covariance[rows] = self._begun(position, noise, velocity, velocity_covariance)
+        state.probability[rows] = probability
+
+    def _begun(
+        self, position: Floats, noise: Floats, velocity: Floats, velocity_covariance: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return means (k, M, 8) and covariances (k, M, 8, 8) of bodies that begin, as `spawn` is told."""
+        dynamics, (k, m) = self._dynamics, velocity.shape[:2]
         mean, covariance = np.zeros((k, m, WIDTH)), np.zeros((k, m, WIDTH, WIDTH))
         mean[:, :, POSITION], mean[:, :, VELOCITY] = position[:, None], velocity
         bias = np.eye(2) * dynamics.first_bias**2
@@ -225,12 +260,7 @@ class BodyFilter:
         first = np.minimum(self._acceleration, dynamics.first_acceleration)
         covariance[:, :, ACCELERATION, ACCELERATION] = np.square(first).T
         symmetrise_upper(covariance.T)
-        state = self._state
-        self._set(
-            np.concatenate([state.mean.T, mean.T], axis=-1),
-            np.concatenate([state.covariance.T, covariance.T], axis=-1),
-            np.concatenate([state.probability.T, probability.T], axis=-1),
-        )
+        return mean, covariance
 
     def keep(self, rows: Indices | Booleans) -> None:
         """Keep the given rows and forget the others; a row given twice becomes two."""
@@ -261,24 +291,6 @@ class BodyFilter:
         for i in (0, 1):
             for j in (0, 1):
                 covariance[2 + i, 2 + j] += self._moves * (spread[:, i] * spread[:, j])
-
-    def restart(self, rows: Indices, velocity: Floats, spread: Floats, probability: Floats) -> None:
-        """Let bodies move otherwise than they seemed to, in the modes that move.
-
-        Args:
-            rows: of the bodies, none twice (n,).
-            velocity: over ground (n, 2), m/s.
-            spread: standard deviation of each of its components (n,), m/s.
-            probability: of the modes (n, M).
-        """
-        mean, covariance = self._state.mean, self._state.covariance
-        for mode in np.flatnonzero(self._moves).tolist():
-            mean[rows, mode, VELOCITY] = velocity
-            covariance[rows, mode, VELOCITY, :] = 0.0
-            covariance[rows, mode, :, VELOCITY] = 0.0
-            for axis in (2, 3):
-                covariance[rows, mode, axis, axis] = spread * spread
-        self._state.probability[rows] = probability / probability.sum(axis=1, keepdims=True)
 
     def loosen(self, rows: Indices, variance: float) -> None:
         """Let it be open again where on rows' bodies the leading reflections lie: position and bias, not their sum.

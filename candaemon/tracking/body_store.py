@@ -819,6 +819,8 @@ def _check_rows(state: BodiesState) -> None:
     probable = (obstacles.existence >= 0.0) & (obstacles.existence <= 1.0)
     if not (probable & (obstacles.in_sight >= 0.0) & (obstacles.in_sight <= 1.0) & (obstacles.unseen >= 0.0)).all():
         raise ValueError("the existence of an obstacle is no probability, or was not seen for less than no time")
+    if not np.isfinite(reflections.trail).all():
+        raise ValueError("a reflection was followed to no place")
     if (owner[leader] != np.arange(k)).any():
         raise ValueError("an obstacle is led by another one's reflection")
     if any(not 0 <= row < n for row in state.row_of.values()):

@@ -11,17 +11,21 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Floats, Indices
+from candaemon.arrays import Indices
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.measurement import Measurement
+from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.reflections import to_travel_axes
 
 _SURELY = 3.0  # standard deviations
-_JUMP = 3.0  # standard deviations of its place by which a reflection has slid, and not walked
+_JUMP = 4.5  # variances of its place, squared apart which a reflection has slid, and not walked: three deviations
+_LEAST_JUMP = 0.3  # m, and what one walks in a scan, nearer than which nothing has
 _STILL = 0.5  # of the speed below which things stand: as slow as that a reflection does
 _LEAST_STEP = 1e-3  # s
 _NEAREST = 1.0  # m, nearer than which a line of sight turns anyhow
 _WALKING, _STANDING = (0.5, 0.1, 0.1, 0.05, 0.01, 0.24), (0.08, 0.01, 0.01, 0.89, 0.0, 0.01)  # modes of the two parts
+_PLACE_SPREAD = 0.3  # m
 _WALKING_SPREAD, _STANDING_SPREAD = 0.5, 0.1  # m/s
 
 
@@ -30,7 +34,8 @@ def note_strays(
 ) -> None:
     """Note how fast reflections move over ground, and for how far and how long they have walked or stood.
 
-    A jump is no walk; and what lies on a vehicle that we pass slides over it as fast as the line of sight turns.
+    A jump is no walk: until `ReflectionSettings.patience` has passed it is an outlier, then the place is followed anew.
+    And what lies on a vehicle that we pass slides over it as fast as the line of sight turns.
 
     Args:
         bodies: with the reflections.
@@ -73,7 +78,9 @@ def note_strays(
             stray.deviations,
             memory**3,
             _SURELY,
-            _JUMP * _JUMP,
+            _JUMP,
+            _LEAST_JUMP,
+            stray.fastest,
             _STILL * slow,
             _NEAREST,
         )
@@ -82,21 +89,24 @@ def note_strays(
     expected = place + dt[:, None] * velocity
     residual = position - expected
     variance = noise[:, 0, 0] + noise[:, 1, 1]
-    jumped = residual[:, 0] * residual[:, 0] + residual[:, 1] * residual[:, 1] > _JUMP * _JUMP * variance
+    least = _LEAST_JUMP + stray.fastest * dt
+    jump = np.maximum(_JUMP * variance, least * least)
+    told = lost | (residual[:, 0] * residual[:, 0] + residual[:, 1] * residual[:, 1] <= jump)
     gain = (1.0 - keep) * (1.0 - keep) / dt
-    velocity = np.where(lost[:, None], 0.0, velocity + np.where(jumped, 0.0, gain)[:, None] * residual)
-    followed = expected + (1.0 - keep * keep)[:, None] * residual
-    trail[rows, :2] = np.where((lost | jumped)[:, None], position, followed)
-    trail[rows, 2:], reflections.trail_ns[rows] = velocity, time_ns
+    velocity = np.where(lost[:, None], 0.0, velocity + gain[:, None] * residual)
+    followed = np.where(lost[:, None], position, expected + (1.0 - keep * keep)[:, None] * residual)
     sight, own = position - sensor, measurement.velocity
     distance = np.maximum(sight[:, 0] * sight[:, 0] + sight[:, 1] * sight[:, 1], _NEAREST)
     turns = np.abs(sight[:, 0] * own[1] - sight[:, 1] * own[0]) / distance
     unsure = np.sqrt(variance * dt / (4.0 * memory**3))
-    fastest = np.maximum(slow, _SURELY * unsure) + 0.5 * length[body] * turns
+    slowest = np.maximum(slow, _SURELY * unsure) + 0.5 * length[body] * turns
     speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
     share = dt * speed / np.maximum(stray.distance, stray.deviations * np.sqrt(variance))
-    walked[rows] = np.where(~lost & (speed > fastest), walked[rows] + share, 0.0)
-    stood[rows] = np.where(~lost & ~jumped & (speed < _STILL * slow), stood[rows] + dt, 0.0)
+    walks, stands = (speed > slowest) & (speed < stray.fastest), ~lost & (speed < _STILL * slow)
+    share, time = np.where(walks, walked[rows] + share, 0.0), np.where(stands, stood[rows] + dt, 0.0)
+    rows = rows[told]
+    trail[rows, :2], trail[rows, 2:], reflections.trail_ns[rows] = followed[told], velocity[told], time_ns
+    walked[rows], stood[rows] = share[told], time[told]
 
 
 def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indices | None:
@@ -131,7 +141,8 @@ def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indice
     lead, slow = obstacles.leader[body], obstacles.fastest < stray.fastest
     rests = mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3] < still
     walks, stands = reflections.walked >= 1.0, reflections.stood >= stray.still
-    apart = walks & ~walks[lead] & (stands[lead] | rests[body]) | stands & walks[lead]
+    rests = stands[lead] | rests[body] & (reflections.stood[lead] > 0.0)
+    apart = walks & ~walks[lead] & rests | stands & walks[lead]
     seen = (reflections.last_ns == time_ns) & (reflections.last_ns[lead] >= since_ns)
     found = np.flatnonzero(apart & seen & slow[body])
     return found if len(found) else None
@@ -147,16 +158,35 @@ def part(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
         rows: of the reflections, none of them leads (m,).
         settings: for how long one stands.
     """
-    reflections, known = bodies.reflections, len(bodies)
-    left = np.unique(reflections.body[rows])
-    bodies.split(rows)
+    reflections, obstacles, known = bodies.reflections, bodies.obstacles, len(bodies)
+    owner, place = reflections.body[rows], bodies.offsets(rows)
+    left = np.unique(owner)
+    stands = (reflections.stood[rows] >= settings.stray.still) & (reflections.walked[obstacles.leader[owner]] >= 1.0)
+    alone = ~stands
+    alone[np.unique(np.where(stands, owner, -1 - np.arange(len(rows))), return_index=True)[1]] = True
+    bodies.split(rows[alone])
+    for row, of, at in zip(rows[~alone].tolist(), owner[~alone].tolist(), place[~alone], strict=True):
+        first = int(np.flatnonzero(alone & stands & (owner == of))[0])
+        body = int(reflections.body[rows[first]])
+        reflections.body[row] = body
+        reflections.offset[row] = to_travel_axes(at - place[first], obstacles.axis[body])
     parted = np.concatenate([np.arange(known, len(bodies)), left])
-    lead = np.concatenate([rows, bodies.obstacles.leader[left]])
+    lead = np.concatenate([rows[alone], obstacles.leader[left]])
     walks, stands = reflections.walked[lead] >= 1.0, reflections.stood[lead] >= settings.stray.still
-    velocity: Floats = np.where(walks[:, None], reflections.trail[lead, 2:], 0.0)
-    spread: Floats = np.where(walks, _WALKING_SPREAD, _STANDING_SPREAD)
-    probability: Floats = np.where(walks[:, None], _WALKING, _STANDING)
-    told = np.flatnonzero((walks | stands) & (bodies.obstacles.fastest[parted] < settings.stray.fastest))
-    bodies.filter.restart(parted[told], velocity[told], spread[told], probability[told])
+    told = np.flatnonzero((walks | stands) & (obstacles.fastest[parted] < settings.stray.fastest))
+    parted, lead, walks = parted[told], lead[told], walks[told]
+    count = np.bincount(reflections.body, minlength=len(bodies))[parted]
+    reflections.offset[lead[count == 1]] = 0.0
+    moves = np.arange(len(_WALKING)) != STANDING
+    velocity = np.where((walks[:, None] & moves)[..., None], reflections.trail[lead, None, 2:], 0.0)
+    spread = np.where(walks[:, None] & moves, _WALKING_SPREAD, _STANDING_SPREAD)
+    bodies.filter.restart(
+        parted,
+        reflections.trail[lead, :2] - bodies.offsets(lead),
+        np.broadcast_to(np.eye(2) * _PLACE_SPREAD**2, (len(parted), 2, 2)),
+        velocity,
+        np.square(spread)[..., None, None] * np.eye(2),
+        np.where(walks[:, None], _WALKING, _STANDING),
+    )
     reflections.walked[lead] = reflections.stood[lead] = 0.0
     bodies.changed()

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.obstacles import TENTATIVE, Obstacles
 from tests.support.builders import HandFedVehicles, Seen, times
 
 WALKS, STANDS_UNTIL = 1.4, 2.0
@@ -26,19 +27,17 @@ def parked(_: float) -> list[Seen]:
 
 
 def seen(
-    walkers: Callable[[float], Seen], until: float, *, deviation: float = 0.25, seed: int = 1
+    walkers: Callable[[float], Seen], until: float, *, deviation: float = 0.25, told: float = 0.25, seed: int = 1
 ) -> tuple[HandFedVehicles, Obstacles]:
     """Return a tracker that saw parked cars and someone until a time, and the obstacles that it tells then."""
-    fed, rng = HandFedVehicles(noise=(deviation, deviation, 0.1)), np.random.default_rng(seed)
+    fed, rng = HandFedVehicles(noise=(told, told, 0.1)), np.random.default_rng(seed)
     for t in times(1, round(until / 0.05)):
         shown = [*parked(t), walkers(t)]
         noise = rng.normal(size=(len(shown), 2)) * deviation
-        shown = [
-            Seen(one.key, one.x + dx, one.y + dy, one.vx, one.vy)
-            for one, (dx, dy) in zip(shown, noise.tolist(), strict=True)
-        ]
-        told = fed.scan(t, shown)
-    return fed, told
+        there = fed.scan(
+            t, [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(shown, noise, strict=True)]
+        )
+    return fed, there
 
 
 def obstacle_near(told: Obstacles, x: float, y: float) -> int:
@@ -66,10 +65,32 @@ def test_who_stands_between_parked_cars_is_no_further_obstacle(seed: int) -> Non
     assert fed.tracker.counts.obstacles == before
 
 
-def test_a_reflection_that_slides_at_once_is_none_who_walks() -> None:
+@pytest.mark.parametrize(("told", "slid"), [(0.25, 1.5), (0.3, 1.1), (0.4, 1.5), (0.5, 1.8), (0.7, 2.5), (1.0, 3.0)])
+def test_a_reflection_that_slides_at_once_is_none_who_walks(told: float, slid: float) -> None:
     def slides(t: float) -> Seen:
-        return Seen(9, 29.5 if t < 3.0 else 28.0, -2.2, 0.0)
+        return Seen(9, 29.5 if t < 3.0 else 29.5 - slid, -2.2, 0.0)
 
-    fed, _ = seen(slides, 6.0)
-    stays, _ = seen(lambda _: slides(0.0), 6.0)
+    fed, _ = seen(slides, 6.0, deviation=0.05, told=told)
+    stays, _ = seen(lambda _: slides(0.0), 6.0, deviation=0.05, told=told)
     assert fed.tracker.counts.obstacles == stays.tracker.counts.obstacles
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_cars_that_stood_behind_who_walks_stay_where_they_are(seed: int) -> None:
+    """Their obstacle began with the walker, whose reflection leads it."""
+    fed, rng = HandFedVehicles(noise=(0.25, 0.25, 0.1)), np.random.default_rng(seed)
+    ids = set[int]()
+    for t in times(1, 120):
+        shown = [walker(t), *(parked(t) if t > 0.3 else [])]
+        noise = rng.normal(size=(len(shown), 2)) * 0.25
+        told = fed.scan(
+            t, [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(shown, noise, strict=True)]
+        )
+        if t > 5.0:
+            at = walker(t)
+            row = obstacle_near(told, at.x, at.y)
+            assert np.hypot(told.x[row] - at.x, told.y[row] - at.y) < 0.8
+            others = [k for k in range(len(told)) if k != row and told.state[k] != TENTATIVE]
+            ids |= {int(each) for each in told.id[others]}
+    assert np.hypot(told.vx[others], told.vy[others]).max() < 0.5
+    assert 1 <= len(ids) <= 3
