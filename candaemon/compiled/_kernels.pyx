@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 114
+REVISION = 115
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3471,15 +3471,15 @@ def note_strays(
 ):
     """Follow in place reflections (m,) for themselves, and note how far they walk and for how long they stand."""
     cdef Py_ssize_t m = row.shape[0], i, r
-    cdef double x, y, gain, share, variance, turns, speed, slowest
+    cdef double x, y, gain, share, variance, residual, least, turns, speed, slowest
     with nogil:
         for i in range(m):
             r = row[i]
             x, y = trail[r, 0] + dt[i] * trail[r, 2], trail[r, 1] + dt[i] * trail[r, 3]
             variance = noise[i, 0, 0] + noise[i, 1, 1]
-            speed = (position[i, 0] - x) * (position[i, 0] - x) + (position[i, 1] - y) * (position[i, 1] - y)
-            slowest = least_jump + walking * dt[i]
-            if not lost[i] and speed > larger(jump * variance, slowest * slowest):
+            residual = (position[i, 0] - x) * (position[i, 0] - x) + (position[i, 1] - y) * (position[i, 1] - y)
+            least = least_jump + walking * dt[i]
+            if not lost[i] and residual > larger(jump * variance, least * least):
                 continue
             gain, share = (1.0 - keep[i]) * (1.0 - keep[i]) / dt[i], 1.0 - keep[i] * keep[i]
             trail[r, 2] = 0.0 if lost[i] else trail[r, 2] + gain * (position[i, 0] - x)

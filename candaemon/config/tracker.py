@@ -104,9 +104,9 @@ class StraySettings(Settings):
     memory: float = Field(0.5, ge=0.05, le=10, description="s over which the speed of a single reflection is told")
     distance: float = Field(0.4, gt=0, le=10, description="m that it walks, faster than `stood.speed` …")
     deviations: float = Field(
-        1.6, ge=0, le=10, description="… and as many standard deviations of its place, while another one of the same …"
+        1.6, ge=0, le=10, description="… and as many standard deviations of its place, while the leading one …"
     )
-    still: float = Field(0.5, gt=0, le=60, description="… stands, for s")
+    still: float = Field(0.5, gt=0, le=60, description="… has stood for s; or the other way round")
     fastest: float = Field(2.5, gt=0, le=30, description="m/s, what was ever faster is a vehicle")
 
 

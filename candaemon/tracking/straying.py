@@ -1,9 +1,8 @@
 """Reflections that stray from their bodies: of someone who stood beside what stands, and walks away from it.
 
-What stands together is one obstacle where nothing tells otherwise, a walker between parked cars too, and a range rate
-tells nothing of who crosses the line of sight. So the place of each reflection is followed for itself, by a fading
-memory of first degree (Morrison 1969); where one of a body walks for as far as its noise allows to be sure, and another
-one stands, they are two.
+Things that stand close together are one obstacle, and someone between parked cars is a part of it. A range rate does
+not tell that they walk across the line of sight. So the place of each reflection is followed on its own, by a fading
+memory of first degree (Morrison 1969). Where one reflection of a body surely walks and another stands, they are two.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Indices
+from candaemon.arrays import Booleans, Indices
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.measurement import Measurement
 from candaemon.tracking.body_modes import STANDING
@@ -19,11 +18,13 @@ from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import to_travel_axes
 
 _SURELY = 3.0  # standard deviations
-_JUMP = 4.5  # variances of its place, squared apart which a reflection has slid, and not walked: three deviations
-_LEAST_JUMP = 0.3  # m, and what one walks in a scan, nearer than which nothing has
-_STILL = 0.5  # of the speed below which things stand: as slow as that a reflection does
+_JUMP = 4.5  # sums of both variances: the square of three standard deviations along one axis. Beyond, it is an outlier
+_LEAST_JUMP = (
+    0.3  # m more than someone walks in a scan: an outlier is farther off than that, however precise the sensor
+)
+_STILL = 0.5  # of the speed of what stands: a single reflection that is slower than that does not move
 _LEAST_STEP = 1e-3  # s
-_NEAREST = 1.0  # m, nearer than which a line of sight turns anyhow
+_NEAREST = 1.0  # m², keeps the turn rate of a line of sight without length finite
 _WALKING, _STANDING = (0.5, 0.1, 0.1, 0.05, 0.01, 0.24), (0.08, 0.01, 0.01, 0.89, 0.0, 0.01)  # modes of the two parts
 _PLACE_SPREAD = 0.3  # m
 _WALKING_SPREAD, _STANDING_SPREAD = 0.5, 0.1  # m/s
@@ -32,10 +33,10 @@ _WALKING_SPREAD, _STANDING_SPREAD = 0.5, 0.1  # m/s
 def note_strays(
     bodies: Bodies, rows: Indices, body: Indices, measurement: Measurement, time_ns: int, settings: ReflectionSettings
 ) -> None:
-    """Note how fast reflections move over ground, and for how far and how long they have walked or stood.
+    """Note how fast reflections move over ground, how far they have walked, and for how long they have stood.
 
-    A jump is no walk: until `ReflectionSettings.patience` has passed it is an outlier, then the place is followed anew.
-    And what lies on a vehicle that we pass slides over it as fast as the line of sight turns.
+    Outliers are left out. After nothing else for `ReflectionSettings.patience` the reflection has slid, and is followed
+    anew from there. On a vehicle that we pass, a reflection slides as fast as the line of sight turns: that is no walk.
 
     Args:
         bodies: with the reflections.
@@ -91,28 +92,28 @@ def note_strays(
     variance = noise[:, 0, 0] + noise[:, 1, 1]
     least = _LEAST_JUMP + stray.fastest * dt
     jump = np.maximum(_JUMP * variance, least * least)
-    told = lost | (residual[:, 0] * residual[:, 0] + residual[:, 1] * residual[:, 1] <= jump)
+    usable = lost | (residual[:, 0] * residual[:, 0] + residual[:, 1] * residual[:, 1] <= jump)
     gain = (1.0 - keep) * (1.0 - keep) / dt
     velocity = np.where(lost[:, None], 0.0, velocity + gain[:, None] * residual)
     followed = np.where(lost[:, None], position, expected + (1.0 - keep * keep)[:, None] * residual)
     sight, own = position - sensor, measurement.velocity
     distance = np.maximum(sight[:, 0] * sight[:, 0] + sight[:, 1] * sight[:, 1], _NEAREST)
     turns = np.abs(sight[:, 0] * own[1] - sight[:, 1] * own[0]) / distance
-    unsure = np.sqrt(variance * dt / (4.0 * memory**3))
+    unsure = np.sqrt(variance * dt / (4.0 * memory**3))  # of the velocity, in the steady state for steps ≪ memory
     slowest = np.maximum(slow, _SURELY * unsure) + 0.5 * length[body] * turns
     speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
     share = dt * speed / np.maximum(stray.distance, stray.deviations * np.sqrt(variance))
     walks, stands = (speed > slowest) & (speed < stray.fastest), ~lost & (speed < _STILL * slow)
     share, time = np.where(walks, walked[rows] + share, 0.0), np.where(stands, stood[rows] + dt, 0.0)
-    rows = rows[told]
-    trail[rows, :2], trail[rows, 2:], reflections.trail_ns[rows] = followed[told], velocity[told], time_ns
-    walked[rows], stood[rows] = share[told], time[told]
+    rows = rows[usable]
+    trail[rows, :2], trail[rows, 2:], reflections.trail_ns[rows] = followed[usable], velocity[usable], time_ns
+    walked[rows], stood[rows] = share[usable], time[usable]
 
 
 def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indices | None:
-    """Return the reflections detected in this cycle that do what their leading one does not; None: there are none.
+    """Return the reflections detected in this cycle that walk while the leading one stands, or the other way round.
 
-    One of them walks and the other stands. Of what was faster than someone walks, reflections slide as it brakes.
+    None: there are none. Vehicles are left out: their reflections slide as they brake.
 
     Args:
         bodies: with the reflections.
@@ -139,9 +140,9 @@ def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indice
         )
     body = reflections.body
     lead, slow = obstacles.leader[body], obstacles.fastest < stray.fastest
-    rests = mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3] < still
+    slowly = mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3] < still
     walks, stands = reflections.walked >= 1.0, reflections.stood >= stray.still
-    rests = stands[lead] | rests[body] & (reflections.stood[lead] > 0.0)
+    rests = stands[lead] | slowly[body] & (reflections.stood[lead] > 0.0)
     apart = walks & ~walks[lead] & rests | stands & walks[lead]
     seen = (reflections.last_ns == time_ns) & (reflections.last_ns[lead] >= since_ns)
     found = np.flatnonzero(apart & seen & slow[body])
@@ -149,9 +150,9 @@ def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indice
 
 
 def part(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
-    """Give reflections bodies of their own; where trails tell that these, or what they leave, walk or stand, they do.
+    """Give reflections bodies of their own; these, and what is left, move as the trails of what leads them tell.
 
-    Of what drives faster than anyone walks, trails tell nothing.
+    What stands while its leader walks stays together. Trails of vehicles tell nothing.
 
     Args:
         bodies: of which some become two.
@@ -159,32 +160,43 @@ def part(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
         settings: for how long one stands.
     """
     reflections, obstacles, known = bodies.reflections, bodies.obstacles, len(bodies)
-    owner, place = reflections.body[rows], bodies.offsets(rows)
-    left = np.unique(owner)
-    stands = (reflections.stood[rows] >= settings.stray.still) & (reflections.walked[obstacles.leader[owner]] >= 1.0)
-    alone = ~stands
-    alone[np.unique(np.where(stands, owner, -1 - np.arange(len(rows))), return_index=True)[1]] = True
-    bodies.split(rows[alone])
-    for row, of, at in zip(rows[~alone].tolist(), owner[~alone].tolist(), place[~alone], strict=True):
-        first = int(np.flatnonzero(alone & stands & (owner == of))[0])
-        body = int(reflections.body[rows[first]])
-        reflections.body[row] = body
-        reflections.offset[row] = to_travel_axes(at - place[first], obstacles.axis[body])
+    left, lead = np.unique(reflections.body[rows]), _split_off(bodies, rows, settings.stray.still)
     parted = np.concatenate([np.arange(known, len(bodies)), left])
-    lead = np.concatenate([rows[alone], obstacles.leader[left]])
+    lead = np.concatenate([lead, obstacles.leader[left]])
     walks, stands = reflections.walked[lead] >= 1.0, reflections.stood[lead] >= settings.stray.still
-    told = np.flatnonzero((walks | stands) & (obstacles.fastest[parted] < settings.stray.fastest))
-    parted, lead, walks = parted[told], lead[told], walks[told]
+    sure = (walks | stands) & (obstacles.fastest[parted] < settings.stray.fastest)
+    _begin_anew(bodies, parted[sure], lead[sure], walks[sure])
+
+
+def _split_off(bodies: Bodies, rows: Indices, still: float) -> Indices:
+    """Split off reflections (m,), together those that stand while their leader walks; return what leads new bodies."""
+    reflections, obstacles = bodies.reflections, bodies.obstacles
+    owner, place, first = reflections.body[rows], bodies.offsets(rows), np.arange(len(rows))
+    together = (reflections.stood[rows] >= still) & (reflections.walked[obstacles.leader[owner]] >= 1.0)
+    for body in np.unique(owner[together]).tolist():
+        mates = np.flatnonzero(together & (owner == body))
+        first[mates] = mates[0]
+    leads = first == np.arange(len(rows))
+    bodies.split(rows[leads])
+    mates = np.flatnonzero(~leads)
+    body = reflections.body[rows[first[mates]]]
+    reflections.body[rows[mates]] = body
+    reflections.offset[rows[mates]] = to_travel_axes(place[mates] - place[first[mates]], obstacles.axis[body])
+    return np.asarray(rows[leads])
+
+
+def _begin_anew(bodies: Bodies, parted: Indices, lead: Indices, walks: Booleans) -> None:
+    """Let bodies (k,) begin anew where the trails of their leading reflections (k,) are, walking or standing."""
+    reflections = bodies.reflections
     count = np.bincount(reflections.body, minlength=len(bodies))[parted]
     reflections.offset[lead[count == 1]] = 0.0
-    moves = np.arange(len(_WALKING)) != STANDING
-    velocity = np.where((walks[:, None] & moves)[..., None], reflections.trail[lead, None, 2:], 0.0)
-    spread = np.where(walks[:, None] & moves, _WALKING_SPREAD, _STANDING_SPREAD)
+    moves = walks[:, None] & (np.arange(len(_WALKING)) != STANDING)
+    spread = np.where(moves, _WALKING_SPREAD, _STANDING_SPREAD)
     bodies.filter.restart(
         parted,
         reflections.trail[lead, :2] - bodies.offsets(lead),
         np.broadcast_to(np.eye(2) * _PLACE_SPREAD**2, (len(parted), 2, 2)),
-        velocity,
+        np.where(moves[..., None], reflections.trail[lead, None, 2:], 0.0),
         np.square(spread)[..., None, None] * np.eye(2),
         np.where(walks[:, None], _WALKING, _STANDING),
     )

@@ -776,18 +776,17 @@ class VehicleTracker:
     def _merge_and_split(self) -> None:
         """Split off reflections that move apart, merge bodies that move together."""
         bodies, settings = self._bodies, self.settings.reflections
+        before = len(bodies)
         splitting = split_candidates(bodies, settings)
         if splitting is not None:
             detected = bodies.reflections.last_ns == self._state.time_ns
-            rows = np.flatnonzero(splitting & detected)
-            part(bodies, rows, settings)
-            self.counts.obstacles += len(rows)
+            part(bodies, np.flatnonzero(splitting & detected), settings)
+            self.counts.obstacles += len(bodies) - before
             self._delete(splitting & ~detected, np.zeros(len(bodies), dtype=np.bool_))
-        if len(bodies.reflections) > len(bodies):
-            straying = strays(bodies, settings, self._state.time_ns)
-            if straying is not None:
-                part(bodies, straying, settings)
-                self.counts.obstacles += len(straying)
+        before = len(bodies)
+        if len(bodies.reflections) > before and (straying := strays(bodies, settings, self._state.time_ns)) is not None:
+            part(bodies, straying, settings)
+            self.counts.obstacles += len(bodies) - before
         self._merge()
 
     def _merge(self) -> None:

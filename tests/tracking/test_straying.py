@@ -17,7 +17,7 @@ PARKED = ((25.0, -2.0), (28.0, -2.5), (31.0, -2.0))
 
 
 def walker(t: float) -> Seen:
-    """Return one who stands between the parked cars, then walks across, as slowly as it takes to be seen by place."""
+    """Return one who stands between the parked cars, then walks across the line of sight."""
     walked = WALKS * max(t - STANDS_UNTIL, 0.0)
     return Seen(9, 29.5, -2.2 + walked, 0.0, WALKS if walked else 0.0)
 
@@ -79,13 +79,14 @@ def test_a_reflection_that_slides_at_once_is_none_who_walks(told: float, slid: f
 def test_cars_that_stood_behind_who_walks_stay_where_they_are(seed: int) -> None:
     """Their obstacle began with the walker, whose reflection leads it."""
     fed, rng = HandFedVehicles(noise=(0.25, 0.25, 0.1)), np.random.default_rng(seed)
-    ids = set[int]()
+    ids, numbers = set[int](), set[int]()
     for t in times(1, 120):
         shown = [walker(t), *(parked(t) if t > 0.3 else [])]
         noise = rng.normal(size=(len(shown), 2)) * 0.25
         told = fed.scan(
             t, [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(shown, noise, strict=True)]
         )
+        numbers |= {int(each) for each in told.id}
         if t > 5.0:
             at = walker(t)
             row = obstacle_near(told, at.x, at.y)
@@ -93,4 +94,6 @@ def test_cars_that_stood_behind_who_walks_stay_where_they_are(seed: int) -> None
             others = [k for k in range(len(told)) if k != row and told.state[k] != TENTATIVE]
             ids |= {int(each) for each in told.id[others]}
     assert np.hypot(told.vx[others], told.vy[others]).max() < 0.5
+    assert fed.tracker.counts.obstacles >= int(told.id.max())
     assert 1 <= len(ids) <= 3
+    assert fed.tracker.counts.obstacles == len(numbers)

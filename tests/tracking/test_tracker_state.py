@@ -142,6 +142,15 @@ def test_a_state_that_contradicts_itself_is_refused(damage: Callable[[Damaged], 
         set_state(hand_fed(kind).tracker, state)
 
 
+def test_a_reflection_followed_to_no_place_is_refused() -> None:
+    former, _ = tracked("vehicle")
+    state = deepcopy(former.tracker.state)
+    assert isinstance(state, VehicleTrackerState)
+    state.tracks.reflections.trail[0, 1] = np.nan
+    with pytest.raises(ValueError, match="followed to no place"):
+        set_state(hand_fed("vehicle").tracker, state)
+
+
 @pytest.mark.parametrize("kind", ESTIMATORS)
 def test_the_state_of_another_filter_is_refused(kind: str) -> None:
     former, _ = tracked(kind)
