@@ -394,18 +394,20 @@ def moments(probability: Floats, mean: Floats, covariance: Floats) -> tuple[Floa
         covariance: (n, M, C, C), of the first C ≤ D components; the others are certain within a model.
     """
     overall, combined = mixture(probability[:, None], mean, covariance)
-    return overall[:, 0], combined[:, 0]
+    return np.ascontiguousarray(overall[:, 0]), np.ascontiguousarray(combined[:, 0])
 
 
 def mixture(weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     """Return means (n, J, D) and covariances (n, J, D, D) of J mixtures of the models' estimates.
+
+    They lie in memory with the tracks last: numpy is quickest along the last axis, and there are more tracks than
+    components. What numpy makes of them element by element lies as they do.
 
     Args:
         weights: of the models in each mixture, (n, J, M).
         mean: (n, M, D).
         covariance: (n, M, C, C), of the first C ≤ D components; the others are certain within a model.
     """
-    # Triangles, tracks last: numpy is quickest along the last axis, and there are more tracks than components.
     n, m, d = mean.shape
     c, triangle = covariance.shape[-1], _packed(d)
     if c < d:
@@ -423,7 +425,7 @@ def mixture(weights: Floats, mean: Floats, covariance: Floats) -> tuple[Floats, 
         part *= w[:, i, None]
         spread += part
     full = spread.take(triangle.place.ravel(), axis=1).reshape(len(mixed), d, d, n)
-    return np.ascontiguousarray(mixed.transpose(2, 0, 1)), np.ascontiguousarray(full.transpose(3, 0, 1, 2))
+    return mixed.transpose(2, 0, 1), full.transpose(3, 0, 1, 2)
 
 
 def summed_models(values: Floats) -> Floats:

@@ -86,6 +86,12 @@ class Imm(MomentBank):
             if len(unequal.having) == 1:
                 self._source[unequal.lacking, unequal.block] = unequal.having[0]
 
+    def predict(self, dt: float, direction: Floats) -> None:
+        """Predict all tracks under every model; see `FilterBank.predict`."""
+        super().predict(dt, direction)
+        state = self._state  # where numpy has mixed, tracks are last in memory; kept and saved, they are first
+        state.mean, state.covariance = np.ascontiguousarray(state.mean), np.ascontiguousarray(state.covariance)
+
     def update(self, rows: Indices, measurement: Measurement) -> Floats:
         """Update the given rows (m,) with a measurement each; return their NIS (m,); see `FilterBank.update`."""
         if not _fitting(self._has) or "information" in self._forms or measurement.projections:
@@ -142,6 +148,8 @@ class Imm(MomentBank):
             state.mean, state.covariance, state.probability = mix(
                 state.mean, state.covariance, state.probability, switch, self._has
             )
+            if compiled.in_use:  # other kernels take what lies in memory track by track
+                state.mean, state.covariance = np.ascontiguousarray(state.mean), np.ascontiguousarray(state.covariance)
 
 
 _CORRECT = {"covariance": correct, "information": inform}
@@ -202,8 +210,8 @@ def _fitting(has: Booleans) -> bool:
 
 def _clear(mean: Floats, covariance: Floats, has: Booleans) -> None:
     """Set what models lack, of means (n, M, D) and covariances (n, M, D, D), to zero in place."""
-    mean[:, ~has] = 0.0
-    covariance[:, ~(has[:, :, None] & has[:, None, :])] = 0.0
+    mean.transpose(1, 2, 0)[~has] = 0.0
+    covariance.transpose(1, 2, 3, 0)[~(has[:, :, None] & has[:, None, :])] = 0.0
 
 
 def posterior(prior: Floats, log_likelihood: Floats) -> Floats:

@@ -23,7 +23,7 @@ from functools import lru_cache
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Booleans, Floats
+from candaemon.arrays import Floats, Indices
 from candaemon.estimation.psd import factorise
 
 LOG_2PI = float(np.log(2 * np.pi))
@@ -211,10 +211,12 @@ def propagate(covariance: Floats, transition: Floats, noise: Floats) -> None:
         compiled.kernels.propagate(covariance, transition, noise)
         return
     # Tracks last: numpy is quickest along the last axis.
-    before, diagonals = np.ascontiguousarray(covariance.transpose(1, 2, 0)), Diagonals(transition)
-    both = diagonals.times(np.swapaxes(diagonals.times(before), 0, 1))
+    last, diagonals = covariance.transpose(1, 2, 0), diagonals_of(transition)
+    both = diagonals.times(np.swapaxes(diagonals.times(np.ascontiguousarray(last)), 0, 1))
     both += noise.transpose(1, 2, 0)
-    covariance[...] = np.where(_lower(len(both)), both, np.swapaxes(both, 0, 1)).transpose(2, 0, 1)
+    row, column = _above(len(both))
+    both[row, column] = both[column, row]
+    last[...] = both
     _forget_negative(covariance)
 
 
@@ -227,10 +229,10 @@ class Diagonals:
 
     def __init__(self, matrices: Floats) -> None:
         rows, size = matrices.transpose(1, 2, 0), matrices.shape[-1]
-        self._parts = [
-            (slice(first, end), slice(first + k, end + k), rows.diagonal(k).T[first + min(k, 0) : end + min(k, 0)])
-            for k, first, end in _spans((matrices != 0.0).any(axis=0).tobytes(), size)
-        ]
+        self._parts = []
+        for k, first, end in _spans((matrices != 0.0).any(axis=0).tobytes(), size):
+            diagonal = rows.diagonal(k).T[first + min(k, 0) : end + min(k, 0), None]
+            self._parts.append((slice(first, end), slice(first + k, end + k), diagonal))
 
     def times(self, p: Floats) -> Floats:
         """Return F P for P (D, D, n), tracks last.
@@ -240,8 +242,18 @@ class Diagonals:
         product = np.zeros(p.shape)
         for rows, columns, diagonal in self._parts:
             part = product[rows]
-            part += diagonal[:, None] * p[columns]
+            part += diagonal * p[columns]
         return product
+
+
+def diagonals_of(matrices: Floats) -> Diagonals:
+    """Return the diagonals of matrices (n or 1, D, D); of one that all tracks share, those found before."""
+    return Diagonals(matrices) if len(matrices) > 1 else _shared_diagonals(matrices.tobytes(), matrices.shape[-1])
+
+
+@lru_cache
+def _shared_diagonals(matrix: bytes, size: int) -> Diagonals:
+    return Diagonals(np.frombuffer(matrix).reshape(1, size, size))
 
 
 @lru_cache
@@ -254,9 +266,10 @@ def _spans(used: bytes, size: int) -> list[tuple[int, int, int]]:
 
 
 @lru_cache
-def _lower(size: int) -> Booleans:
-    """Return which elements of a matrix are on or below its diagonal, (size, size, 1)."""
-    return np.tri(size, dtype=np.bool_)[:, :, None]
+def _above(size: int) -> tuple[Indices, Indices]:
+    """Return rows and columns of the elements above the diagonal of a matrix."""
+    row, column = np.triu_indices(size, 1)
+    return row, column
 
 
 def symmetrise(covariance: Floats) -> None:

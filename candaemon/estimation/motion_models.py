@@ -19,7 +19,7 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Floats
 from candaemon.estimation.discretisation import Axis, X, Y, decaying_axis, directed, isotropic, white_axis, white_plane
-from candaemon.estimation.kalman import Diagonals
+from candaemon.estimation.kalman import diagonals_of
 
 POSITION, VELOCITY, ACCELERATION, TURN = slice(0, 2), slice(2, 4), slice(4, 6), 6
 JERK = slice(7, 9)
@@ -305,7 +305,7 @@ def _turned(mean: Floats, dt: float, limit: float) -> tuple[Floats, Floats]:
     predicted[:, 2] = cosine * vx - sine * vy
     predicted[:, 3] = sine * vx + cosine * vy
     predicted[:, TURN] = w
-    f = np.zeros((len(mean), mean.shape[1], mean.shape[1]))
+    f = np.zeros((mean.shape[1], mean.shape[1], len(mean))).transpose(2, 0, 1)  # tracks last
     f[:, 0, 0] = f[:, 1, 1] = f[:, TURN, TURN] = 1.0
     f[:, 0, 2] = f[:, 1, 3] = s
     f[:, 0, 3], f[:, 1, 2] = -c, c
@@ -348,7 +348,7 @@ def _moved(mean: Floats, transition: Floats) -> Floats:
     """Return F x of means (n, D) for transitions (n or 1, D, D)."""
     if compiled.in_use:
         return compiled.kernels.moved(mean, transition)
-    return Diagonals(transition).times(mean.T[:, None])[:, 0].T
+    return diagonals_of(transition).times(mean.T[:, None])[:, 0].T
 
 
 def _driven(mean: Floats, axis: Axis, transition: Floats) -> Floats:

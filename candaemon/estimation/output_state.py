@@ -80,7 +80,8 @@ class OutputState:
         cross = np.matmul(np.swapaxes(before, 1, 2) * probability[:, None, :], after)
         here, there = self._slopes(), predicted._slopes()
         for j, f in enumerate(transitions):
-            own = here[:, j] @ self.covariance[:, j] @ np.swapaxes(there[:, j] @ f, -1, -2)
+            turned = np.swapaxes(there[:, j] @ np.ascontiguousarray(f), -1, -2)  # a product rounds as its factors lie
+            own = here[:, j] @ self.covariance[:, j] @ turned
             cross += probability[:, j, None, None] * own
         return np.asarray(cross)
 
