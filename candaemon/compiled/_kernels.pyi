@@ -708,6 +708,18 @@ def return_exponents(
     first_ns: Integers, last_ns: Integers, interval: Floats, time_ns: int, longest: float, least: float
 ) -> Floats: ...
 def step_references(body: Integers, offset: Floats, target: Floats, left: Floats, axis: Floats) -> Floats: ...
+def follow_biases(
+    drift: Floats,
+    axis: Floats,
+    beyond: Floats,
+    dt: Floats,
+    near: Floats,
+    share: Floats,
+    least_time: float,
+    least_drift: float,
+    opening_time: float,
+) -> tuple[Floats, Floats]: ...
+def settle_bodies(mean: Floats, covariance: Floats, moves: Floats, step: Floats, spread: Floats) -> None: ...
 def shift_bodies(mean: Floats, overall: Floats, shown: Floats, step: Floats) -> None: ...
 def standing_reflections(
     velocity: Floats,

@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 115
+REVISION = 116
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3264,6 +3264,67 @@ def beyond_bodies(
                 out[t, a] = value - smaller(larger(value, -half), half)
                 any_does = any_does or out[t, a] != 0.0
     return out_array, any_does
+
+
+def follow_biases(
+    double[:, :] drift,
+    const double[:, :] axis,
+    const double[:, :] beyond,
+    const double[:] dt,
+    const double[:] near,
+    const double[:] share,
+    double least_time,
+    double least_drift,
+    double opening_time,
+):
+    """Return by which steps reference points follow biases (n, 2), and how fast bodies may move that way (n, 2).
+
+    Their drift (n, 2) is changed in place.
+    """
+    cdef Py_ssize_t n = dt.shape[0], t
+    cdef double along, across, since, opening, mean
+    cdef int a
+    step_array, spread_array = np.empty((n, 2)), np.empty((n, 2))
+    cdef double[:, ::1] step = step_array
+    cdef double[:, ::1] spread = spread_array
+    with nogil:
+        for t in range(n):
+            along, across = near[t] * beyond[t, 0], near[t] * beyond[t, 1]
+            step[t, 0] = along * axis[t, 0] - across * axis[t, 1]
+            step[t, 1] = across * axis[t, 0] + along * axis[t, 1]
+            since, opening = larger(dt[t], least_time), sqrt(dt[t] / opening_time)
+            for a in range(2):
+                mean = drift[t, a] + share[t] * (step[t, a] / since - drift[t, a])
+                drift[t, a] = mean if fabs(mean) > least_drift else 0.0
+                spread[t, a] = opening * drift[t, a]
+    return step_array, spread_array
+
+
+def settle_bodies(
+    double[:, :, ::1] mean,
+    double[:, :, :, ::1] covariance,
+    const double[:, ::1] moves,
+    const double[:, :] step,
+    const double[:, :] spread,
+):
+    """Move in place by steps (n, 2) what biases had to the places of bodies, in all modes (8, M, n).
+
+    By spreads (n, 2) it is open again, in covariances (8, 8, M, n), how fast they move in the modes that do (M, 1).
+    """
+    cdef Py_ssize_t i, t
+    cdef int a, b
+    with nogil:
+        for a in range(2):
+            for i in range(mean.shape[1]):
+                for t in range(mean.shape[2]):
+                    mean[a, i, t] = mean[a, i, t] + step[t, a]
+                    mean[6 + a, i, t] = mean[6 + a, i, t] - step[t, a]
+            for b in range(2):
+                for i in range(mean.shape[1]):
+                    for t in range(mean.shape[2]):
+                        covariance[2 + a, 2 + b, i, t] = (
+                            covariance[2 + a, 2 + b, i, t] + moves[i, 0] * (spread[t, a] * spread[t, b])
+                        )
 
 
 def reference_targets(

@@ -276,21 +276,23 @@ class BodyFilter:
         """Move the reference points by steps (n, 2), m: what they lie on has turned, or is another part of the body."""
         self._state.mean[:, :, POSITION] += step[:, None]
 
-    def settle(self, step: Floats) -> None:
-        """Move the reference points by steps (n, 2), m, that the bias had: what the sensors see stays where it is."""
-        self._state.mean[:, :, POSITION] += step[:, None]
-        self._state.mean[:, :, BIAS] -= step[:, None]
-
-    def open_velocity(self, spread: Floats) -> None:
-        """Let it be open again how fast bodies move in a direction, in the modes that move.
+    def settle(self, step: Floats, spread: Floats | None = None) -> None:
+        """Move the reference points by steps that the bias had: what the sensors see stays where it is.
 
         Args:
-            spread: standard deviation that is added, along that direction (n, 2), m/s.
+            step: (n, 2), m.
+            spread: standard deviation, along a direction (n, 2), m/s, by which it is open again how fast bodies move
+                that way, in the modes that move; None: it is not.
         """
-        covariance = self._state.covariance.T
-        for i in (0, 1):
-            for j in (0, 1):
-                covariance[2 + i, 2 + j] += self._moves * (spread[:, i] * spread[:, j])
+        spread = np.zeros(step.shape) if spread is None else spread
+        mean, covariance = self._state.mean.T, self._state.covariance.T
+        if self._compiled:
+            compiled.kernels.settle_bodies(mean, covariance, self._moves, step, spread)
+            return
+        mean[POSITION] += step.T[:, None]
+        mean[BIAS] -= step.T[:, None]
+        opened = spread.T[:, None] * spread.T
+        covariance[VELOCITY, VELOCITY] += self._moves * opened[:, :, None]
 
     def loosen(self, rows: Indices, variance: float) -> None:
         """Let it be open again where on rows' bodies the leading reflections lie: position and bias, not their sum.

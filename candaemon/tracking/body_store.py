@@ -637,13 +637,9 @@ class Bodies:
         beyond, some = _beyond(self.moments().mean, obstacles, self._places.beyond)
         if not some and not obstacles.drift.any():
             return
-        dt = self._detected_after(time_ns)[:, None]
-        step = from_travel_axes(-np.expm1(-dt / _BEYOND_TIME) * beyond, obstacles.axis)
-        speed = step / np.maximum(dt, _LEAST_TIME)
-        drift = obstacles.drift - np.expm1(-dt / _DRIFT_TIME) * (speed - obstacles.drift)
-        obstacles.drift = np.where(np.abs(drift) > _LEAST_DRIFT, drift, 0.0)
-        self.filter.settle(step)
-        self.filter.open_velocity(np.sqrt(dt / _OPENING_TIME) * obstacles.drift)
+        dt = self._detected_after(time_ns)
+        step, spread = _following(obstacles, beyond, dt, -np.expm1(-dt / _BEYOND_TIME), -np.expm1(-dt / _DRIFT_TIME))
+        self.filter.settle(step, spread)
         self.changed()
 
     def merge(self, young: int, old: int) -> None:
@@ -797,6 +793,29 @@ def _beyond(mean: Floats, obstacles: BodyTable, margin: float) -> tuple[Floats, 
     half[:, 0] = np.where(known, half[:, 0] + margin, half[:, 0])
     beyond = place - np.minimum(np.maximum(place, -half), half)
     return beyond, bool(beyond.any())
+
+
+def _following(obstacles: BodyTable, beyond: Floats, dt: Floats, near: Floats, share: Floats) -> tuple[Floats, Floats]:
+    """Return by which steps reference points follow biases (k, 2), m, and how fast bodies may move that way, m/s.
+
+    How fast reference points follow is averaged: the bodies' drift.
+
+    Args:
+        obstacles: the bodies.
+        beyond: how far the biases reach beyond the boxes, along and across (k, 2), m.
+        dt: time since the detection before, of what is not detected 0 (k,), s.
+        near: share of the way that the points go in that time (k,).
+        share: that the speed of it has in the average (k,).
+    """
+    if compiled.in_use:
+        return compiled.kernels.follow_biases(
+            obstacles.drift, obstacles.axis, beyond, dt, near, share, _LEAST_TIME, _LEAST_DRIFT, _OPENING_TIME
+        )
+    step = from_travel_axes(near[:, None] * beyond, obstacles.axis)
+    speed = step / np.maximum(dt, _LEAST_TIME)[:, None]
+    drift = obstacles.drift + share[:, None] * (speed - obstacles.drift)
+    obstacles.drift = np.where(np.abs(drift) > _LEAST_DRIFT, drift, 0.0)
+    return step, np.sqrt(dt / _OPENING_TIME)[:, None] * obstacles.drift
 
 
 def _check_rows(state: BodiesState) -> None:

@@ -28,7 +28,7 @@ from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.ins import InsMotion
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
-from candaemon.estimation.body_filter import SEEN, TURN, BodyFilter, BodyFilterState, BodyMode, motion, shown
+from candaemon.estimation.body_filter import BIAS, SEEN, TURN, BodyFilter, BodyFilterState, BodyMode, motion, shown
 from candaemon.estimation.body_rates import BodyRates
 from candaemon.estimation.discretisation import directed
 from candaemon.estimation.filter_bank import FilterBank
@@ -579,6 +579,22 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
             moved.mean,
             *columns,
         ]
+
+    both(monkeypatch, computed)
+
+
+def test_reference_points_that_follow_biases_beyond_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        bodies, random = bodies_on_road(20, 9), np.random.default_rng(4)
+        state, drift = bodies.filter.state, random.normal(size=(20, 2)) * (random.random((20, 1)) < 0.3)
+        state.mean[:, :, BIAS] = random.normal(size=(20, 1, 2)) * 3.0
+        bodies.obstacles.drift = drift.copy()
+        bodies.changed()
+        before = state.mean.copy()
+        bodies.return_reference(10**9, 0.5, 10**8)
+        assert 0 < np.count_nonzero((state.mean[:, :, BIAS] != before[:, :, BIAS]).any(axis=(1, 2))) < 20
+        assert np.count_nonzero(bodies.obstacles.drift.any(axis=1)) > np.count_nonzero(drift.any(axis=1)) > 0
+        return [bodies.obstacles.drift, state.mean, state.covariance]
 
     both(monkeypatch, computed)
 

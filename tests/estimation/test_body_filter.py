@@ -555,7 +555,11 @@ def test_steps_and_open_places_keep_what_is_measured() -> None:
     settled, _ = bodies.combined()
     np.testing.assert_allclose(settled[0, POSITION] - after[0, POSITION], [0.5, -1.0], atol=1e-12)
     np.testing.assert_allclose(settled[:, POSITION] + settled[:, BIAS], after[:, POSITION] + after[:, BIAS])
-    bodies.settle(np.array([[-0.5, 1.0], [0.0, 0.0], [0.0, 0.0]]))
+    bodies.settle(np.array([[-0.5, 1.0], [0.0, 0.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [1.0, -2.0], [0.0, 0.0]]))
+    _, opened = bodies.combined()
+    difference = np.zeros((3, 8, 8))
+    difference[1, 2:4, 2:4] = [[1.0, -2.0], [-2.0, 4.0]]
+    np.testing.assert_allclose(opened, covariance + difference, atol=1e-9)
     bodies.shift(np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 2.0]]))
     moved, _ = bodies.combined()
     np.testing.assert_allclose(moved[:, :2] - after[:, :2], [[1.0, 0.0], [0.0, 0.0], [0.0, 2.0]], atol=1e-12)
