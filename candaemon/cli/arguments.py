@@ -12,6 +12,7 @@ from typing import Final
 from candaemon.can_io.logs.stream import STANDARD_INPUT
 from candaemon.can_io.time_range import DriveMoment, TimeRange, moment
 from candaemon.cli.standard_streams import input_ended_by_interrupt
+from candaemon.errors import ConfigError
 from candaemon.printable import printable
 
 CONFIG: Final = "configuration (YAML), or the name of one that comes with candaemon"
@@ -69,8 +70,15 @@ def add_time_range(parser: argparse.ArgumentParser) -> None:
 
 
 def time_range(arguments: argparse.Namespace) -> TimeRange:
-    """Return the range of time that the arguments ask for."""
-    return TimeRange(arguments.begin, arguments.end)
+    """Return the range of time that the arguments ask for.
+
+    Raises:
+        ConfigError: it ends before it begins.
+    """
+    begin, end = arguments.begin, arguments.end
+    if begin and end and begin.since_begin == end.since_begin and end.time_ns <= begin.time_ns:
+        raise ConfigError("--to is not after --from: nothing lies between them")
+    return TimeRange(begin, end)
 
 
 def drive_moment(text: str) -> DriveMoment:

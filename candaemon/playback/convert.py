@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from candaemon.can_io.drive_reader import DriveReader
-from candaemon.can_io.logs.formats import check_log, log_suffix
+from candaemon.can_io.logs.formats import check_log, written_suffix
 from candaemon.can_io.logs.stream import EveryChannel, LogCounts
 from candaemon.can_io.logs.write import open_log_writer
 from candaemon.can_io.time_range import WHOLE_DRIVE, TimeRange
@@ -72,7 +72,7 @@ def convert(
                     progress(counts)
         counts.require_frames(logs[0])
     by_channel = {channels.names[bus]: frames for bus, frames in sorted(written.items())}
-    return Converted(counts, by_channel, _lost(counts, log_suffix(output), len(written)))
+    return Converted(counts, by_channel, _lost(counts, written_suffix(output), len(written)))
 
 
 def _lost(counts: LogCounts, suffix: str, buses: int) -> list[str]:

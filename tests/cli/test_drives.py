@@ -102,6 +102,37 @@ def test_what_became_of_each_detection(short: Path, tmp_path: Path) -> None:
             assert away < 15  # in vehicle axes both; a vehicle has several reflections
 
 
+def test_standard_input_may_be_a_file(short: Path, tmp_path: Path) -> None:
+    """Its format is told by what it begins with, which must not be missing when it is read."""
+    tracks = tmp_path / "tracks.csv"
+    with (short / "drive.log").open("rb") as log:
+        done = subprocess.run(
+            [*COMMAND, *replaying("-", "--tracks", tracks)], stdin=log, capture_output=True, check=False
+        )
+    assert done.returncode == 0, done.stderr
+    assert tracks.read_bytes() == (short / "tracks.csv").read_bytes()
+
+
+def test_a_device_takes_a_log_as_candump_writes_it(short: Path, tmp_path: Path) -> None:
+    log, expected = tmp_path / "to.log", tmp_path / "named.log"
+    with log.open("wb") as stream:
+        command = [*COMMAND, "convert", str(short / "drive.log"), "/dev/stdout", "--from", "1", "--to", "2"]
+        done = subprocess.run(command, stdout=stream, stderr=subprocess.PIPE, check=False)
+    assert done.returncode == 0, done.stderr
+    assert main(["convert", str(short / "drive.log"), str(expected), "--from", "1", "--to", "2"]) == 0
+    assert log.read_bytes().startswith(expected.read_bytes())
+    assert expected.stat().st_size > 10_000
+
+
+def test_a_range_of_time_that_ends_before_it_begins_is_refused(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["convert", str(short / "drive.log"), str(tmp_path / "c.log"), "--from", "2", "--to", "1"]
+    assert main(command) == 2
+    assert "--to is not after --from" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_standard_input_ends_with_ctrl_c_and_keeps_its_results(short: Path, tmp_path: Path) -> None:
     content = (short / "drive.log").read_bytes()
     assert len(content) > 1 << 18  # more than a pipe holds: what is written has been read, but for that

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from candaemon.can_io.logs.compression import COMPRESSIONS, compression_by_name
-from candaemon.can_io.logs.stream import LogBytes, LogCounts
+from candaemon.can_io.logs.stream import STANDARD_INPUT, LogBytes, LogCounts
 from candaemon.errors import InputError
 
 TEXT_SUFFIXES: Final = (".asc", ".csv", ".log", ".trc")
@@ -49,6 +49,16 @@ def log_suffix(path: Path) -> str:
     return suffix
 
 
+def written_suffix(path: Path) -> str:
+    """Return the suffix that determines the format of a log to be written: of a pipe or a device, that of `candump`.
+
+    Raises:
+        InputError: as of `log_suffix`.
+    """
+    flows = path.exists() and (Path("/dev") in path.parents or not path.is_file())
+    return ".log" if flows and not path.suffix else log_suffix(path)
+
+
 def open_log(path: Path, counts: LogCounts) -> tuple[str, LogBytes]:
     """Open a log; return the suffix of its format with its bytes.
 
@@ -58,7 +68,7 @@ def open_log(path: Path, counts: LogCounts) -> tuple[str, LogBytes]:
     try:
         suffix = log_suffix(path)
     except InputError:
-        if path.is_file() or not path.exists():
+        if _is_named_file(path):
             _check_content(path)
         stream = LogBytes(path, counts, by_content=True)
         suffix = _suffix_of(stream.peek()) or ".log"  # what flows is most likely from `candump`
@@ -75,12 +85,17 @@ def check_log(path: Path) -> None:
     try:
         log_suffix(path)
     except InputError:
-        if path.is_file() or not path.exists():
+        if _is_named_file(path):
             _check_content(path)
     if not path.exists():
         raise InputError("there is no such log; check the path", file=path)
     if not os.access(path, os.R_OK):
         raise InputError("the log cannot be opened: there is no right to read it", file=path)
+
+
+def _is_named_file(path: Path) -> bool:
+    """Return whether a log can be opened once more: what was read of a pipe, or of standard input, is gone."""
+    return path != STANDARD_INPUT and (path.is_file() or not path.exists())
 
 
 def _check_content(path: Path) -> None:

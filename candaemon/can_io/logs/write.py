@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, BinaryIO, Final, Self
 
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.logs.compression import compression_by_name, packed
-from candaemon.can_io.logs.formats import NOT_COMPRESSED, log_suffix
+from candaemon.can_io.logs.formats import NOT_COMPRESSED, log_suffix, written_suffix
 from candaemon.can_io.logs.mf4 import LARGEST_MF4_CHANNEL, Mf4Frames
 from candaemon.can_io.logs.pcap import PcapngPackets, PcapPackets
 from candaemon.can_io.logs.stream import channel_number
@@ -246,13 +246,14 @@ def open_log_writer(file: OutputFile, channels: Sequence[str]) -> LogWriter:
     """Begin a log; the suffix of the file's name determines the format.
 
     Args:
-        file: the log, with one of the readable suffixes; a further `.gz`, `.xz` or `.zst` compresses it.
+        file: the log, with one of the readable suffixes; a further `.gz`, `.xz` or `.zst` compresses it. A pipe or a
+            device needs none.
         channels: names of the buses, by index.
 
     Raises:
         InputError: unknown suffix.
     """
-    suffix = log_suffix(file.path)
+    suffix = written_suffix(file.path)
     if suffix in NOT_COMPRESSED and compression_by_name(file.path):
         raise InputError(f"{NOT_COMPRESSED[suffix]}; expected a name that ends in {suffix}", file=file.path)
     match suffix:
