@@ -16,6 +16,7 @@ from candaemon.cli.replay import LONGEST_LAG, SHORTEST_LAG, channel_of_bus
 from candaemon.cli.report import DEFAULT
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError, InputError
+from candaemon.exports.extras import import_extra
 from candaemon.files.outputs import Outputs, write_file
 from candaemon.fleet.comparison import (
     LEAST_CHANGE,
@@ -120,6 +121,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Compute what is not there yet; fail where a drive did."""
     if arguments.scheduler is not None and (arguments.workers is not None or arguments.memory != "auto"):
         raise ConfigError("--workers and --memory are for processes of this machine; leave them out with --scheduler")
+    import_extra("pyarrow", "fleet", "a run of a fleet")
     options = ReplayOptions(dict(arguments.map), arguments.smooth)
     drives = drives_of(arguments.log, arguments.manifest, find_config(arguments.config))
     configurations = configurations_of(drives, options)

@@ -19,7 +19,7 @@ from candaemon.exports.extras import import_extra
 from candaemon.files.bounded import read_bounded
 from candaemon.fleet.locations import absolute, asked, beside, drives_at, file_system, is_local, local_path
 from candaemon.printable import printable
-from candaemon.similar_names import meant
+from candaemon.similar_names import similar_names
 
 LARGEST_MANIFEST: Final = 256 << 20
 """Longest manifest, bytes."""
@@ -70,7 +70,8 @@ def drives_of(logs: Sequence[str], manifests: Sequence[str], configuration: Path
         raise ConfigError(f"found {len(found):,} drives, expected {MOST_DRIVES:,} at most; make several runs of them")
     twice = [name for name, count in Counter(drive.name for drive in found).items() if count > 1]
     if twice:
-        raise ConfigError(f"two drives are called {printable(', '.join(twice[:5]))}; name them in a manifest")
+        called = printable(", ".join(twice[:5]))
+        raise ConfigError(f"two drives are called {called}; give each a name of its own in a manifest's column 'drive'")
     return found
 
 
@@ -168,12 +169,18 @@ def _check_columns(names: Sequence[str], manifest: str) -> None:
     if "log" not in names:
         raise ConfigError(
             f"found the columns {', '.join(names) or 'none'}, expected 'log', and as you like 'drive', "
-            f"'configuration', 'tags' and tags of your own{meant('log', list(names))}",
+            f"'configuration', 'tags' and tags of your own{_renamed(names)}",
             file=manifest,
             line=1,
         )
     if len(set(names)) != len(names):
         raise ConfigError("a column is there twice", file=manifest, line=1)
+
+
+def _renamed(names: Sequence[str]) -> str:
+    """Return which column is to be renamed to 'log', to follow a message; empty where none is like it."""
+    near = similar_names("log", list(names))
+    return f"; rename '{near[0]}' to 'log'" if near else ""
 
 
 def _drive(row: Mapping[str, str], manifest: str, configuration: Path) -> FleetDrive:

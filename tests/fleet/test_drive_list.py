@@ -84,7 +84,7 @@ def test_a_manifest_may_be_parquet(logs: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("drive,logs\na,b\n", r":1: .*expected 'log'"),
+        ("drive,logs\na,b\n", r":1: .*expected 'log'.*; rename 'logs' to 'log'"),
         ("log,drive\na.log,../up\n", r":2: drive: found '\.\./up'"),
         ("log\n\n ;\n", r":3: 'log' is empty"),
         ("log,tags\na.log,rain\n", ":2: tags: found 'rain'"),
@@ -104,7 +104,7 @@ def test_a_wrong_manifest_is_told_by_line(tmp_path: Path, text: str, message: st
 def test_two_drives_of_one_name_are_refused(logs: Path) -> None:
     path = logs / "manifest.csv"
     path.write_text("drive,log\nother,monday/drive.log\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match="two drives are called other"):
+    with pytest.raises(ConfigError, match="two drives are called other; give each a name"):
         listed(logs / "tuesday" / "other.blf", manifests=(path,))
 
 

@@ -48,6 +48,10 @@ def test_a_missing_library_is_named_with_its_extra(
     (tmp_path / "a.log").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "distributed", None)
     monkeypatch.setitem(sys.modules, "fsspec.core", None)
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "pyarrow", None)
+        assert main(["fleet", "run", "esr_ins", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
+        assert "a run of a fleet needs pyarrow" in capsys.readouterr().err
     assert main(["fleet", "run", "esr_ins", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
     assert "pip install 'candaemon[fleet]'" in capsys.readouterr().err
     assert main(["fleet", "run", "esr_ins", "s3://bucket/a.log", "-o", str(tmp_path / "out")]) == 2
