@@ -80,10 +80,11 @@ def execute(arguments: argparse.Namespace) -> None:
     sheets = list(check_report(binding))
     if arguments.log:
         from candaemon.playback.replay import ReplayRequest, replay  # noqa: PLC0415 - only a log needs the pipeline
+        from candaemon.playback.summary import doubts, summarise  # noqa: PLC0415 - as above
 
         with log_progress(logs_name(arguments.log)) as progress:
             replayed = replay(binding, ReplayRequest(arguments.log[0], further=tuple(arguments.log[1:])), progress)
-        sheets[-1:-1] = _ego_in_log(replayed)
+        sheets[-1:] = [*_ego_in_log(replayed), _warnings((*binding.warnings, *doubts(summarise(replayed))))]
     if arguments.against:
         from candaemon.wizard.findings import findings  # noqa: PLC0415 - as above
 
@@ -427,4 +428,5 @@ def _identifier(can_id: int) -> str:
 
 def _warnings(warnings: tuple[str, ...]) -> Sheet:
     rows = tuple((text,) for text in warnings) or (("nothing looks wrong",),)
-    return Sheet(f"{len(warnings)} warnings" if warnings else "warnings", rows)
+    count = {0: "warnings", 1: "1 warning"}.get(len(warnings), f"{len(warnings)} warnings")
+    return Sheet(count, rows)

@@ -46,6 +46,12 @@ def warn(warnings: Sequence[str]) -> None:
         say(f"warning: and {len(warnings) - _WARNINGS} more, which `candaemon check` shows")
 
 
+def warn_of_log(warnings: Sequence[str]) -> None:
+    """Show the warnings of what was read from a log."""
+    for warning in warnings:
+        say(f"warning: {warning}")
+
+
 @dataclass(frozen=True, slots=True)
 class Sheet:
     """A small table of texts, each made safe to print: names in it may come from anywhere.

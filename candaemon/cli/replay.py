@@ -26,7 +26,7 @@ from candaemon.cli.arguments import (
 )
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
-from candaemon.errors import ConfigError
+from candaemon.errors import ConfigError, InputError
 from candaemon.exports.drive_tables import SUMMARIES, summary_rows
 from candaemon.exports.foxglove_layout import layout
 from candaemon.exports.parquet import SUFFIX, ParquetTable
@@ -34,7 +34,7 @@ from candaemon.files.outputs import Outputs
 from candaemon.playback.recording_files import files_of
 from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
 from candaemon.playback.stage_times import StageTimes, rows
-from candaemon.playback.summary import require_used, silent_sensors, summarise
+from candaemon.playback.summary import doubts, require_used, summarise
 
 LONGEST_LAG: Final = 10.0
 """Longest lag of smoothing, s: later measurements hardly change the estimate, and the effort grows with the lag."""
@@ -144,17 +144,17 @@ def execute(arguments: argparse.Namespace) -> None:
                 table.add(*summary_rows(figures))
         if summary is not None:
             summary.stream.write(f"{json.dumps(figures, indent=2, allow_nan=False)}\n".encode())
-        silent = silent_sensors(figures)
-        if len(silent) == len(figures["sensors"]):
+        try:
+            require_used(request.log, figures)
+        except InputError:
             console.print_figures(name, figures)
-        require_used(request.log, figures)
+            raise
     console.print_figures(name, figures)
     if times is not None:
         cells = rows(times.seconds(), replayed.pipeline.counts.cycles)
         console.print_sheets([console.Sheet("processor time", cells, ("stage", "s", "share", "µs/cycle"))])
     console.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
-    if silent:
-        console.warn([f"sensor '{name}': not one usable frame in this log" for name in silent])
+    console.warn_of_log(doubts(figures))
 
 
 def check_request(request: ReplayRequest, binding: Binding) -> None:

@@ -20,7 +20,7 @@ from candaemon.files.bounded import read_bounded
 from candaemon.files.outputs import Outputs
 from candaemon.playback.recording_files import files_of
 from candaemon.playback.replay import HORIZONS, ReplayRequest, replay
-from candaemon.playback.summary import require_used, summarise
+from candaemon.playback.summary import doubts, require_used, summarise
 from candaemon.report.drive_page import ReportedDrive, page
 from candaemon.report.drive_record import DriveRecord
 
@@ -71,4 +71,5 @@ def execute(arguments: argparse.Namespace) -> None:
         whole.stream.write(page(drive).encode())
         if summary is not None:
             summary.stream.write(f"{json.dumps(figures, indent=2, allow_nan=False)}\n".encode())
+    console.warn_of_log(doubts(figures))
     console.say(f"{arguments.output} is the report; open it in a browser")

@@ -18,6 +18,25 @@ from candaemon.playback.replay import Replayed
 
 _CHANNELS_NAMED: Final = 10
 """Channels of a log that a message lists."""
+_BULK: Final = 0.1
+"""Share of what came that, left out, is worth a warning."""
+_LEFT_OUT: Final = {
+    "surplus": "frames of more objects than `slots`",
+    "short": "frames shorter than their message",
+    "unpaired": "objects of messages that do not belong together",
+    "rejected": "objects without a place or a required message",
+    "not_finite": "objects with a value that is no number",
+    "out_of_range": "objects outside of the DBC's ranges",
+    "impossible": "objects that moved as nothing can",
+}
+"""What is said of a sensor's frames and objects that were left out, by their count."""
+_REFUSED: Final = {
+    "short": "shorter than their message",
+    "not_finite": "with a value that is no number",
+    "out_of_range": "outside of the DBC's ranges",
+    "impossible": "of a motion that cannot be",
+}
+"""Likewise of ego motion."""
 
 
 def summarise(replayed: Replayed) -> dict[str, Any]:
@@ -125,19 +144,47 @@ def _without_truth(score: DriveScore) -> dict[str, Any]:
     }
 
 
-def silent_sensors(figures: Mapping[str, Any]) -> list[str]:
-    """Return the sensors of which a log has not one usable frame."""
-    return [name for name, counts in figures["sensors"].items() if not counts["used"]]
+def doubts(figures: Mapping[str, Any]) -> list[str]:
+    """Return what to know of a replay before its results are trusted: what never came, what was left out in bulk."""
+    found = []
+    for name, counts in figures["sensors"].items():
+        if not counts["used"]:
+            found.append(f"sensor '{name}': not one usable frame in this log")
+            continue
+        for cause, what in _LEFT_OUT.items():
+            if counts[cause] > _BULK * (counts["used"] + counts[cause]):
+                found.append(f"sensor '{name}': {counts[cause]:,} {what}, beside {counts['used']:,} frames used")
+    taken, refused = max(figures["ego_signals"].values(), default=0), figures["own_motion"]
+    for cause, what in _REFUSED.items():
+        if refused[cause] > _BULK * (taken + refused[cause]):
+            found.append(f"own motion: {refused[cause]:,} frames {what}, beside {taken:,} taken")
+    tracked, blind = figures["tracks"]["cycles"], figures["cycles"]["without_ego"]
+    if blind > _BULK * (tracked + blind):
+        found.append(f"own motion was not known in {blind:,} of {tracked + blind:,} scans, which were dropped")
+    return found
 
 
 def require_used(log: Path, figures: Mapping[str, Any]) -> None:
-    """Refuse a log without one usable frame of any sensor."""
-    if len(silent_sensors(figures)) < len(figures["sensors"]):
+    """Refuse a log of which nothing can be tracked.
+
+    Raises:
+        InputError: it has not one usable frame of any sensor, or own motion was not known in any scan.
+    """
+    tracked, blind = figures["tracks"]["cycles"], figures["cycles"]["without_ego"]
+    if not any(counts["used"] for counts in figures["sensors"].values()):
+        wrong = f"not one usable frame of any sensor ({', '.join(figures['sensors'])})"
+    elif blind and not tracked:
+        silent = ", ".join(name for name, count in figures["ego_signals"].items() if not count) or "none"
+        wrong = (
+            f"own motion was not known in any of {blind:,} scans, and nothing is tracked without it; signals of it "
+            f"that never came: {silent}"
+        )
+    else:
         return
     others = ", ".join(list(figures["log"]["other_channels"])[:_CHANNELS_NAMED]) or "none"
     raise InputError(
-        f"not one usable frame of any sensor ({', '.join(figures['sensors'])}); log channels no bus takes: {others}; "
-        "check each bus's channel, or use --map CHANNEL=BUS; nothing is written",
+        f"{wrong}; log channels no bus takes: {others}; check each bus's channel, or use --map CHANNEL=BUS; nothing is "
+        "written",
         file=log,
     )
 

@@ -19,6 +19,7 @@ import yaml
 
 from candaemon.cli.main import main
 from candaemon.config.load import json_schema
+from candaemon.playback.summary import doubts
 from tests.beds.waiting import wait_until
 from tests.support.paths import ROOT
 
@@ -186,6 +187,48 @@ def test_a_log_without_a_usable_frame_is_1(
     log.write_text(text, encoding="utf-8")
     assert main(["replay", "esr_ins", str(log), "-o", str(tmp_path / "o.log")]) == 1
     assert said in capsys.readouterr().err
+
+
+def test_a_log_without_own_motion_costs_no_result_that_is_there(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, tracks, page = tmp_path / "radar.log", tmp_path / "tracks.csv", tmp_path / "page.html"
+    lines = (short / "drive.log").read_text(encoding="utf-8").splitlines(keepends=True)
+    log.write_text("".join(line for line in lines if " can2 " not in line), encoding="utf-8")
+    tracks.write_text("earlier", encoding="utf-8")
+    assert main(["replay", "esr_ins", str(log), "--tracks", str(tracks)]) == 1
+    told = capsys.readouterr().err
+    assert "own motion was not known in any of" in told
+    assert "never came: latitude, longitude, velocity_north" in told
+    assert "--map" in told
+    assert tracks.read_text(encoding="utf-8") == "earlier"
+    assert main(["report", "esr_ins", str(log), "-o", str(page)]) == 1
+    assert not page.exists()
+    assert main(["check", "esr_ins", str(log)]) == 0
+    assert "1 warning\n" in (checked := capsys.readouterr().out)
+    assert "own motion was not known in" in checked[checked.index("1 warning") :]
+
+
+def test_what_is_left_out_in_bulk_is_told(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, summary = tmp_path / "drive.log", tmp_path / "summary.json"
+    lines = (short / "drive.log").read_text(encoding="utf-8").splitlines(keepends=True)
+    first = float(lines[0].split(")")[0][1:])
+    kept = (line for line in lines if " can2 " not in line or float(line.split(")")[0][1:]) > first + 2.0)
+    log.write_text("".join(kept), encoding="utf-8")
+    assert main(["replay", "esr_ins", str(log), "--summary", str(summary)]) == 0
+    assert re.search(r"warning: own motion was not known in \d+ of \d+ scans", capsys.readouterr().err)
+    assert main(["replay", "esr_ins", str(short / "drive.log"), "--summary", str(summary)]) == 0
+    assert "warning" not in capsys.readouterr().err
+    figures = json.loads(summary.read_text(encoding="utf-8"))
+    assert doubts(figures) == []
+    figures["sensors"]["front"] |= {"used": 900, "surplus": 101, "out_of_range": 99}
+    figures["own_motion"]["out_of_range"] = taken = max(figures["ego_signals"].values())
+    assert doubts(figures) == [
+        "sensor 'front': 101 frames of more objects than `slots`, beside 900 frames used",
+        f"own motion: {taken:,} frames outside of the DBC's ranges, beside {taken:,} taken",
+    ]
+    figures["sensors"]["front"]["used"] = 0
+    assert doubts(figures)[0] == "sensor 'front': not one usable frame in this log"
 
 
 def test_files_that_are_not_there_or_cannot_be_written(
