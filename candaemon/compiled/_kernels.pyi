@@ -295,6 +295,7 @@ def bodies_to_merge(
     offset: Floats,
     since_ns: int,
     begun_ns: int,
+    fresh_ns: int,
     slow: float,
     moved: float,
     apart: float,

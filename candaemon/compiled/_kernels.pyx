@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 116
+REVISION = 117
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3073,6 +3073,7 @@ def bodies_to_merge(
     const double[:, :] offset,
     Py_ssize_t since_ns,
     Py_ssize_t begun_ns,
+    Py_ssize_t fresh_ns,
     double slow,
     double moved,
     double apart,
@@ -3099,7 +3100,7 @@ def bodies_to_merge(
     cdef Py_ssize_t n = mean.shape[0], young, old
     cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, squared
     cdef double reach = larger(larger(along, course_along), larger(standing_extent, extent)) + larger(across, course_across)
-    cdef bint moving, by_course, by_box, near
+    cdef bint moving, by_course, by_box, near, stand
     found_array, needed_array = np.empty(n, np.int64), np.empty(n)
     cdef Py_ssize_t[::1] found = found_array
     cdef double[::1] needed = needed_array, fast = np.empty(n)
@@ -3133,10 +3134,12 @@ def bodies_to_merge(
                 elif not by_box:
                     near = ahead < along and aside < across
                     squared = ahead * ahead + aside * aside
-                    if not near and squared < larger(along * along, standing_extent * standing_extent):
-                        near = stands(mean, directed, fastest, young, slow, moved)
-                        near = near and stands(mean, directed, fastest, old, slow, moved)
-                        near = near and (
+                    if near or squared < larger(along * along, standing_extent * standing_extent):
+                        stand = stands(mean, directed, fastest, young, slow, moved)
+                        stand = stand and stands(mean, directed, fastest, old, slow, moved)
+                        if stand and first_ns[young] <= fresh_ns:
+                            continue
+                        near = near or stand and (
                             squared < along * along
                             and last_ns[young] != last_ns[old]
                             or squared < standing_extent * standing_extent

@@ -96,6 +96,9 @@ class StoodSettings(Settings):
         "one scan shows both …",
     )
     extent: float = Field(4.5, gt=0, le=30, description="… where their leading reflections are nearer than so many m")
+    apart_for: float = Field(
+        3.0, ge=0, le=60, description="s since its first detection, after which what stands by itself stays by itself"
+    )
 
 
 class StraySettings(Settings):

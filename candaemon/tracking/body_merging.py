@@ -21,10 +21,11 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     What moves is compared along and across its course: its speed across is known worst, and parts of one vehicle
     differ there by noise alone. What stands and never showed a course is compared in all directions alike, for it may
     be parked across; but what was last seen in one scan is two, as who stands beside a car, unless reflections of both
-    lie close together: so do those of a car parked across, and who stands that close to one is a part of it. What moves
-    one behind the other as fast is one vehicle where no driver would follow so closely. What has stood all the time is
-    none of what has moved: a car that stops beside a post stays a car. Of two that never were faster than
-    someone walks, one that surely walks is none of one that stands.
+    lie close together: so do those of a car parked across, and who stands that close to one is a part of it. What has
+    stood apart for long stays apart, as cars side by side at a light. What moves one behind the other as fast is one
+    vehicle where no driver would follow so closely. What has stood all the time is none of what has moved: a car that
+    stops beside a post stays a car. Of two that never were faster than someone walks, one that surely walks is none of
+    one that stands.
 
     Args:
         bodies: of the cycle.
@@ -58,6 +59,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             reflections.offset,
             since_ns,
             time_ns - _YOUNG_NS,
+            time_ns - round(standing.apart_for * 1e9),
             standing.speed,
             standing.moved,
             standing.apart,
@@ -105,7 +107,9 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     either |= (squared < standing.extent * standing.extent) & _close_by(
         bodies, stands, young, old, standing.apart, since_ns
     )
-    near |= stands[young] & stands[old] & either
+    both_stand = stands[young] & stands[old]
+    fresh = obstacles.first_ns[young] > time_ns - round(standing.apart_for * 1e9)
+    near = np.where(both_stand, (near | either) & fresh, near)
     variance = np.trace(moments.shown_covariance[:, VELOCITY, VELOCITY], axis1=1, axis2=2)
     lately, begun = obstacles.last_ns >= since_ns, time_ns - obstacles.first_ns < _YOUNG_NS
     unclear, differ = variance[young] + variance[old], (faster * faster).sum(axis=1)

@@ -791,6 +791,22 @@ def test_what_passes_close_by_keeps_its_velocity() -> None:
             assert hypot(told.vx[0] - 8.0, told.vy[0]) < 0.7
 
 
+def test_cars_side_by_side_at_a_light_stay_two() -> None:
+    """One was merged into the other as soon as the radar lost it for half a second, or noise brought them together."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(3)
+    lead, beside = Seen(0, 14.0, 0.0, 0.0, 0.0), Seen(1, 12.0, -2.8, 0.0, 0.0)
+    for t in times(0, 100):
+        told = fed.scan(t, noisy(rng, [lead, beside]))
+    identities = set(told.id.tolist())
+    assert len(identities) == 2
+    for t in times(100, 115):
+        fed.scan(t, noisy(rng, [beside]))
+    for t in times(115, 150):
+        told = fed.scan(t, noisy(rng, [lead, beside]))
+    assert set(told.id.tolist()) == identities
+    np.testing.assert_allclose(np.sort(told.y), [-2.8, 0.0], atol=0.5)
+
+
 def test_no_reflection_lies_beyond_its_body_for_long() -> None:
     """What the filter takes for a bias of metres is where the body is."""
     fed = HandFedVehicles()
