@@ -428,5 +428,5 @@ def _identifier(can_id: int) -> str:
 
 def _warnings(warnings: tuple[str, ...]) -> Sheet:
     rows = tuple((text,) for text in warnings) or (("nothing looks wrong",),)
-    count = {0: "warnings", 1: "1 warning"}.get(len(warnings), f"{len(warnings)} warnings")
-    return Sheet(count, rows)
+    title = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings" if warnings else "warnings"
+    return Sheet(title, rows)

@@ -40,8 +40,7 @@ def say(text: str) -> None:
 
 def warn(warnings: Sequence[str]) -> None:
     """Show the first few warnings of a configuration."""
-    for warning in warnings[:_WARNINGS]:
-        say(f"warning: {warning}")
+    warn_of_log(warnings[:_WARNINGS])
     if len(warnings) > _WARNINGS:
         say(f"warning: and {len(warnings) - _WARNINGS} more, which `candaemon check` shows")
 

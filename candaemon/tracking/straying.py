@@ -19,9 +19,7 @@ from candaemon.tracking.reflections import to_travel_axes
 
 _SURELY = 3.0  # standard deviations
 _JUMP = 4.5  # sums of both variances: the square of three standard deviations along one axis. Beyond, it is an outlier
-_LEAST_JUMP = (
-    0.3  # m more than someone walks in a scan: an outlier is farther off than that, however precise the sensor
-)
+_LEAST_JUMP = 0.3  # m more than someone walks in a scan: an outlier is farther off, however precise the sensor
 _STILL = 0.5  # of the speed of what stands: a single reflection that is slower than that does not move
 _LEAST_STEP = 1e-3  # s
 _NEAREST = 1.0  # m², keeps the turn rate of a line of sight without length finite
