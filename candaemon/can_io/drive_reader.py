@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Final
 
@@ -19,10 +19,11 @@ import numpy as np
 from candaemon.arrays import Integers
 from candaemon.can_io.logs.merge import LogBlock, TimedLog, merged
 from candaemon.can_io.logs.read import read_log_blocks
-from candaemon.can_io.logs.stream import ChannelMap, LogCounts
+from candaemon.can_io.logs.stream import TICK_BUS, ChannelMap, LogCounts
 from candaemon.can_io.stray_times import StrayTimes
 from candaemon.can_io.time_range import TimeRange
 from candaemon.errors import InputError
+from candaemon.frames.frame import Frame
 from candaemon.frames.frame_block import FrameBlock
 from candaemon.printable import printable
 
@@ -31,6 +32,8 @@ logger = logging.getLogger(__name__)
 EARLIEST_EPOCH_NS: Final = 315_532_800_000_000_000
 """ns: a time before 1980 counts from the log's own beginning, not from 1970."""
 _NAMED = 8  # logs in a message
+_ONE_DRIVE: Final = 86400.0
+"""s from the beginning of a log to that of the next, at most, for logs of one drive."""
 
 
 class DriveReader:
@@ -74,26 +77,37 @@ class DriveReader:
         """Yield the frames of logs in order of time."""
         if len(logs) == 1:
             return self.consecutive(logs)
-        firsts = [self._first_of(log) for log in logs]
-        if any(first_ns is not None and first_ns < EARLIEST_EPOCH_NS for first_ns in firsts):
+        found = [(log, self._first_of(log)) for log in logs]
+        if any(first is not None and first.time_ns < EARLIEST_EPOCH_NS for _, first in found):
             return self.consecutive(logs)
-        timed = [(first_ns, log) for first_ns, log in zip(firsts, logs, strict=True) if first_ns is not None]
-        timed.sort(key=lambda each: each[0])
-        in_order = [log for _, log in timed]
-        if in_order != [log for log, first_ns in zip(logs, firsts, strict=True) if first_ns is not None]:
-            names = ", ".join(printable(log.name) for log in in_order[:_NAMED])
+        begun = [(first, log) for log, first in found if first is not None]
+        in_order = sorted(begun, key=lambda each: each[0].time_ns)
+        _require_different(in_order)
+        if in_order != begun:
+            names = ", ".join(printable(log.name) for _, log in in_order[:_NAMED])
             more = f" and {len(in_order) - _NAMED} more" if len(in_order) > _NAMED else ""
             logger.warning("the logs are read in order of time: %s%s", names, more)
+        _warn_if_apart(in_order)
         # those without a frame are read for what they count
-        empty = self._each([log for log, first_ns in zip(logs, firsts, strict=True) if first_ns is None])
-        begun = [TimedLog(first_ns, partial(self._one, log)) for first_ns, log in timed]
-        return self._within(chain(empty, merged(begun)))
+        empty = chain.from_iterable(self._part(log) for log, first in found if first is None)
+        timed = [TimedLog(first.time_ns, partial(self._one, log)) for first, log in in_order]
+        return self._within(chain(empty, merged(timed)))
 
     def _one(self, log: Path) -> Iterator[LogBlock]:
-        return self._corrected(read_log_blocks(log, self._channels, self._counts))
+        return self._corrected(self._part(log))
 
     def _each(self, logs: Sequence[Path]) -> Iterator[LogBlock]:
-        return chain.from_iterable(read_log_blocks(log, self._channels, self._counts) for log in logs)
+        if len(logs) == 1:
+            return iter(read_log_blocks(logs[0], self._channels, self._counts))
+        return chain.from_iterable(map(self._part, logs))
+
+    def _part(self, log: Path) -> Iterator[LogBlock]:
+        """Yield the frames of one of several logs, which its messages name."""
+        part = self._counts.of_one(log)
+        for block in read_log_blocks(log, self._channels, part):
+            self._counts.take_over(part)
+            yield block
+        self._counts.take_over(part)
 
     def _corrected(self, blocks: Iterable[LogBlock]) -> Iterator[LogBlock]:
         if not self._corrects:
@@ -102,8 +116,8 @@ class DriveReader:
         self._strays.append(strays)
         return strays.removed(blocks)
 
-    def _first_of(self, log: Path) -> int | None:
-        """Return the time of a log's first frame; None where it has none.
+    def _first_of(self, log: Path) -> Frame | None:
+        """Return a log's first frame; None where it has none.
 
         Raises:
             InputError: it is no file: what it gives can be read only once.
@@ -112,7 +126,7 @@ class DriveReader:
             raise InputError("it is no file, and is read alone; with other logs, save it first", file=log)
         for block in read_log_blocks(log, self._channels, LogCounts(tells=False)):
             if len(block):
-                return int(times_of(block)[0])
+                return next(iter(block.frames() if isinstance(block, FrameBlock) else block))
         return None
 
     def _within(self, blocks: Iterable[LogBlock]) -> Iterator[LogBlock]:
@@ -148,6 +162,41 @@ class DriveReader:
         counts = self._counts
         counts.outside += counts.frames - self._passed + counts.ticks - self._passed_ticks
         counts.frames, counts.ticks = self._passed, self._passed_ticks
+
+
+def _require_different(logs: Sequence[tuple[Frame, Path]]) -> None:
+    """Raise if one log is named twice, by its name or a copy's.
+
+    Args:
+        logs: with the first frame of each, in order of time.
+
+    Raises:
+        InputError: two begin with the same frame at the same time.
+    """
+    named: dict[Frame, Path] = {}
+    for first, log in logs:
+        if first.bus == TICK_BUS:  # recordings of one daemon may begin with the same one
+            continue
+        if first in named:
+            other = printable(str(named[first]))
+            raise InputError(
+                f"it begins with the same frame, at the same time, as {other}: each frame would count twice; name one "
+                "of them",
+                file=log,
+            )
+        named[first] = log
+
+
+def _warn_if_apart(logs: Sequence[tuple[Frame, Path]]) -> None:
+    """Tell of logs that begin too far apart to be of one drive."""
+    for (earlier, before), (later, log) in pairwise(logs):
+        seconds = (later.time_ns - earlier.time_ns) * 1e-9
+        if seconds > _ONE_DRIVE:
+            names = printable(before.name), printable(log.name)
+            logger.warning(
+                "%s begins %.1f days before %s: they are read as one drive", names[0], seconds / 86400, names[1]
+            )
+            return
 
 
 def times_of(block: LogBlock) -> Integers:

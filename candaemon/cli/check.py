@@ -86,9 +86,10 @@ def execute(arguments: argparse.Namespace) -> None:
             replayed = replay(binding, ReplayRequest(arguments.log[0], further=tuple(arguments.log[1:])), progress)
         sheets[-1:] = [*_ego_in_log(replayed), _warnings((*binding.warnings, *doubts(summarise(replayed))))]
     if arguments.against:
+        from candaemon.playback.recording_files import unfolded  # noqa: PLC0415 - as above
         from candaemon.wizard.findings import findings  # noqa: PLC0415 - as above
 
-        sheets.append(_contradictions(binding, findings(binding, arguments.against)))
+        sheets.append(_contradictions(binding, findings(binding, unfolded(arguments.against))))
     guesses = tuple((f"line {line}", text) for line, text in guessed_lines(binding.loaded.path))
     if guesses:
         sheets.append(Sheet("guesses of candaemon init, to confirm or to mend", guesses))

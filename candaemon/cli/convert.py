@@ -15,6 +15,7 @@ from candaemon.cli.arguments import (
     time_range,
 )
 from candaemon.playback.convert import convert
+from candaemon.playback.recording_files import unfolded
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=log_path,
         nargs="+",
         metavar="IN",
-        help=f"{LOG_FORMATS}; several are one drive; - for standard input",
+        help=f"{LOG_FORMATS}; several are one drive; - for standard input; or the folder of a recording",
     )
     parser.add_argument("output", type=output_path, metavar="OUT", help="the log to write; its name says the format")
     add_time_range(parser)
@@ -34,7 +35,7 @@ def execute(arguments: argparse.Namespace) -> None:
     """Convert, and print what was written."""
     name = logs_name(arguments.log)
     with console.log_progress(name) as progress, ended_input(arguments.log):
-        converted = convert(arguments.log, arguments.output, time_range(arguments), progress)
+        converted = convert(unfolded(arguments.log), arguments.output, time_range(arguments), progress)
     console.print_figures(
         arguments.output.name,
         {"frames": sum(converted.frames.values()), "channels": converted.frames, "lines": converted.log.lines},

@@ -20,7 +20,7 @@ import logging
 import os
 import re
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -115,10 +115,14 @@ def logs_in(folder: Path) -> list[Path]:
     return sorted(folder.glob(f"*{LOG}"), key=lambda path: (number_of(path) or 0, path.name))
 
 
+def unfolded(logs: Iterable[Path]) -> list[Path]:
+    """Return logs with those of each folder in its place."""
+    return [each for log in logs for each in (logs_in(log) if log.is_dir() else [log])]
+
+
 def files_of(*logs: Path) -> list[Path]:
     """Return all files that logs, or folders of logs, consist of: the logs, and the states beside them."""
-    logs = tuple(each for log in logs for each in (logs_in(log) if log.is_dir() else [log]))
-    return [path for each in logs for path in (each, each.with_suffix(STATE))]
+    return [path for each in unfolded(logs) for path in (each, each.with_suffix(STATE))]
 
 
 def header_beside(log: Path) -> StateHeader | None:

@@ -80,6 +80,28 @@ def test_a_log_without_frames_costs_the_others_nothing(tmp_path: Path) -> None:
         read(tmp_path / "a.log", tmp_path / "pipe.log")
 
 
+def test_of_several_logs_messages_name_theirs_and_count_its_lines(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, second = write(tmp_path / "a.log", FRAMES[:10]), write(tmp_path / "b.log", FRAMES[10:20])
+    second.write_bytes(second.read_bytes() + b"garbage\ncut")
+    found, counts = read(first, second)
+    assert (found, counts.malformed, counts.truncated) == (FRAMES[:20], 2, True)
+    assert counts.bytes_read == counts.bytes_total == first.stat().st_size + second.stat().st_size
+    assert counts.examples == [f"{second}, line 11: 'garbage'", f"{second}, line 12: 'cut'"]
+    assert f"{second} ends early: its last line is cut short; what came before it is used" in caplog.messages
+    assert read(second)[1].examples[0] == "line 11: 'garbage'"
+
+
+def test_a_log_is_named_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    first, copy = write(tmp_path / "a.log", FRAMES[:10]), write(tmp_path / "copy.pcapng", FRAMES[:10])
+    with pytest.raises(InputError, match=r"copy\.pcapng: it begins with the same frame, at the same time, as .*a\.log"):
+        read(first, copy)
+    later = [frame._replace(time_ns=frame.time_ns + 3 * 86400 * 10**9) for frame in FRAMES[:10]]
+    assert len(read(first, write(tmp_path / "later.log", later))[0]) == 20
+    assert caplog.messages == ["a.log begins 3.0 days before later.log: they are read as one drive"]
+
+
 def test_a_part_of_a_drive(tmp_path: Path) -> None:
     log = write(tmp_path / "a.log", FRAMES)
     since = TimeRange(DriveMoment(2_000_000_000, since_begin=True), DriveMoment(3_000_000_000, since_begin=True))

@@ -43,8 +43,9 @@ def log_suffix(path: Path) -> str:
     suffix = name.suffix.lower()
     if suffix not in LOG_SUFFIXES:
         known, packed = ", ".join(LOG_SUFFIXES), ", ".join(COMPRESSIONS)
+        hint = "; a configuration is named before the logs" if suffix in {".yaml", ".yml"} else ""
         raise InputError(
-            f"found the suffix '{suffix}', expected one of {known}, each also with {packed} after it", file=path
+            f"found the suffix '{suffix}', expected one of {known}, each also with {packed} after it{hint}", file=path
         )
     return suffix
 

@@ -9,11 +9,13 @@ import re
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from candaemon.can_io.logs.compression import compression_by_content, compression_by_name, unpacked
 from candaemon.errors import InputError
+from candaemon.printable import printable
 
 if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
@@ -50,11 +52,26 @@ _LONGEST_NAME = 100
 _TRAILING_NUMBER = re.compile(r"(\d+)$")
 
 
+_SUMMED: Final = (
+    "lines",
+    "frames",
+    "malformed",
+    "remote",
+    "error_frames",
+    "ticks",
+    "outside",
+    "other_lines",
+    "bytes_read",
+    "bytes_total",
+)
+_summed: Final = attrgetter(*_SUMMED)
+
+
 @dataclass(slots=True)
 class LogCounts:
     """Counts of a log reader; updated while reading, up to one chunk ahead of the frames it has returned.
 
-    Logs that are read one after another may share one object: its values, line numbers included, are their sums.
+    Of several logs that are read as one, the values are sums, taken over from a part `of_one` each.
 
     Attributes:
         lines: lines of a text log, objects of a `.blf`, records of an `.mf4`, packets and blocks of a capture. Each is
@@ -62,7 +79,7 @@ class LogCounts:
             `outside`, `other_lines` and the values of `other_channels`.
         frames: data frames passed on.
         malformed: lines that are not a valid frame.
-        examples: the first few malformed lines, as "line N: text".
+        examples: the first few malformed lines, as "line N: text", after the log's name and a comma if it is a part.
         remote: remote frames, skipped.
         error_frames: error frames, skipped.
         ticks: lines with a time only, passed on.
@@ -76,6 +93,7 @@ class LogCounts:
         bytes_read: position in the file on disk, compressed or not; for a progress bar.
         bytes_total: size of that file; 0 of a pipe.
         tells: whether oddities are logged.
+        log: name of the log of which these are a part, else empty.
     """
 
     lines: int = 0
@@ -94,6 +112,25 @@ class LogCounts:
     bytes_read: int = 0
     bytes_total: int = 0
     tells: bool = True
+    log: str = ""
+    _taken: tuple[int, ...] = (0,) * len(_SUMMED)
+
+    def of_one(self, log: Path) -> LogCounts:
+        """Return counts of one of several logs, to be given to `take_over` again and again while it is read."""
+        return LogCounts(
+            examples=self.examples, other_channels=self.other_channels, tells=self.tells, log=printable(str(log))
+        )
+
+    def take_over(self, part: LogCounts) -> None:
+        """Add what a part has counted since it was taken over last."""
+        values = _summed(part)
+        for name, value, taken in zip(_SUMMED, values, part._taken, strict=True):
+            if value != taken:
+                setattr(self, name, getattr(self, name) + value - taken)
+        part._taken = values
+        self.truncated |= part.truncated
+        self.stream_error = self.stream_error or part.stream_error
+        self.advice = self.advice or part.advice
 
     def note_malformed(self, line: int, text: str) -> None:
         """Count a malformed line; store and log the first few.
@@ -105,7 +142,8 @@ class LogCounts:
         self.malformed += 1
         if len(self.examples) >= EXAMPLES:
             return
-        example = f"line {line}: {text[:500].strip()[:80]!r}"
+        of_log = f"{self.log}, " if self.log else ""
+        example = f"{of_log}line {line}: {text[:500].strip()[:80]!r}"
         self.examples.append(example)
         last = "; further ones are only counted" if len(self.examples) == EXAMPLES else ""
         self._tell("not a CAN frame, skipped: %s%s", example, last)
@@ -126,13 +164,13 @@ class LogCounts:
         """Record that the file ended early."""
         self.truncated = True
         self.stream_error = reason
-        self._tell("the log ends early: %s; what came before it is used", reason)
+        self._tell("%s ends early: %s; what came before it is used", self.log or "the log", reason)
 
     def note_advice(self, advice: str) -> None:
         """Record, and tell once, what to do about what is not read."""
         if not self.advice:
             self.advice = advice
-            self._tell("%s", advice)
+            self._tell("%s%s", f"{self.log}: " if self.log else "", advice)
 
     def _tell(self, text: str, *words: str) -> None:
         """Log what a user should know."""
