@@ -28,6 +28,9 @@ SLOWEST: Final = 0.001
 FASTEST: Final = 1_000_000.0
 """Largest multiple of real time."""
 
+STANDARD_OUTPUT: Final = Path("/dev/stdout")
+"""The file that goes to standard output."""
+
 _LONGEST_QUOTED = 60  # characters
 
 
@@ -37,8 +40,8 @@ def input_path(text: str) -> Path:
 
 
 def output_path(text: str) -> Path:
-    """Read the path of a file that a command writes."""
-    return _path(text)
+    """Read the path of a file that a command writes; `-` is standard output."""
+    return STANDARD_OUTPUT if text == "-" else _path(text)
 
 
 def output_folder(text: str) -> Path:

@@ -8,6 +8,7 @@ import yaml
 
 from candaemon.binding.bind import bind
 from candaemon.calibration.proposals import Finding, patch, proposals
+from candaemon.calibration.window import LEAST_SPEED
 from candaemon.cli import console
 from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, output_path
 from candaemon.cli.replay import channel_of_bus
@@ -63,7 +64,12 @@ def execute(arguments: argparse.Namespace) -> None:
     seconds = ", ".join(f"{name} {each.windows}" for name, each in found.items())
     header = ("", "unit", "configured", "found", "±", "proposed", "")
     console.print_sheets([console.Sheet(f"seconds of standing returns: {seconds}", tuple(map(_cells, rows)), header)])
-    if not changes:
+    if all(row.found is None for row in rows):
+        console.say(
+            f"nothing can be told: a minute or more of returns that stand is needed, while the vehicle drives at "
+            f"{LEAST_SPEED:g} m/s at least"
+        )
+    elif not changes:
         console.say("nothing to change")
 
 

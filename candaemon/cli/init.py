@@ -8,7 +8,9 @@ from pathlib import Path
 
 from candaemon.cli.arguments import LOG_FORMATS, input_path, output_path
 from candaemon.cli.console import say
+from candaemon.errors import ConfigError
 from candaemon.files.outputs import Outputs
+from candaemon.playback.recording_files import unfolded
 from candaemon.printable import printable
 from candaemon.wizard.draft import GUESS, Ask, Choice, take_guess
 from candaemon.wizard.draft_text import draft_text, relative_path
@@ -31,11 +33,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"a recorded drive, which tells the most: {LOG_FORMATS}; repeatable: several are one drive",
     )
     parser.add_argument("-o", "--output", type=output_path, metavar="YAML", help="write it there; default: print it")
+    parser.add_argument("--force", action="store_true", help="write over a file that is there")
     parser.add_argument("--yes", action="store_true", help="take the best guess where nothing tells, and ask nothing")
 
 
 def execute(arguments: argparse.Namespace) -> None:
     """Find the configuration, ask about guesses on a terminal, and write it."""
+    if arguments.output is not None and arguments.output.is_file() and not arguments.force:
+        raise ConfigError(
+            "it is there, and may have been edited; choose another name, or --force", file=arguments.output
+        )
     asks = not arguments.yes and sys.stdin.isatty() and sys.stderr.isatty()
     with Outputs([*arguments.dbc, *arguments.log]) as outputs:
         written = None if arguments.output is None else outputs.open(arguments.output)
@@ -52,7 +59,7 @@ def execute(arguments: argparse.Namespace) -> None:
 
 def _configuration(arguments: argparse.Namespace, ask: Ask) -> str:
     """Return the configuration that the files tell, as YAML."""
-    traffic = read_traffic(arguments.log) if arguments.log else None
+    traffic = read_traffic(unfolded(arguments.log)) if arguments.log else None
     proposal = calibrated(propose(arguments.dbc, traffic, ask))
     folder = Path.cwd() if arguments.output is None else arguments.output.parent
     factor, why = fitted_noise(proposal)

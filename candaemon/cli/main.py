@@ -77,7 +77,8 @@ def _execute(argv: list[str], parsed: Callable[[list[str], ServiceSignals | None
     try:
         with ServiceSignals() if argv[:1] == ["run"] else _ended_by_signals() as signals:
             arguments = parsed(argv, signals)
-            arguments.execute(arguments)
+            with standard_streams.prints_beside(vars(arguments).values()):
+                arguments.execute(arguments)
     except CandaemonError as error:
         logger.error("error: %s", error)  # noqa: TRY400 - a traceback does not help the user
         return error.exit_code

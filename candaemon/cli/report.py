@@ -10,7 +10,17 @@ from typing import Any, Final
 
 from candaemon.binding.bind import bind
 from candaemon.cli import console
-from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, output_path
+from candaemon.cli.arguments import (
+    CONFIG,
+    LOG_FORMATS,
+    add_time_range,
+    ended_input,
+    input_path,
+    log_path,
+    logs_name,
+    output_path,
+    time_range,
+)
 from candaemon.cli.replay import channel_of_bus, check_request
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
@@ -31,12 +41,19 @@ DEFAULT: Final = Path("report.html")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
-    parser.add_argument("log", type=input_path, metavar="LOG", help=f"{LOG_FORMATS}; or the folder of a recording")
+    parser.add_argument(
+        "log",
+        type=log_path,
+        nargs="+",
+        metavar="LOG",
+        help=f"{LOG_FORMATS}; several are one drive; - for standard input; or the folder of a recording",
+    )
     parser.add_argument(
         "-o", "--output", type=output_path, default=DEFAULT, metavar="HTML", help=f"the report; default: {DEFAULT}"
     )
     parser.add_argument("--truth", type=input_path, metavar="CSV", help="table that simulate --truth wrote: errors too")
     parser.add_argument("--summary", type=output_path, metavar="JSON", help="the figures, for programs")
+    add_time_range(parser)
     parser.add_argument(
         "--map",
         type=channel_of_bus,
@@ -52,22 +69,28 @@ def execute(arguments: argparse.Namespace) -> None:
     binding = bind(load_config(find_config(arguments.config)))
     console.warn(binding.warnings)
     truth = [] if arguments.truth is None else [arguments.truth]
-    with TemporaryDirectory() as folder, Outputs([*binding.files, *files_of(arguments.log), *truth]) as outputs:
-        tracks = None if arguments.truth is None else Path(folder) / "tracks.csv"
-        request = ReplayRequest(arguments.log, tracks=tracks, channels=dict(arguments.map))
+    with TemporaryDirectory() as folder, Outputs([*binding.files, *files_of(*arguments.log), *truth]) as outputs:
+        request = ReplayRequest(
+            arguments.log[0],
+            tracks=None if arguments.truth is None else Path(folder) / "tracks.csv",
+            channels=dict(arguments.map),
+            further=tuple(arguments.log[1:]),
+            time_range=time_range(arguments),
+        )
         check_request(request, binding)
         whole = outputs.open(arguments.output)
         summary = None if arguments.summary is None else outputs.open(arguments.summary)
         record = DriveRecord(tuple(sensor.name for sensor in binding.sensors))
-        with console.log_progress(arguments.log.name) as progress, Outputs([]) as passing:
+        name = logs_name(request.logs)
+        with console.log_progress(name) as progress, ended_input(request.logs), Outputs([]) as passing:
             replayed = replay(binding, request, progress, passing, sinks=[record])
         figures = summarise(replayed)
-        require_used(arguments.log, figures)
+        require_used(request.log, figures)
         errors: dict[str, Any] | None = None
-        if tracks is not None:
-            errors = json.loads(evaluate(tracks, arguments.truth).to_json())
+        if request.tracks is not None:
+            errors = json.loads(evaluate(request.tracks, arguments.truth).to_json())
         text = read_bounded(binding.loaded.path, LARGEST_FILE, special=True).decode(errors="replace")
-        drive = ReportedDrive(binding, arguments.log, figures, record, HORIZONS, text, errors)
+        drive = ReportedDrive(binding, name, request.logs, figures, record, HORIZONS, text, errors)
         whole.stream.write(page(drive).encode())
         if summary is not None:
             summary.stream.write(f"{json.dumps(figures, indent=2, allow_nan=False)}\n".encode())

@@ -8,10 +8,13 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Final, TextIO
+
+from candaemon.files.outputs import is_standard_output
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -46,6 +49,18 @@ def use_utf8() -> None:
     """Let standard output be UTF-8 whatever the terminal's encoding is: for what programs read, such as JSON."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(encoding="utf-8")
+
+
+@contextmanager
+def prints_beside(arguments: Iterable[object]) -> Iterator[None]:
+    """Let what is printed go to standard error where standard output takes one of a command's files.
+
+    Args:
+        arguments: of the command; its files are the paths among them.
+    """
+    taken = any(isinstance(each, Path) and is_standard_output(each) for each in arguments)
+    with redirect_stdout(sys.stderr) if taken else nullcontext():
+        yield
 
 
 @contextmanager

@@ -57,13 +57,18 @@ from numpy.typing import NDArray
 
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.ego.georeference import Georeference
-from candaemon.errors import InputError
+from candaemon.errors import ConfigError, InputError
 from candaemon.evaluation.detection_columns import DETECTION_COLUMNS, FATES, NO_OBSTACLE, DetectionColumn
 from candaemon.evaluation.number_text import joined_lines, number_lines, text_lines
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.bodies import BODY, CLASSES
 from candaemon.frames.times import LATEST_NS
 from candaemon.tracking.obstacles import MOTION, STATE_NAMES, Obstacles
+
+_OTHER_FORMAT: Final = re.compile(
+    r"\.(parquet|xlsx?|ods|json|feather|arrow|mat|h5|hdf5|npz?|zst|xz|bz2|zip)(\.gz)?$", re.IGNORECASE
+)
+"""Names of files that a table in CSV would not be read from."""
 
 ACTOR, HIDDEN, STATIONARY = 3, 4, 5
 STATES = (*STATE_NAMES, "actor", "hidden", "stationary")
@@ -429,6 +434,12 @@ class _TableWriter:
     def __init__(self, file: OutputFile, columns: Sequence[str]) -> None:
         # neither name nor time in the gzip header: equal rows give equal bytes
         packed = file.path.suffix == ".gz"
+        if _OTHER_FORMAT.search(file.path.name):
+            raise ConfigError(
+                "its name is of another format than the table that is written: CSV; expected one that ends in .csv or "
+                ".csv.gz",
+                file=file.path,
+            )
         self._target = gzip.GzipFile("", "wb", fileobj=file.stream, mtime=0) if packed else file.stream
         self._target.write(text_lines([",".join(columns)]))
 

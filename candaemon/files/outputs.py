@@ -336,6 +336,11 @@ class _RawOutput(io.FileIO):
             return super().write(data)
 
 
+def is_standard_output(path: Path) -> bool:
+    """Return whether a path leads to the process's standard output."""
+    return _own_descriptor(path) == 1
+
+
 def _opened(path: Path) -> int:
     """Open what is written straight."""
     own = _own_descriptor(path)

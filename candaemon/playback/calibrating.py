@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -21,7 +22,11 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import fingerprint
 from candaemon.playback.recording_files import runs
 from candaemon.playback.replay import channel_indices
+from candaemon.playback.summary import doubts, received
+from candaemon.printable import printable
 from candaemon.radar.scan import Scan
+
+logger = logging.getLogger(__name__)
 
 
 class ScanPipeline(Pipeline):
@@ -76,6 +81,8 @@ def calibrate(
             items = _told(sequence.sequenced_blocks(blocks), counts, progress)
             for _ in chain(pipeline.run_blocks(items), pipeline.finish()):
                 pass
+            for doubt in doubts(received(pipeline)):
+                logger.warning("%s: %s", printable(str(log)), doubt)
         counts.require_frames(log)
     return {sensor.name: findings(sensor, settings.ego, gathered) for sensor in binding.sensors}
 

@@ -73,8 +73,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     ==================  ==============================================================================
     """
     pipeline, log, score = replayed.pipeline, replayed.log, replayed.score
-    binding, counts = pipeline.binding, pipeline.counts
-    tracked = [asdict(tracker.counts) for tracker in pipeline.trackers]
+    binding, counts, got = pipeline.binding, pipeline.counts, received(pipeline)
     return {
         "log": {
             "frames": log.frames,
@@ -92,11 +91,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
         "buses": {
             bus.name: {**asdict(each), "used": each.used} for bus, each in zip(binding.buses, counts.buses, strict=True)
         },
-        "sensors": {
-            sensor.name: asdict(assembler.counts) | {"trust": asdict(pipeline.trust.counts(sensor.index))}
-            for sensor, assembler in zip(binding.sensors, pipeline.assemblers, strict=True)
-        },
-        "own_motion": {"short": counts.ego_motion_short, **asdict(counts.ego_motion)},
+        "sensors": got["sensors"],
+        "own_motion": got["own_motion"],
         "clock": {
             "backward_steps": replayed.sequence.backward_steps,
             "late": replayed.sequence.late,
@@ -104,12 +100,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             "forward_steps": replayed.sequence.forward_steps,
             "stray": replayed.stray_times,
         },
-        "cycles": {
-            "told": counts.cycles,
-            "coasting": counts.coasting_cycles,
-            "without_ego": counts.without_ego,
-        },
-        "tracks": {key: sum(each[key] for each in tracked) for key in tracked[0]},
+        "cycles": got["cycles"],
+        "tracks": got["tracks"],
         "nis": {
             "mean": _rounded(score.nis.mean),
             "expected": _rounded(score.nis.expected),
@@ -121,6 +113,27 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
         **({} if pipeline.georeferencer is None else {"gnss": _gnss(pipeline.georeferencer)}),
         "seconds": _rounded((replayed.last_ns - replayed.first_ns) * 1e-9),
         **_calibration(pipeline),
+        "ego_signals": got["ego_signals"],
+        "ego_samples": got["ego_samples"],
+    }
+
+
+def received(pipeline: Pipeline) -> dict[str, dict[str, Any]]:
+    """Return the branches of a summary on what came, and what became of it, for `doubts`."""
+    counts = pipeline.counts
+    tracked = [asdict(tracker.counts) for tracker in pipeline.trackers]
+    return {
+        "sensors": {
+            sensor.name: asdict(assembler.counts) | {"trust": asdict(pipeline.trust.counts(sensor.index))}
+            for sensor, assembler in zip(pipeline.binding.sensors, pipeline.assemblers, strict=True)
+        },
+        "own_motion": {"short": counts.ego_motion_short, **asdict(counts.ego_motion)},
+        "cycles": {
+            "told": counts.cycles,
+            "coasting": counts.coasting_cycles,
+            "without_ego": counts.without_ego,
+        },
+        "tracks": {key: sum(each[key] for each in tracked) for key in tracked[0]},
         "ego_signals": pipeline.ego_signals,
         "ego_samples": asdict(pipeline.ego.counts),
     }
@@ -145,7 +158,11 @@ def _without_truth(score: DriveScore) -> dict[str, Any]:
 
 
 def doubts(figures: Mapping[str, Any]) -> list[str]:
-    """Return what to know of a replay before its results are trusted: what never came, what was left out in bulk."""
+    """Return what to know of a drive before its results are trusted: what never came, what was left out in bulk.
+
+    Args:
+        figures: of `summarise`, or at least those of `received`.
+    """
     found = []
     for name, counts in figures["sensors"].items():
         if not counts["used"]:
@@ -159,7 +176,9 @@ def doubts(figures: Mapping[str, Any]) -> list[str]:
         if refused[cause] > _BULK * (taken + refused[cause]):
             found.append(f"own motion: {refused[cause]:,} frames {what}, beside {taken:,} taken")
     tracked, blind = figures["tracks"]["cycles"], figures["cycles"]["without_ego"]
-    if blind > _BULK * (tracked + blind):
+    if figures["ego_signals"] and not figures["ego_samples"]["samples"]:
+        found.append(f"own motion was never known; signals of it that never came: {_silent_signals(figures)}")
+    elif blind > _BULK * (tracked + blind):
         found.append(f"own motion was not known in {blind:,} of {tracked + blind:,} scans, which were dropped")
     return found
 
@@ -174,10 +193,9 @@ def require_used(log: Path, figures: Mapping[str, Any]) -> None:
     if not any(counts["used"] for counts in figures["sensors"].values()):
         wrong = f"not one usable frame of any sensor ({', '.join(figures['sensors'])})"
     elif blind and not tracked:
-        silent = ", ".join(name for name, count in figures["ego_signals"].items() if not count) or "none"
         wrong = (
             f"own motion was not known in any of {blind:,} scans, and nothing is tracked without it; signals of it "
-            f"that never came: {silent}"
+            f"that never came: {_silent_signals(figures)}"
         )
     else:
         return
@@ -187,6 +205,10 @@ def require_used(log: Path, figures: Mapping[str, Any]) -> None:
         "written",
         file=log,
     )
+
+
+def _silent_signals(figures: Mapping[str, Any]) -> str:
+    return ", ".join(name for name, count in figures["ego_signals"].items() if not count) or "none"
 
 
 def _calibration(pipeline: Pipeline) -> dict[str, Any]:

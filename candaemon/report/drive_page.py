@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from math import isfinite
@@ -33,7 +33,8 @@ class ReportedDrive:
 
     Attributes:
         binding: the configuration.
-        log: the drive.
+        name: of the drive.
+        logs: its logs.
         figures: of `candaemon.playback.summary.summarise`.
         record: for the drawings.
         horizons: of the predictions, s.
@@ -42,7 +43,8 @@ class ReportedDrive:
     """
 
     binding: Binding
-    log: Path
+    name: str
+    logs: Sequence[Path]
     figures: Mapping[str, Any]
     record: DriveRecord
     horizons: tuple[float, ...]
@@ -52,7 +54,7 @@ class ReportedDrive:
 
 def page(drive: ReportedDrive) -> str:
     """Return the report. The same drive gives the same text."""
-    title = f"{printable(drive.log.name)} · {printable(drive.binding.loaded.path.name)}"
+    title = f"{printable(drive.name)} · {printable(drive.binding.loaded.path.name)}"
     sections = [
         ("At a glance", _glance(drive)),
         ("Map", _maps(drive.record)),
@@ -271,7 +273,8 @@ def _moments(drive: ReportedDrive) -> str:
         rows.append((escape(moment.what), of, button))
     if not rows:
         return "<p>There is none.</p>"
-    command = f"candaemon view {printable(str(drive.binding.loaded.path))} {printable(str(drive.log))}"
+    logs = " ".join(printable(str(log)) for log in drive.logs)
+    command = f"candaemon view {printable(str(drive.binding.loaded.path))} {logs}"
     return (
         table(("what", "obstacle", "at (s)"), rows)
         + f"<p><label class=screen>With <code>{escape(command)}</code> running, "

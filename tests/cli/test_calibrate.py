@@ -105,9 +105,22 @@ def test_a_log_without_standing_things_has_not_enough(tmp_path: Path, capsys: py
     assert main(["simulate", str(scene), str(CONFIGS / "demo.yaml"), "-o", str(log)]) == 0
     capsys.readouterr()
     assert _patch(tmp_path, CONFIGS / "demo.yaml", log) == {}
-    rows = [line for line in capsys.readouterr().out.splitlines() if "front." in line]
+    told = capsys.readouterr()
+    rows = [line for line in told.out.splitlines() if "front." in line]
     assert len(rows) == 7
     assert all("not enough" in row for row in rows)
+    assert "nothing can be told: a minute or more of returns that stand is needed" in told.err
+
+
+def test_a_log_without_own_motion_is_told_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, radar = tmp_path / "drive.log", tmp_path / "radar.log"
+    assert main(["simulate", "highway", "esr_ins", "-o", str(log), "--seed", "1"]) == 0
+    lines = log.read_text(encoding="utf-8").splitlines(keepends=True)
+    radar.write_text("".join(line for line in lines if " can2 " not in line), encoding="utf-8")
+    capsys.readouterr()
+    assert main(["calibrate", "esr_ins", str(radar)]) == 0
+    told = capsys.readouterr().err
+    assert f"{radar}: own motion was never known; signals of it that never came: latitude, longitude, velocity" in told
 
 
 def test_a_static_ego_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -77,7 +77,7 @@ CASES = {
     "calibrate": Command(
         ("calibrate", "car.yaml", "drive.log"), ("car.yaml", "drive.log", *DBC), ("calibrate", "car.yaml", "typo.log")
     ),
-    "init": Command(("init", "esr.dbc", "--yes"), ("esr.dbc",), ("init", "typo.dbc", "--yes")),
+    "init": Command(("init", "esr.dbc", "--yes", "--force"), ("esr.dbc",), ("init", "typo.dbc", "--yes", "--force")),
     "papers": Command(("papers", "000-table-1", "--runs", "2"), (), ("papers", "typo")),
 }
 OPTIONS = {

@@ -206,7 +206,7 @@ def test_a_log_without_own_motion_costs_no_result_that_is_there(
     assert not page.exists()
     assert main(["check", "esr_ins", str(log)]) == 0
     assert "1 warning\n" in (checked := capsys.readouterr().out)
-    assert "own motion was not known in" in checked[checked.index("1 warning") :]
+    assert "own motion was never known; signals of it that never came: lat" in checked[checked.index("1 warning") :]
 
 
 def test_what_is_left_out_in_bulk_is_told(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -124,6 +124,36 @@ def test_a_device_takes_a_log_as_candump_writes_it(short: Path, tmp_path: Path) 
     assert expected.stat().st_size > 10_000
 
 
+def test_what_is_printed_stays_out_of_a_file_on_standard_output(short: Path, tmp_path: Path) -> None:
+    expected = tmp_path / "named.log"
+    assert main(replaying(short / "drive.log", "-o", expected)) == 0
+    done = subprocess.run([*COMMAND, *replaying(short / "drive.log", "-o", "-")], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == expected.read_bytes()
+    assert b"log.frames: " in done.stderr
+
+
+@pytest.mark.parametrize("name", ["t.xlsx", "t.parquet.gz"])
+def test_a_table_that_is_not_written_is_refused(
+    short: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(replaying(short / "drive.log", "--tracks", tmp_path / name)) == 2
+    assert "expected one that ends in .csv or .csv.gz" in capsys.readouterr().err
+    assert main(replaying(short / "drive.log", "--detections", tmp_path / "d.parquet")) == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_of_a_recording_is_a_drive(short: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "recording"
+    folder.mkdir()
+    lines = (short / "drive.log").read_bytes().splitlines(keepends=True)
+    for number, part in enumerate((lines[: len(lines) // 2], lines[len(lines) // 2 :])):
+        (folder / f"part{number}.log").write_bytes(b"".join(part))
+    assert main(["convert", str(folder), str(tmp_path / "whole.log")]) == 0
+    assert (tmp_path / "whole.log").read_bytes() == (short / "drive.log").read_bytes()
+    assert main(["check", "esr_ins", "--log", str(folder)]) == 0
+
+
 def test_a_range_of_time_that_ends_before_it_begins_is_refused(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

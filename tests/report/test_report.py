@@ -218,6 +218,21 @@ def test_the_same_drive_gives_the_same_page(reported: Reported, tmp_path: Path) 
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == reported.text
 
 
+def test_logs_bus_by_bus_and_a_part_of_a_drive(reported: Reported, tmp_path: Path) -> None:
+    lines = (reported.folder / "drive.log").read_text(encoding="utf-8").splitlines(keepends=True)
+    logs = []
+    for channel in sorted({line.split()[1] for line in lines}):
+        logs.append(tmp_path / f"{channel}.log")
+        logs[-1].write_text("".join(line for line in lines if line.split()[1] == channel), encoding="utf-8")
+    summary, page = tmp_path / "part.json", tmp_path / "part.html"
+    words = [str(CONFIG), *map(str, logs), "-o", str(page), "--summary", str(summary), "--from", "1", "--to", "3"]
+    assert main(["report", *words]) == 0
+    assert json.loads(summary.read_text(encoding="utf-8"))["seconds"] == pytest.approx(2.0, abs=0.1)
+    text = page.read_text(encoding="utf-8")
+    assert f"{logs[0].name} and {len(logs) - 1} more" in text
+    assert f"{logs[0]} {logs[1]}" in text
+
+
 def test_a_name_from_outside_is_text(tmp_path: Path, reported: Reported) -> None:
     log = tmp_path / "<img src=x onerror=alert(1)>&.log"
     log.write_bytes((reported.folder / "drive.log").read_bytes())

@@ -131,6 +131,19 @@ def test_a_file_without_a_radar_ends_with_a_word(text: str, tmp_path: Path, capf
     assert "expected" in told
 
 
+def test_an_edited_configuration_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, words = (
+        tmp_path / "mine.yaml",
+        ["init", str(ROOT / "dbc/esr.dbc"), "--yes", "-o", str(tmp_path / "mine.yaml")],
+    )
+    path.write_text("# edited\n", encoding="utf-8")
+    assert main(words) == 2
+    assert "it is there, and may have been edited; choose another name, or --force" in capsys.readouterr().err
+    assert path.read_text(encoding="utf-8") == "# edited\n"
+    assert main([*words, "--force"]) == 0
+    assert GUESS in path.read_text(encoding="utf-8")
+
+
 def test_names_alone_give_guesses_that_are_marked(tmp_path: Path) -> None:
     found, text = made([ROOT / "dbc" / "esr.dbc", ROOT / "dbc" / "oxts.dbc"], None, tmp_path)
     assert mapping(found.sensors[0])["azimuth"][0] == "CAN_TX_TRACK_ANGLE"
