@@ -7,6 +7,8 @@ doubled, cut short, damaged, late, or cut by the block's end is left to the asse
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from candaemon.arrays import Booleans, Bytes, Floats, Indices, Integers
@@ -73,7 +75,10 @@ class WholeScans:
         clean[full] = good
         first = int(rows[0])
         fresh = self.assembler.would_begin(int(part[0]), block.payload[first].tobytes(), int(block.time_ns[first]))
-        sure = _begin_anew(clean, fresh)[full]
+        times_ns = block.time_ns[rows]
+        edges = times_ns[begins], times_ns[begins + spans - 1]
+        runs = zip(clean.tolist(), counter[begins].tolist(), *(each.tolist() for each in edges), strict=True)
+        sure = np.array(_begin_anew(runs, fresh, self.assembler.settled_ns))[full]
         return frames[sure], self._read(block, np.take_along_axis(frames, order, axis=1)[sure]) if sure.any() else []
 
     def _counter(self, block: FrameBlock, rows: Indices, part: Integers) -> Floats:
@@ -130,18 +135,25 @@ def _protector(monitor: FrameMonitorSettings | None) -> Protector | None:
     return protector if isinstance(protector, Protector) else None
 
 
-def _begin_anew(clean: Booleans, fresh: bool) -> Booleans:
+def _begin_anew(runs: Iterable[tuple[bool, float, int, int]], fresh: bool, settled_ns: int) -> list[bool]:
     """Return of which clean runs of one counter it is sure that no other scan is open when they begin.
 
-    That is so of the first run where it is `fresh`; after a clean run that is sure; and after two clean runs, whatever
-    was before them: the first of them may have been taken for late, the second opened a scan then and completed it.
+    That is so of the first run where it is `fresh`, and after a clean run that is sure. It is so, too, after a clean
+    run whose counter no frame had for so long before that none of its own is late, and none goes to a scan that is
+    open: it closes what is, and completes its own.
+
+    Args:
+        runs: of each whether it is clean, its counter, and the times of its first and last frame, ns.
+        fresh: whether none is open at the beginning.
+        settled_ns: how long that is.
     """
-    sure = np.zeros(len(clean), np.bool_)
-    closed, before = fresh, False
-    for run, good in enumerate(clean.tolist()):
-        sure[run] = good and closed
-        closed = good and (closed or before)
-        before = good
+    sure: list[bool] = []
+    closed, known_ns, last_ns = fresh, None, dict[float, int]()
+    for clean, counter, first_ns, end_ns in runs:
+        known_ns = first_ns if known_ns is None else known_ns
+        sure.append(clean and closed)
+        closed = clean and (closed or max(known_ns, last_ns.get(counter, known_ns)) + settled_ns <= first_ns)
+        last_ns[counter] = end_ns
     return sure
 
 

@@ -46,6 +46,11 @@ class CounterAssembler(ScanAssembler):
         state.counter = counter
         return self._put(part, slot, data, time_ns, closed)
 
+    @property
+    def settled_ns(self) -> int:
+        """Time after which no frame is late, and no scan is open any longer, ns."""
+        return max(self._straggling_ns, self.timeout_ns)
+
     def would_begin(self, part: int, data: bytes, time_ns: int) -> bool:
         """Return whether a frame would be the first one of a scan that awaits all there is, none being open."""
         state = self._state

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from candaemon.binding.bind import bind
@@ -132,6 +132,41 @@ def told(pipeline: Pipeline, cycles: Iterable[Cycle]) -> list[object]:
         for cycle in (*cycles, *pipeline.finish())
     ]
     return [*said, asdict(pipeline.counts), *(asdict(each.counts) for each in pipeline.assemblers)]
+
+
+def sent(scans: Iterable[tuple[int, int, int]]) -> list[Frame]:
+    """Send the first frames of an ESR's scans, of any counter and faster than its cycle, as several senders would.
+
+    Args:
+        scans: of each its counter, 0 or 1, how many frames come, and the ms until the next.
+    """
+    radar = [frame for frame in drive("esr_ins") if 0x500 <= frame.can_id < 0x540]
+    time_ns, frames = radar[0].time_ns, list[Frame]()
+    for counter, count, gap in scans:
+        for frame in radar[64 * counter :][:count]:
+            frames.append(frame._replace(time_ns=time_ns))
+            time_ns += 50_000
+        time_ns += gap * 1_000_000
+    return frames
+
+
+GIVEN_UP = [(0, 1, 0), (1, 1, 29), (0, 64, 0), (1, 64, 0), (0, 64, 0), (1, 64, 0)]
+"""A scan that waits, and is given up in the middle of another one."""
+
+
+@settings(deadline=None, max_examples=examples(40, fewest=20))
+@example(scans=GIVEN_UP)
+@given(
+    scans=st.lists(
+        st.tuples(st.integers(0, 1), st.sampled_from((1, 2, 63, 64, 64, 64)), st.sampled_from((0, 0, 20, 29))),
+        min_size=20,
+        max_size=60,
+    )
+)
+def test_both_ways_tell_the_same_of_a_flood(scans: list[tuple[int, int, int]]) -> None:
+    frames = sent(scans)
+    by_frame, by_block = Pipeline(bound("esr_ins")), Pipeline(bound("esr_ins"))
+    assert told(by_frame, by_frame.run(frames)) == told(by_block, by_block.run_blocks(blocks_of(frames)))
 
 
 @pytest.mark.parametrize("config", CONFIGS)
