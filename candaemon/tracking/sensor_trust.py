@@ -20,7 +20,7 @@ from zlib import crc32
 
 import numpy as np
 
-from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.arrays import Floats, Indices, Integers
 from candaemon.config.sensors import SensorSettings
 from candaemon.config.trust import TrustSettings
 from candaemon.ego.pose import EgoPose
@@ -294,9 +294,8 @@ class SensorTrust:
     ) -> None:
         """Compare a scan's detections with where the tracks that other sensors share in are predicted."""
         expected = tracker.predicted_reflections(detections.time_ns, detections.sensor)
-        foreign = _nearest(detections, expected, expected.confirmed & (expected.by_others | ~expected.shared))
-        self._note_bias(state, foreign, detections, dt, now_ns)
-        found = _nearest(detections, expected, expected.confirmed)
+        found = _nearest(detections, expected)
+        self._note_bias(state, _by_others(found, detections, expected), detections, dt, now_ns)
         if not len(found.rows):
             self._forget_noise(state, dt, now_ns)
             return
@@ -469,12 +468,12 @@ class _Matches:
 _NO_MATCHES: Final = _Matches(_NONE, _NONE, np.zeros((0, 2)))
 
 
-def _nearest(detections: Detections, expected: PredictedReflections, candidates: Booleans) -> _Matches:
+def _nearest(detections: Detections, expected: PredictedReflections) -> _Matches:
     """Return which detection and reflection are the nearest to each other, of obstacles that other sensors share in.
 
     What only the sensor itself has seen takes its detections, so that these are not held for another obstacle's.
     """
-    tracks, places = np.flatnonzero(candidates), detections.measurement.position
+    tracks, places = np.flatnonzero(expected.confirmed), detections.measurement.position
     if not len(tracks) or not len(places):
         return _NO_MATCHES
     apart = places[:, None] - expected.position[tracks]
@@ -484,3 +483,25 @@ def _nearest(detections: Detections, expected: PredictedReflections, candidates:
     good &= expected.shared[tracks[nearest]]
     rows = np.flatnonzero(good)
     return _Matches(rows, tracks[nearest[rows]], apart[rows, nearest[rows]])
+
+
+def _by_others(found: _Matches, detections: Detections, expected: PredictedReflections) -> _Matches:
+    """Return the matches with what other sensors show of the same obstacles: a sensor agrees with what itself showed.
+
+    Where they show nothing of an obstacle any longer, nothing is told: the nearest of another one may be metres away.
+    """
+    own = ~expected.by_others[found.tracks]
+    if not own.any():
+        return found
+    others = np.flatnonzero(expected.confirmed & expected.by_others)
+    if not len(others):
+        return _Matches(found.rows[~own], found.tracks[~own], found.innovation[~own])
+    apart = detections.measurement.position[found.rows, None] - expected.position[others]
+    distance = np.hypot(apart[..., 0], apart[..., 1])
+    distance[expected.obstacle[found.tracks, None] != expected.obstacle[others]] = np.inf
+    nearest = distance.argmin(axis=1)
+    every = np.arange(len(nearest))
+    tracks = np.where(own, others[nearest], found.tracks)
+    innovation = np.where(own[:, None], apart[every, nearest], found.innovation)
+    told = ~own | (distance[every, nearest] < REACH)
+    return _Matches(found.rows[told], tracks[told], innovation[told])

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from candaemon.arrays import Floats
+from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.binding.bound import Binding
 from candaemon.config.tracker import GroupSettings
 from candaemon.config.trust import TrustSettings
@@ -190,21 +190,42 @@ def test_the_last_sensor_that_is_used_is_not_cut_off() -> None:
     assert any(lost)
 
 
+def test_a_sensor_is_compared_with_what_others_show_of_the_same_obstacle() -> None:
+    """Where they show nothing of it any longer, the nearest of another obstacle says nothing of the sensor."""
+    trust, rng = pair(), np.random.default_rng(1)
+    own = np.array([[6.0, -4.0], [6.0, 1.0]])
+    for scan in range(100):
+        seen = own[:1] + rng.normal(0.0, 0.02, (1, 2))
+        judged(trust, StandingTracker(own, by_others=np.array([False, True])), 1.0 + 0.05 * scan, seen)
+    assert trust.fault(0) is Fault.NONE
+    other_end = np.array([[6.0, -4.0], [6.0, 3.5]])
+    tracker = StandingTracker(other_end, by_others=np.array([False, True]), obstacle=np.array([7, 7]))
+    for scan in range(100):
+        judged(trust, tracker, 6.0 + 0.05 * scan, own[:1] + rng.normal(0.0, 0.02, (1, 2)))
+    assert trust.fault(0) is Fault.BIASED
+
+
 @dataclass(frozen=True, slots=True)
 class StandingTracker:
     """A tracker whose confirmed obstacles, known to several sensors, stand where they are.
 
     Attributes:
         places: of the obstacles (n, 2), m.
+        by_others: whether another sensor saw it last (n,); None: all.
+        obstacle: identities (n,); None: each has its own.
     """
 
     places: Floats
+    by_others: Booleans | None = None
+    obstacle: Integers | None = None
 
     def predicted_reflections(self, _time_ns: int, _sensor: int) -> PredictedReflections:
-        """Return them, as another sensor saw them last."""
+        """Return them."""
         count = len(self.places)
         sure = np.ones(count, np.bool_)
-        return PredictedReflections(self.places, np.full(count, 0.02), np.arange(count), sure, sure, sure)
+        numbers = np.arange(count) if self.obstacle is None else self.obstacle
+        by_others = sure if self.by_others is None else self.by_others
+        return PredictedReflections(self.places, np.full(count, 0.02), numbers, sure, sure, by_others)
 
 
 def judged(trust: SensorTrust, tracker: StandingTracker, time: float, places: Floats) -> None:
