@@ -12,7 +12,7 @@ from candaemon.binding.bind_output import bind_output
 from candaemon.binding.bind_sensor import bind_sensor, bind_sensor_writer
 from candaemon.binding.bound import Binding, BoundBus, BoundEgo, BoundOutput, BoundSensor
 from candaemon.binding.bus_load import Traffic, bus_load
-from candaemon.binding.conflicts import check_identifiers, range_warnings
+from candaemon.binding.conflicts import check_identifiers, multiplexed_warnings, range_warnings
 from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.config.ego import StaticSettings
 from candaemon.config.load import LoadedConfig
@@ -78,6 +78,7 @@ def bind(loaded: LoadedConfig) -> Binding:
         *(str(diagnostic) for database in databases.by_path.values() for diagnostic in database.warnings),
         *_unwritable(location, sensors),
         *range_warnings(ego, sensors, output),
+        *multiplexed_warnings(sensors),
         *_load_warnings(buses),
     )
     by_path = {str(path): database for path, database in databases.by_path.items()}

@@ -99,6 +99,26 @@ def range_warnings(ego: BoundEgo | None, sensors: Iterable[BoundSensor], output:
     return [text for message, signal in dict.fromkeys(bound) for text in _range_warning(message, signal)]
 
 
+def multiplexed_warnings(sensors: Iterable[BoundSensor]) -> list[str]:
+    """Warn of an object's signals that only some of its frames carry: the objects of all others are not used."""
+    found = []
+    for sensor in sensors:
+        for layout in sensor.reader.layouts:
+            selector = None if layout.selector is None else layout.selector[0].name
+            for binding in sensor.reader.bindings:
+                signal, message = binding.signal, layout.shortest
+                if signal not in message.signals or signal.multiplexer_signal in {None, selector}:
+                    continue
+                place = "" if message.file is None else f"{message.file}:{signal.line or message.line}: "
+                values = ", ".join(map(str, sorted(signal.multiplexer_ids)))
+                found.append(
+                    f"{place}signal '{signal.name}' of '{message.name}' is there only where "
+                    f"{signal.multiplexer_signal} is {values}; objects of other frames are not used, and count as "
+                    "not_finite"
+                )
+    return found
+
+
 def _range_warning(message: MessageSpec, signal: SignalSpec) -> Iterator[str]:
     low, high = signal.minimum, signal.maximum
     if low is None or high is None or low == high or signal.is_float:

@@ -66,6 +66,7 @@ class LayoutReader:
         gain: (quantities, 1) SI units per unit of the signal.
         bias: (quantities, 1) in SI, None where all are 0.
         uncertain: whether a quantity may be NaN, as floats and multiplexed signals can.
+        selective: whether any signal may be, by a multiplexer's value.
         unknown: row of each signal and value of it that says nothing, and how near to that is as good.
         ends: row of each signal of a place or speed, a value of it that is a bound (its least or greatest, not 0), and
             whether it is of a place.
@@ -105,6 +106,7 @@ class LayoutReader:
         self.angles = tuple((row, each.form) for row, each in enumerate(bindings) if each.form is not None)
         self.codes = tuple((row, np.array([each.codes])) for row, each in enumerate(bindings) if each.codes is not None)
         self.uncertain = any(each.signal.is_float or each.signal.multiplexer_signal for each in bindings)
+        self.selective = any(signal.is_multiplexer for signal in layout.shortest.signals)
 
     def decode(self, payload: bytes | Bytes) -> Floats:
         """Decode the signals of n frames: a row each, a column an object."""
@@ -244,6 +246,10 @@ class ObjectReader:
             # Where some objects lack a message, nothing is known of those.
             for row, condition in reader.valid:
                 passed: Booleans = condition.passes(raw[row])
+                if reader.selective:
+                    absent = np.isnan(raw[row])
+                    passed = passed | absent  # nothing says that it is not reported: it is counted
+                    finite.append(~absent)
                 valid.append(passed if missing is None else passed | missing)
             for row, condition in reader.new:
                 passed = condition.passes(raw[row])
