@@ -326,7 +326,8 @@ def beside(
 ) -> Indices:
     """Return for each of some detections the body that it is one more reflection of, or −1.
 
-    It lies near one of the body's reflections, or within its box where its size and course are known.
+    It lies near one of the body's reflections, or within its box where its size and course are known. Beside who is
+    known to walk, what stands is none of them.
 
     Args:
         bodies: that are known.
@@ -348,7 +349,9 @@ def beside(
         & (np.abs(reach[..., 1]) < 2 * extent.across)
     )
     age = np.maximum(time_ns - obstacles.first_ns.take(owner), 0) * 1e-9
-    alike = _as_fast(mean, measurement, left, extent.speed, extent.slide / np.maximum(age, _LEAST_AGE))
+    walks = (obstacles.confirmed & (obstacles.fastest <= extent.stray.fastest)).take(owner)
+    speed = np.where(walks, min(extent.speed, extent.stood.speed), extent.speed)
+    alike = _as_fast(mean, measurement, left, speed, extent.slide / np.maximum(age, _LEAST_AGE))
     close &= alike
     distance = np.where(close, (place[..., 0] / extent.along) ** 2 + (place[..., 1] / extent.across) ** 2, np.inf)
     found = np.where(close.any(axis=1), owner[distance.argmin(axis=1)], -1)
@@ -364,7 +367,7 @@ def beside(
     return np.where((found < 0) & inside.any(axis=1), deepest, found)
 
 
-def _as_fast(mean: Floats, measurement: Measurement, left: Indices, speed: float, unclear: Floats) -> Booleans:
+def _as_fast(mean: Floats, measurement: Measurement, left: Indices, speed: Floats, unclear: Floats) -> Booleans:
     """Return which of the detections (m,) have the speeds of which reflections (n,), as far as they are measured.
 
     A range rate is that of the body along the detection's own line of sight: metres away on what passes close by,
@@ -375,7 +378,7 @@ def _as_fast(mean: Floats, measurement: Measurement, left: Indices, speed: float
         mean: states of the reflections (n, 4).
         measurement: of the scan.
         left: rows of the detections (m,).
-        speed: by which they may differ, m/s.
+        speed: by which they may differ (n,), m/s.
         unclear: by which velocities may differ beyond that (n,), m/s.
     """
     alike = np.ones((len(left), len(mean)), dtype=np.bool_)

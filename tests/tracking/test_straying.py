@@ -97,3 +97,23 @@ def test_cars_that_stood_behind_who_walks_stay_where_they_are(seed: int) -> None
     assert fed.tracker.counts.obstacles >= int(told.id.max())
     assert 1 <= len(ids) <= 3
     assert fed.tracker.counts.obstacles == len(numbers)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_post_is_left_behind_by_who_walks_past_it(seed: int) -> None:
+    """To a radar without ids they are one where they pass; then their speeds along the line of sight differ."""
+    fed, rng, walker_at = HandFedVehicles(noise=(0.25, 0.25, 0.1)), np.random.default_rng(seed), 0.0
+    for t in times(1, 240):
+        walker_at = 12.0 - 1.3 * t
+        shown = [Seen(0, 6.0, 5.5), Seen(1, 6.0, walker_at, 0.0, -1.3)]
+        noise = rng.normal(size=(2, 2)) * 0.15
+        told = fed.scan(
+            t,
+            [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(shown, noise, strict=True)],
+            identified=False,
+        )
+    row = obstacle_near(told, 6.0, walker_at)
+    assert np.hypot(told.x[row] - 6.0, told.y[row] - walker_at) < 0.8
+    assert told.vy[row] == pytest.approx(-1.3, abs=0.3)
+    post = obstacle_near(told, 6.0, 5.5)
+    assert np.hypot(told.x[post] - 6.0, told.y[post] - 5.5) < 0.8
