@@ -272,6 +272,7 @@ def turn_axes_of_bodies(
     pivot: Floats | None,
     course_error: float,
     backing: float,
+    telling: float,
     unknown: float,
     doubt: float,
     least_turn: float,

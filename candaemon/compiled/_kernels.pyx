@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 117
+REVISION = 118
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2968,14 +2968,17 @@ def turn_axes_of_bodies(
     const double[:, :] pivot,
     double course_error,
     double backing,
+    double telling,
     double unknown,
     double doubt,
     double least_turn,
 ):
-    """Return axes (n, 2) after a part of the turn towards the courses of the centres; note in place whom the course
-    directs."""
+    """Return axes (n, 2) after a part of the turn towards the courses of the centres, and how many turned round; note
+    in place whom the course directs."""
     cdef Py_ssize_t n = mean.shape[0], t
     cdef double vx, vy, squared, spread, known, share, speed, forward, cx, cy, x, y, norm, rate
+    cdef Py_ssize_t turned_round = 0
+    cdef bint directs, first
     out_array = np.empty((n, 2))
     cdef double[:, ::1] out = out_array
     with nogil:
@@ -2992,10 +2995,13 @@ def turn_axes_of_bodies(
                 spread = spread + turn_variance[t] * (x * x + y * y)
             squared = vx * vx + vy * vy
             known = squared / (squared + 4.0 * spread + unknown)
-            directed[t] = directed[t] or spread < course_error * squared
+            directs = spread < course_error * squared
+            first = not directed[t] and (directs or known > telling)
+            directed[t] = directed[t] or directs
             share = known * known * part[t]
             speed = sqrt(larger(squared, 1e-6))
-            forward = -1.0 if vx * axis[t, 0] + vy * axis[t, 1] < backing else 1.0
+            forward = -1.0 if vx * axis[t, 0] + vy * axis[t, 1] < (0.0 if first else backing) else 1.0
+            turned_round += forward < 0.0
             cx, cy = vx / speed, vy / speed
             if cx * axis[t, 0] + cy * axis[t, 1] < 0.0 and forward > 0.0:
                 cx, cy = -cx, -cy
@@ -3006,7 +3012,7 @@ def turn_axes_of_bodies(
             norm = larger(sqrt(x * x + y * y), 1e-9)
             out[t, 0] = x / norm
             out[t, 1] = y / norm
-    return out_array
+    return out_array, turned_round
 
 
 cdef inline bint stands(

@@ -15,7 +15,8 @@ from candaemon.arrays import Booleans, Floats
 from candaemon.tracking.turning import Turning, rate_and_pivot
 
 _COURSE_ERROR: Final = 0.1  # rad, standard deviation of a course that tells the axis
-_BACKING: Final = -2.0  # m/s along its axis, below which a body turns round rather than backs
+_BACKING: Final = -2.0  # m/s along its axis, below which a body that showed a course turns round rather than backs
+_TELLING: Final = 0.5  # how well a course is known that first tells which end of a body leads
 _UNKNOWN: Final = 0.25  # (m/s)², of a course that nothing is known of
 _DOUBT: Final = 0.5  # times the variance of a turn rate, below the square of which it counts for nothing
 _LEAST_TURN: Final = 1e-9  # (rad/s)²
@@ -29,8 +30,11 @@ def turned_axes(
     part: Floats,
     facing: Floats,
     turning: Turning | None,
-) -> Floats:
-    """Return axes (n, 2) turned towards the courses; note in place which of them a course tells well.
+) -> tuple[Floats, Booleans | None]:
+    """Return axes (n, 2) turned towards the courses, and which turned round (n,); None: none did.
+
+    Which of them a course tells well is noted in place. Who never showed a course begins with either end ahead, and
+    turns round with the first course that tells; who did backs.
 
     Args:
         mean: states of the bodies (n, 8), as in `BodyFilter`.
@@ -43,7 +47,7 @@ def turned_axes(
     """
     if compiled.in_use:
         rate, pivot = rate_and_pivot(turning)
-        return compiled.kernels.turn_axes_of_bodies(
+        axes, turned_round = compiled.kernels.turn_axes_of_bodies(
             mean,
             covariance,
             axis,
@@ -55,10 +59,12 @@ def turned_axes(
             pivot,
             _COURSE_ERROR**2,
             _BACKING,
+            _TELLING,
             _UNKNOWN,
             _DOUBT,
             _LEAST_TURN,
         )
+        return axes, _opposite(axes, axis) if turned_round else None
     vx, vy = mean[:, 2], mean[:, 3]
     spread = covariance[:, 2, 2] + covariance[:, 3, 3]
     if turning is not None:
@@ -69,15 +75,23 @@ def turned_axes(
         spread = spread + variance * (arm_x * arm_x + arm_y * arm_y)
     squared = vx * vx + vy * vy
     known = squared / (squared + 4.0 * spread + _UNKNOWN)
-    directed |= spread < _COURSE_ERROR**2 * squared
+    directs = spread < _COURSE_ERROR**2 * squared
+    first = ~directed & (directs | (known > _TELLING))
+    directed |= directs
     share = known * known * part
     speed = np.sqrt(np.maximum(squared, 1e-6))
     x, y = axis[:, 0], axis[:, 1]
-    forward = np.where(vx * x + vy * y < _BACKING, -1.0, 1.0)
+    forward = np.where(vx * x + vy * y < np.where(first, 0.0, _BACKING), -1.0, 1.0)
     course_x, course_y = vx / speed, vy / speed
     backs = (course_x * x + course_y * y < 0.0) & (forward > 0.0)
     course_x, course_y = np.where(backs, -course_x, course_x), np.where(backs, -course_y, course_y)
     x, y = forward * x, forward * y
     x, y = x + share * (course_x - x), y + share * (course_y - y)
     norm = np.maximum(np.sqrt(x * x + y * y), 1e-9)
-    return np.stack([x / norm, y / norm], axis=1)
+    axes = np.stack([x / norm, y / norm], axis=1)
+    return axes, _opposite(axes, axis) if (forward < 0.0).any() else None
+
+
+def _opposite(axes: Floats, before: Floats) -> Booleans:
+    """Return which axes (n, 2) point the other way than before."""
+    return np.asarray(axes[:, 0] * before[:, 0] + axes[:, 1] * before[:, 1] < 0.0)

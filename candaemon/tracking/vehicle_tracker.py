@@ -562,7 +562,7 @@ class VehicleTracker:
             part = -np.expm1(-self._dt / time)
         else:
             part = np.full(len(self), -np.expm1(-self._dt / _AXIS_TIME))
-        obstacles.axis = turned_axes(
+        axes, turned_round = turned_axes(
             moments.mean,
             moments.covariance,
             obstacles.axis,
@@ -571,6 +571,10 @@ class VehicleTracker:
             obstacles.facing,
             self._bodies.turning(),
         )
+        obstacles.axis = axes
+        if turned_round is not None:  # their reflections stay where they are
+            reflections = self._bodies.reflections
+            reflections.offset[turned_round[reflections.body]] *= -1.0
 
     def _confirm_and_delete(self, pose: EgoPose, detections: Detections | None) -> None:
         """Confirm what surely exists; delete what is not detected, out of view or too uncertain.

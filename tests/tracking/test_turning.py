@@ -8,6 +8,7 @@ import pytest
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.tracking.body_axes import turned_axes
 from candaemon.tracking.turning import Turning
+from tests.support.builders import CYCLE, HandFedVehicles, Seen, times
 
 TURNING = Turning(np.array([0.0, 0.5]), np.array([0.0, 0.04]), np.array([[0.0, 0.0], [20.0, 10.0]]))
 BODY = np.array([1, 1, 0])
@@ -43,11 +44,42 @@ def test_the_axis_follows_the_course_of_the_centre_unless_the_turn_rate_is_vague
     mean = np.array([[10.0, 0.0, 7.0, 1.0, 0.5, 0.0, 0.0, 0.0]])
     turning = Turning(np.array([0.5]), np.array([variance]), mean[:, :2])
     known = mean, 1e-6 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.ones(1, np.bool_), np.ones(1)
-    axis = turned_axes(*known, np.array([[2.0, 0.0]]), turning)
+    axis, _ = turned_axes(*known, np.array([[2.0, 0.0]]), turning)
     if variance < 1.0:
         np.testing.assert_allclose(axis, [[1.0, 0.0]], atol=1e-3)
     else:
         assert axis[0, 1] > 0.05
+
+
+@pytest.mark.parametrize("directed", [False, True])
+def test_who_showed_no_course_turns_round_with_the_first_and_who_did_backs(directed: bool) -> None:
+    mean = np.array([[10.0, 0.0, 0.0, -1.3, 0.0, 0.0, 0.0, 0.0]])
+    known = mean, 0.04 * np.eye(4)[None], np.array([[0.0, 1.0]]), np.array([directed])
+    axis, turned_round = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None)
+    np.testing.assert_allclose(axis, [[0.0, 1.0 if directed else -1.0]], atol=1e-9)
+    assert (turned_round is not None) != directed
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_walkers_head_where_they_walk(seed: int) -> None:
+    fed, rng, speed = HandFedVehicles(noise=(0.15, 0.15, 0.1)), np.random.default_rng(seed), 1.3 - 2.6 * (seed % 2)
+    for t in times(1, 160):
+        dx, dy, rate = rng.normal(size=3) * (0.15, 0.15, 0.1)
+        told = fed.scan(t, [Seen(1, 12.0 + dx, speed * (t - 4.0) + dy, rate, speed)])
+    assert told.heading[0] == pytest.approx(np.copysign(np.pi / 2, speed), abs=0.4)
+
+
+def test_reflections_of_what_turns_round_stay_where_they_are() -> None:
+    """What stands may have either end ahead; it comes nearer."""
+    fed = HandFedVehicles(noise=(0.1, 0.1, 0.05))
+    x = 20.0
+    for t in times(1, 100):
+        speed = -min(1.5 * max(t - 2.0, 0.0), 1.5)
+        x += CYCLE * speed
+        told = fed.scan(t, [Seen(1, x, 0.0, speed), Seen(2, x + 1.5, 0.3, speed)])
+    assert fed.tracker.counts.obstacles == len(told) == 1
+    assert fed.tracker.counts.used > 150
+    assert abs(told.heading[0]) > 3.0
 
 
 def test_arms_are_those_of_bodies_that_are_known_to_turn() -> None:
