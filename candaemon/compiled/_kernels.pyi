@@ -598,6 +598,7 @@ def weigh_existence(
     limit: float,
     careful: float,
     most: float,
+    first: float,
     least: float,
     largest: float,
 ) -> None: ...

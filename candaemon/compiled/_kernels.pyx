@@ -4142,6 +4142,7 @@ def weigh_existence(
     double limit,
     double careful,
     double most,
+    double first,
     double least,
     double largest,
 ):
@@ -4152,6 +4153,8 @@ def weigh_existence(
         for t in range(k):
             if not (seen[t] or expected[t]):
                 continue
+            if seen[t] and confirmed[t] and existence[t] < first:
+                existence[t] = first
             ratio = within(likelihood[t], 0.0, largest)
             probability = within(detection[t], 0.0, 1.0)
             prior = within(existence[t], least, 1.0 - least)

@@ -127,6 +127,7 @@ class BodyExistence:
         """Weigh what is seen or expected, by a limited factor, and note what the scan could see.
 
         What is not confirmed loses half as much by a miss: what comes into view at its edge is missed now and then.
+        What was given up for lost and is detected again exists as surely as what is detected for the first time.
         """
         limit, careful, most = self._limit, sqrt(self._limit), self._limit_for(self.confirming(sensor))
         if compiled.in_use:
@@ -143,10 +144,13 @@ class BodyExistence:
                 limit,
                 careful,
                 most,
+                self._settings.first_existence,
                 existence.LEAST,
                 existence.LARGEST_RATIO,
             )
             return
+        found = seen & obstacles.confirmed & (obstacles.existence < self._settings.first_existence)
+        obstacles.existence[found] = self._settings.first_existence
         raised = existence.detected(obstacles.existence, probability, ratio)
         raised = np.where(seen, np.maximum(raised, obstacles.existence), raised)
         odds = obstacles.existence / (1.0 - obstacles.existence)

@@ -98,6 +98,19 @@ def test_what_is_in_sight_and_not_detected_is_reported_for_the_coasting_time_onl
     assert existence < 0.999
 
 
+def test_what_was_given_up_for_lost_and_comes_again_exists_as_what_is_detected_first() -> None:
+    tracker = _tracker(first_existence=0.2)
+    for k in range(100):
+        time = k * CYCLE
+        seen = {4: (60.0, 5.0, 0.0)} if k < 60 or k >= 90 else {}
+        obstacles = tracker.step(_scan(time, seen), pose(time, east=SPEED * time, ve=SPEED))
+        if k == 89:
+            assert not len(obstacles)
+        elif k >= 90:
+            assert obstacles.id.tolist() == [1]
+            assert obstacles.existence[0] >= 0.2
+
+
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_what_was_seen_for_a_short_time_coasts_for_a_share_of_it(share: float) -> None:
     tracker, last_reported = _tracker(coast_share=share), 0.0
