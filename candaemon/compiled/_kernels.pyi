@@ -276,7 +276,7 @@ def turn_axes_of_bodies(
     unknown: float,
     doubt: float,
     least_turn: float,
-) -> Floats: ...
+) -> tuple[Floats, int]: ...
 def bodies_to_merge(
     shown: Floats,
     spread: Floats,
@@ -297,6 +297,7 @@ def bodies_to_merge(
     since_ns: int,
     begun_ns: int,
     fresh_ns: int,
+    late_ns: int,
     slow: float,
     moved: float,
     apart: float,
@@ -311,9 +312,11 @@ def bodies_to_merge(
     beside: float,
     following_speed: float,
     extent: float,
+    edge: float,
     course_speed: float,
     course_along: float,
     course_across: float,
+    course_apart: float,
     course_faster: float,
     course_drift: float,
     course_time: float,

@@ -3080,6 +3080,7 @@ def bodies_to_merge(
     Py_ssize_t since_ns,
     Py_ssize_t begun_ns,
     Py_ssize_t fresh_ns,
+    Py_ssize_t late_ns,
     double slow,
     double moved,
     double apart,
@@ -3094,9 +3095,11 @@ def bodies_to_merge(
     double beside,
     double following_speed,
     double extent,
+    double edge,
     double course_speed,
     double course_along,
     double course_across,
+    double course_apart,
     double course_faster,
     double course_drift,
     double course_time,
@@ -3104,7 +3107,7 @@ def bodies_to_merge(
 ):
     """Return of each body the row of the oldest one it may be merged into, or −1, and the time alongside it takes, s."""
     cdef Py_ssize_t n = mean.shape[0], young, old
-    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, squared
+    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, squared, lane
     cdef double reach = larger(larger(along, course_along), larger(standing_extent, extent)) + larger(across, course_across)
     cdef bint moving, by_course, by_box, near, stand
     found_array, needed_array = np.empty(n, np.int64), np.empty(n)
@@ -3125,20 +3128,23 @@ def bodies_to_merge(
                 drift = fabs(vy * axis[old, 0] - vx * axis[old, 1])
                 moving = smaller(fast[young], fast[old]) > course_speed
                 moving = moving and drift < course_drift
-                by_course = moving and aside < course_across and ahead < course_along and faster < course_faster
+                lane = course_apart if confirmed[young] and first_ns[young] <= late_ns else INFINITY
+                by_course = moving and aside < smaller(course_across, lane) and ahead < course_along
+                by_course = by_course and faster < course_faster
                 x = shown[young, 0] - (mean[old, 0] - facing[old, 0])
                 y = shown[young, 1] - (mean[old, 1] - facing[old, 1])
                 beyond = fabs(x * axis[old, 0] + y * axis[old, 1])
                 by_box = moving and beyond - 0.5 * length[old] < smaller(following * fast[old], following_gap)
                 by_box = by_box and beyond < extent and faster < following_speed
                 beyond = fabs(y * axis[old, 0] - x * axis[old, 1])
-                by_box = by_box and (aside < course_across or beyond - 0.5 * width[old] < beside)
+                by_box = by_box and (aside < course_across or beyond - 0.5 * width[old] < beside) and aside < lane
                 if by_course:
                     unclear = spread[young, 0, 0] + spread[young, 1, 1] + (spread[old, 0, 0] + spread[old, 1, 1])
                     unclear = 1.0 + unclear / clear
                     needed[young] = smaller(course_time * unclear, merge_time)
                 elif not by_box:
-                    near = ahead < along and aside < across
+                    near = ahead < smaller(along, 0.5 * (length[young] + length[old]) + edge)
+                    near = near and aside < smaller(across, smaller(lane, 0.5 * (width[young] + width[old]) + edge))
                     squared = ahead * ahead + aside * aside
                     if near or squared < larger(along * along, standing_extent * standing_extent):
                         stand = stands(mean, directed, fastest, young, slow, moved)

@@ -78,6 +78,12 @@ class CourseSettings(Settings):
     clear: float = Field(
         0.8, gt=0.01, le=10, description="… m: twice as long where the variances of both places sum up to its square"
     )
+    apart_for: float = Field(
+        3.0, ge=0, le=60, description="s since its first detection, after which a confirmed one stays by itself …"
+    )
+    apart: float = Field(
+        1.0, gt=0, le=5, description="… where it is farther than so many m across the course: it drives in another lane"
+    )
 
 
 class StoodSettings(Settings):
@@ -136,7 +142,12 @@ class ReflectionSettings(Settings):
     merge: bool = Field(True, description="false: every object of the sensor is an obstacle")
     along: float = Field(3.5, gt=0, le=30, description="m along the travel from a known reflection")
     across: float = Field(1.2, gt=0, le=5, description="m across it")
-    edge: float = Field(0.5, ge=0, le=5, description="m beyond the box of a vehicle whose size is known")
+    edge: float = Field(
+        0.5,
+        ge=0,
+        le=5,
+        description="m beyond the box of a vehicle whose size is known, and between those of two that are one",
+    )
     speed: float = Field(1.2, gt=0, le=10, description="m/s difference of speed along the line of sight")
     slide: float = Field(
         1.5,

@@ -22,10 +22,11 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     differ there by noise alone. What stands and never showed a course is compared in all directions alike, for it may
     be parked across; but what was last seen in one scan is two, as who stands beside a car, unless reflections of both
     lie close together: so do those of a car parked across, and who stands that close to one is a part of it. What has
-    stood apart for long stays apart, as cars side by side at a light. What moves one behind the other as fast is one
-    vehicle where no driver would follow so closely. What has stood all the time is none of what has moved: a car that
-    stops beside a post stays a car. Of two that never were faster than someone walks, one that surely walks is none of
-    one that stands.
+    stood apart for long stays apart, as cars side by side at a light, and so does what has driven apart in another
+    lane. What is small is one only where both sizes leave room for no more than an edge between. What moves one behind
+    the other as fast is one vehicle where no driver would follow so closely. What has stood all the time is none of
+    what has moved: a car that stops beside a post stays a car. Of two that never were faster than someone walks, one
+    that surely walks is none of one that stands.
 
     Args:
         bodies: of the cycle.
@@ -60,6 +61,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             since_ns,
             time_ns - _YOUNG_NS,
             time_ns - round(standing.apart_for * 1e9),
+            time_ns - round(course.apart_for * 1e9),
             standing.speed,
             standing.moved,
             standing.apart,
@@ -74,9 +76,11 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
             settings.beside,
             settings.following_speed,
             settings.extent,
+            settings.edge,
             course.speed,
             course.along,
             course.across,
+            course.apart,
             course.faster,
             course.drift,
             course.time,
@@ -93,15 +97,19 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     faster = np.abs(to_travel_axes(velocity[young] - velocity[old], axis))
     speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
     moving = np.minimum(speed[young], speed[old]) > course.speed
+    late = obstacles.confirmed[young] & (obstacles.first_ns[young] <= time_ns - round(course.apart_for * 1e9))
+    lane = np.where(late, course.apart, np.inf)
     by_course = (
         moving
         & (apart[:, 0] < course.along)
-        & (apart[:, 1] < course.across)
+        & (apart[:, 1] < np.minimum(course.across, lane))
         & (faster[:, 0] < course.faster)
         & (faster[:, 1] < course.drift)
     )
     stands = _stands(bodies, standing.speed, standing.moved)
-    near = (apart[:, 0] < settings.along) & (apart[:, 1] < settings.across)
+    along = 0.5 * (obstacles.length[young] + obstacles.length[old]) + settings.edge
+    across = np.minimum(lane, 0.5 * (obstacles.width[young] + obstacles.width[old]) + settings.edge)
+    near = (apart[:, 0] < np.minimum(settings.along, along)) & (apart[:, 1] < np.minimum(settings.across, across))
     squared = (apart * apart).sum(axis=1)
     either = (squared < settings.along * settings.along) & (obstacles.last_ns[young] != obstacles.last_ns[old])
     either |= (squared < standing.extent * standing.extent) & _close_by(
@@ -125,6 +133,7 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         & (np.abs(beyond[:, 0]) - 0.5 * obstacles.length[old] < gap[old])
         & (np.abs(beyond[:, 0]) < settings.extent)
         & ((apart[:, 1] < course.across) | (np.abs(beyond[:, 1]) - 0.5 * obstacles.width[old] < settings.beside))
+        & (apart[:, 1] < lane)
         & (faster[:, 0] < settings.following_speed)
         & (faster[:, 1] < course.drift)
     )

@@ -550,13 +550,13 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
         part, facing = np.linspace(0.0, 1.0, 20), obstacles.facing
         known, directed = (moments.mean, moments.covariance), obstacles.directed
         assert bodies.turning() is None
-        obstacles.axis = turned_axes(*known, obstacles.axis, directed, part, facing, None)
+        obstacles.axis, _ = turned_axes(*known, obstacles.axis, directed, part, facing, None)
         bodies.filter.state.mean[:, :, TURN] = 0.1
         bodies.changed()
         turning = bodies.turning()
         assert turning is not None
         assert 0 < np.count_nonzero(turning.rate) < 20
-        obstacles.axis = turned_axes(*known, obstacles.axis, directed, part, facing, turning)
+        obstacles.axis, _ = turned_axes(*known, obstacles.axis, directed, part, facing, turning)
         assert 0 < np.count_nonzero(obstacles.directed) < 20
         bodies.return_reference(10**9, 0.5, 10**8)
         obstacles.facing = box.facing_offsets(bodies, POSE)
@@ -620,6 +620,7 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         bodies.obstacles.confirmed |= confirmed
         bodies.obstacles.fastest[::3] = 0.3
         bodies.obstacles.last_ns += 4 * 10**9  # some in this scan, some lost sight of
+        bodies.obstacles.first_ns[::2] = 3 * 10**9  # the others have been apart for long
         older, needed = merge_candidates(bodies, ReflectionSettings(), 5 * 10**9)
         bodies.filter.state.mean[::2, :, 2:4] *= 0.01
         bodies.obstacles.fastest[::2] = 0.2

@@ -80,3 +80,27 @@ def test_two_of_which_one_walks_past_the_other_do_not_become_one() -> None:
         )
     assert len(told) == 2
     assert fed.tracker.counts.merged == 0
+
+
+@pytest.mark.parametrize(("apart_for", "obstacles"), [(3.0, 2), (60.0, 1)])
+def test_who_has_driven_in_another_lane_for_long_stays_by_itself(apart_for: float, obstacles: int) -> None:
+    """In a jam the near side of the car beside is nearer to the middle of the one ahead than a lorry is wide."""
+    fed = HandFedVehicles(noise=(0.2, 0.2, 0.1), reflections={"course": {"apart_for": apart_for}})
+    for t in times(1, 320):
+        told = fed.scan(t, [Seen(1, 20.0 + 5.0 * t, 0.0, 5.0), Seen(2, 31.0 + 4.1 * t, 1.5, 4.1)])
+    assert len(told) == obstacles
+
+
+@pytest.mark.parametrize(("size", "older"), [(0.5, -1), (4.5, 0)])
+def test_what_is_small_is_one_with_nothing_that_its_size_leaves_no_room_for(size: float, older: int) -> None:
+    bodies = Bodies(VehicleEstimatorSettings(kind="vehicle"), Identities())
+    modes = bodies.filter.probability.shape[1]
+    velocity, spread = np.tile([1.3, 0.0], (2, modes, 1)), np.tile(np.eye(2) * 0.01, (2, modes, 1, 1))
+    place = np.array([[0.0, 20.0], [-1.7, 20.5]])
+    bodies.filter.spawn(place, np.tile(np.eye(2) * 0.04, (2, 1, 1)), velocity, spread, np.full((2, modes), 1 / modes))
+    for row in range(2):
+        bodies.add(NOW_NS - 2 * 10**9, np.array([1.0, 0.0]), size, 0.4 * size)
+        bodies.add_reflection(row, 0, row, NOW_NS, np.zeros(2))
+    bodies.obstacles.confirmed[:], bodies.obstacles.fastest[:], bodies.obstacles.last_ns[:] = True, 1.3, NOW_NS
+    found, _ = merge_candidates(bodies, ReflectionSettings(), NOW_NS)
+    assert found.tolist() == [-1, older]
