@@ -349,8 +349,8 @@ def beside(
         & (np.abs(reach[..., 1]) < 2 * extent.across)
     )
     age = np.maximum(time_ns - obstacles.first_ns.take(owner), 0) * 1e-9
-    walks = (obstacles.confirmed & (obstacles.fastest <= extent.stray.fastest)).take(owner)
-    speed = np.where(walks, min(extent.speed, extent.stood.speed), extent.speed)
+    slow = obstacles.confirmed.take(owner) & (obstacles.fastest.take(owner) <= extent.stray.fastest)
+    speed = np.where(slow & (age > extent.stood.time), min(extent.speed, extent.stood.speed), extent.speed)
     alike = _as_fast(mean, measurement, left, speed, extent.slide / np.maximum(age, _LEAST_AGE))
     close &= alike
     distance = np.where(close, (place[..., 0] / extent.along) ** 2 + (place[..., 1] / extent.across) ** 2, np.inf)
