@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from candaemon.binding.bind_ego import bind_ego
+from candaemon.binding.bind_ego import assumed_speeds, bind_ego
 from candaemon.binding.bind_output import bind_output
 from candaemon.binding.bind_sensor import bind_sensor, bind_sensor_writer
 from candaemon.binding.bound import Binding, BoundBus, BoundEgo, BoundOutput, BoundSensor
 from candaemon.binding.bus_load import Traffic, bus_load
 from candaemon.binding.conflicts import check_identifiers, multiplexed_warnings, range_warnings
 from candaemon.binding.location import SettingLocation, collected, raise_all
+from candaemon.binding.oddities import oddities
 from candaemon.config.ego import StaticSettings
 from candaemon.config.load import LoadedConfig
 from candaemon.config.settings import Config
@@ -79,7 +80,9 @@ def bind(loaded: LoadedConfig) -> Binding:
         *_unwritable(location, sensors),
         *range_warnings(ego, sensors, output),
         *multiplexed_warnings(sensors),
+        *([] if ego is None else assumed_speeds(ego, location.at("ego"))),
         *_load_warnings(buses),
+        *oddities(location, buses, ego, sensors, output),
     )
     by_path = {str(path): database for path, database in databases.by_path.items()}
     return Binding(loaded, buses, tuple(sensors), ego, output, by_path, warnings)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from candaemon.binding.bind_protection import bind_frame_monitor
-from candaemon.binding.bind_signal import bind_signal
+from candaemon.binding.bind_signal import assumes_speed, bind_signal
 from candaemon.binding.bound import BoundEgo, EgoMessage
 from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.binding.look_up import find_message, find_qualified
@@ -47,6 +47,17 @@ def bind_ego(
     raise_all(errors)
     messages = {can_id: _ego_message(*entry, monitors.get(can_id)) for can_id, entry in found.items()}
     return BoundEgo(settings, bus, database, messages)
+
+
+def assumed_speeds(ego: BoundEgo, location: SettingLocation) -> list[str]:
+    """Warn of speeds that are taken as m/s for want of any unit: those of cars are mostly sent in km/h."""
+    found = []
+    for quantity, ref, place in _signals(ego.settings, location.at("signals")):
+        _, signal = find_qualified(ego.database, ref.signal, place)
+        if assumes_speed(quantity, ref, signal, ego.settings.units):
+            text = f"signal '{signal.name}' has no unit in the DBC, and is taken as m/s"
+            found.append(str(place.error(f"{text}; say so, or what it is: {{signal: {ref.signal}, unit: km/h}}")))
+    return found
 
 
 def _monitor(

@@ -72,6 +72,12 @@ def normalised_unit(unit: str) -> str:
     return text
 
 
+def assumes_speed(quantity: str, ref: SignalRef, signal: SignalSpec, units: Units) -> bool:
+    """Return whether a signal is taken as m/s for want of any unit."""
+    told = ref.unit is not None or bool(signal.unit.strip()) or "speed" in units.model_fields_set
+    return DIMENSIONS.get(quantity) == "speed" and not told
+
+
 def bind_signal(
     quantity: str, ref: SignalRef, signal: SignalSpec, location: SettingLocation, units: Units = DEFAULT_UNITS
 ) -> SignalBinding:
@@ -85,9 +91,15 @@ def bind_signal(
         units: of signals of which neither the entry nor the DBC names one.
 
     Raises:
-        ConfigError: the unit does not fit the quantity, is not known, or is an angle's and given nowhere.
+        ConfigError: the unit does not fit the quantity, is not known, or is an angle's and given nowhere; or the DBC
+            gives the signal one value only.
 
     """
+    if signal.scale == 0.0:
+        raise location.error(
+            f"signal '{signal.name}' has the factor 0 in line {signal.line} of the DBC, so all its values are one; "
+            "correct the factor there"
+        )
     form = ref.form if isinstance(ref, ObjectSignalRef) else None
     dimension = DIMENSIONS.get(quantity, "number")
     if form is not None and dimension != "angle":

@@ -18,12 +18,18 @@ def find_message(database: Database, name: str, location: SettingLocation) -> Me
     """Find a message by name.
 
     Raises:
-        ConfigError: the DBC has no such message.
+        ConfigError: the DBC has no such message, or gives its identifier to another one before it.
 
     """
     message = database.messages.get(name)
     if message is None:
         raise location.error(f"'{database.path.name}' has no message '{name}'; {near_names(name, database.messages)}")
+    owner = database.by_id[message.can_id]
+    if owner.name != message.name:
+        raise location.error(
+            f"message '{name}' has the identifier of '{owner.name}', in line {owner.line} of '{database.path.name}', "
+            "which all its frames go to; correct one of the two there"
+        )
     return message
 
 

@@ -52,6 +52,10 @@ if TYPE_CHECKING:
 _STAMPS = {"age": "the time since the measurement", "clock": "the sensor's own clock"}
 
 
+_COMMON = frozenset({"socketcan", "udp_multicast", "virtual"})
+"""Interfaces that every python-can has."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
@@ -84,7 +88,8 @@ def execute(arguments: argparse.Namespace) -> None:
 
         with log_progress(logs_name(arguments.log)) as progress:
             replayed = replay(binding, ReplayRequest(arguments.log[0], further=tuple(arguments.log[1:])), progress)
-        sheets[-1:] = [*_ego_in_log(replayed), _warnings((*binding.warnings, *doubts(summarise(replayed))))]
+        found = (*binding.warnings, *_unknown_interfaces(binding), *doubts(summarise(replayed)))
+        sheets[-1:] = [*_ego_in_log(replayed), _warnings(found)]
     if arguments.against:
         from candaemon.playback.recording_files import unfolded  # noqa: PLC0415 - as above
         from candaemon.wizard.findings import findings  # noqa: PLC0415 - as above
@@ -119,9 +124,21 @@ def check_report(binding: Binding) -> Iterator[Sheet]:
         tracker = group.fused_tracker if group.fusion == "trilateration" else group.tracker
         mode = group.fusion if group.align == "prediction" else f"{group.fusion}, aligned by interpolation"
         yield _tracker(f"tracker of group {name} ({', '.join(group.sensors)}), {mode}", tracker)
-    if binding.output is not None:
+    if binding.output is None:
+        yield Sheet("output", (("sent", "nothing: there is no `output`"),))
+    else:
         yield from _output(binding, binding.output)
-    yield _warnings(binding.warnings)
+    yield _warnings((*binding.warnings, *_unknown_interfaces(binding)))
+
+
+def _unknown_interfaces(binding: Binding) -> Iterator[str]:
+    """Yield a sentence on each bus that `run` would refuse."""
+    others = [bus for bus in binding.buses if bus.settings.interface not in _COMMON]
+    if others:
+        from candaemon.can_io.open_port import is_known  # noqa: PLC0415 - python-can, only for what it alone knows
+        from candaemon.daemon.service_config import unknown_interface  # noqa: PLC0415 - as above
+
+        yield from (str(unknown_interface(binding, bus)) for bus in others if not is_known(bus.settings.interface))
 
 
 def _buses(binding: Binding) -> Sheet:

@@ -132,7 +132,7 @@ def representable_raw(signal: SignalSpec) -> tuple[float, float]:
 
 def dbc_raw_range(signal: SignalSpec) -> tuple[float, float] | None:
     """Least and greatest raw value by the DBC's [min|max], rounded as values are; None where it gives no range."""
-    if signal.minimum is None or signal.maximum is None or not signal.minimum < signal.maximum:
+    if signal.minimum is None or signal.maximum is None or not signal.minimum < signal.maximum or signal.scale == 0:
         return None
     ends = sorted((to_raw(signal, signal.minimum), to_raw(signal, signal.maximum)))
     if signal.is_float:
