@@ -25,6 +25,7 @@ from candaemon.daemon.service_log import (
 from candaemon.daemon.trial_load import TriedConfig
 from candaemon.recording.recorder import Recorder
 from candaemon.status.calibration_keeper import CalibrationKeeper
+from candaemon.status.fault_log import FaultLogger
 from candaemon.status.health_summary import StatusLogger
 from candaemon.status.metrics_endpoint import MetricsEndpoint
 from candaemon.status.sd_notify import SystemdNotifier, SystemdObserver
@@ -103,7 +104,8 @@ def _observers(
     yield StatusSocket(meter)
     yield MetricsEndpoint(meter)
     yield LogFormatObserver(request.log, repetitions)
-    yield StatusLogger(request.status, meter)
+    yield StatusLogger(request.status, meter, shadow=request.shadow)
+    yield FaultLogger()
     yield SystemdObserver(notifier, meter)
 
 

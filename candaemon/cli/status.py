@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -277,6 +278,8 @@ def _socket_of(instance: str | None) -> Path:
     running = running_instances()
     listed = ", ".join(sorted(running)) or "none"
     start = "start one with `systemctl start candaemon@NAME` or `candaemon run CONFIG`"
+    if not os.environ.get("XDG_RUNTIME_DIR"):
+        start += ", with XDG_RUNTIME_DIR set there and here, or its own are not found"
     if instance is not None:
         if instance not in running:
             raise InputError(f"no instance '{instance}' runs; running: {listed}; {start}, or give --socket PATH")

@@ -14,6 +14,7 @@ from typing import Self, TypedDict
 from candaemon.binding.bound import Binding
 from candaemon.can_io.live_buses import LiveBuses
 from candaemon.can_io.reorder import STEP_NS, ReorderBuffer
+from candaemon.config.recording import EventSettings, RecordingSettings
 from candaemon.daemon.clock_step import ClockStepDetector, since_boot_ns
 from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.daemon.reload import Reloader
@@ -232,6 +233,8 @@ class Daemon:
         self.sequence.tune(_window_ns(binding), max_gap_ns=_clock_step_ns(binding))
         self.pipeline = pipeline
         logger.info("reloaded: %s", kept)
+        if _ring(binding) != _ring(former.binding):
+            logger.warning("service.recording is taken at the start: restart the service for what has changed there")
         gc.unfreeze()
         _freeze()
 
@@ -242,6 +245,12 @@ def _expected(binding: Binding) -> _Expected:
         "ids": {bus.name: bus.can_ids for bus in binding.buses},
         "rates": {bus.name: bus.rate for bus in binding.buses},
     }
+
+
+def _ring(binding: Binding) -> RecordingSettings:
+    """Return what of the recording a reload does not change: all but its events."""
+    recording = binding.settings.service.recording
+    return recording.model_copy(update={"events": EventSettings.defaults()})
 
 
 def _window_ns(binding: Binding) -> int:

@@ -82,12 +82,18 @@ class StatusLogger(Observer):
         interval_s: between two lines, 0: none but the last; None: what the configuration says.
         meter: knows what was lost; it observes the same daemon.
         clock: monotonic seconds.
+        shadow: whether nothing is sent though there is an output.
     """
 
     def __init__(
-        self, interval_s: float | None, meter: ServiceMonitor, clock: Callable[[], float] = time.monotonic
+        self,
+        interval_s: float | None,
+        meter: ServiceMonitor,
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        shadow: bool = False,
     ) -> None:
-        self._asked_s = interval_s
+        self._asked_s, self._shadow = interval_s, shadow
         self._meter = meter
         self._clock = clock
         self._last_s = clock()
@@ -99,6 +105,8 @@ class StatusLogger(Observer):
         binding = daemon.binding
         sensors, buses = (", ".join(each.name for each in some) for some in (binding.sensors, binding.buses))
         logger.info("serving %s: sensors %s; buses %s", binding.loaded.path, sensors, buses)
+        if binding.output is None and not self._shadow:
+            logger.warning("there is no `output`: obstacles are tracked, and none is sent")
         self._set_interval(daemon)
 
     def on_reload_end(self, daemon: DaemonView, error: str) -> None:

@@ -64,7 +64,11 @@ class StatusSocket(Observer):
         """Make the socket, in the place that the environment gives."""
         path = socket_path(daemon.pipeline.binding.loaded.path)
         if path is None:
-            logger.info("no status socket: neither RUNTIME_DIRECTORY nor XDG_RUNTIME_DIR is set")
+            logger.warning(
+                "no status socket, `candaemon status` will not find this instance: neither RUNTIME_DIRECTORY nor "
+                "XDG_RUNTIME_DIR is set; set the latter to a folder of yours, such as /run/user/%d",
+                os.getuid(),
+            )
             return
         if is_listening(path):
             logger.warning("no status socket: another instance has %s; stop it, or give this one another name", path)

@@ -131,6 +131,15 @@ def test_obstacles_live_through_a_reload(vehicle: Vehicle, caplog: pytest.LogCap
     assert any("reloaded: unchanged: front, own motion, output; " in message for message in caplog.messages)
 
 
+def test_what_a_reload_does_not_change_is_told(vehicle: Vehicle, caplog: pytest.LogCaptureFixture) -> None:
+    vehicle.change("name: Demo", "name: Demo\nservice: {recording: {events: {late: 0.3}}}")
+    vehicle.reload()
+    assert not any("service.recording" in message for message in caplog.messages)
+    vehicle.change("{events: {late: 0.3}}", "{minutes: 7}")
+    vehicle.reload()
+    assert any("service.recording is taken at the start: restart" in message for message in caplog.messages)
+
+
 def test_a_bad_file_is_refused_with_its_line_and_nothing_changes(
     vehicle: Vehicle, caplog: pytest.LogCaptureFixture
 ) -> None:
