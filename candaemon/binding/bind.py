@@ -18,6 +18,7 @@ from candaemon.binding.oddities import oddities
 from candaemon.config.ego import StaticSettings
 from candaemon.config.load import LoadedConfig
 from candaemon.config.settings import Config
+from candaemon.config.shipped import shared_folder
 from candaemon.dbc.database_cache import load_cached
 from candaemon.dbc.types import Database, MessageSpec
 from candaemon.errors import ConfigError, DatabaseError
@@ -124,8 +125,10 @@ class _Databases:
             except DatabaseError as error:
                 if not isinstance(error.__cause__, FileNotFoundError):
                     raise
+                ours = shared_folder() / "dbc" / path.name
+                hint = f"; the one that comes with candaemon is {ours}" if ours.is_file() else ""
                 raise location.at("dbc").error(
-                    f"no DBC file '{relative}'; expected it at {path}, as paths start from the YAML's folder"
+                    f"no DBC file '{relative}'; expected it at {path}, as paths start from the YAML's folder{hint}"
                 ) from None
             self.failed.discard(path)
         return self.by_path[path]

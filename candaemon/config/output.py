@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from candaemon.config.base import ListedObjectSignals, Settings, Units
 from candaemon.config.names import DbcName, FilePath, Name
@@ -27,6 +27,15 @@ class StatusFormat(Settings):
     message: DbcName = Field(description="message name")
     signals: dict[DbcName, StatusQuantity] = Field(default_factory=dict, description="signal: quantity")
     fixed: dict[DbcName, SignalValue] = Field(default_factory=dict, description="signal: value")
+
+    @field_validator("signals", mode="before")
+    @classmethod
+    def _names_signals_first(cls, value: object) -> object:
+        known = get_args(StatusQuantity)
+        for signal, quantity in value.items() if isinstance(value, dict) else ():
+            if signal in known and quantity not in known:
+                raise ValueError(f"here it is the signal, then the quantity: write {{{quantity}: {signal}}}")
+        return value
 
 
 class OutputSettings(Settings):

@@ -9,6 +9,7 @@ import pytest
 from candaemon.binding.bind import bind
 from candaemon.cli.main import main
 from candaemon.config.load import load_config
+from candaemon.config.output import StatusFormat
 from candaemon.errors import ConfigError
 
 DBC = """VERSION ""
@@ -118,3 +119,14 @@ def test_a_factor_of_0_of_a_signal_that_nobody_reads_costs_nothing(tmp_path: Pat
         'SG_ COUNTER : 8|8@1+ (1,0) [0|255] "" CAR\n SG_ X : 16|8@1+ (0,0) [0|9] "" CAR',
     )
     assert len(bind(load_config(path)).warnings) == 1
+
+
+def test_a_dbc_of_ours_is_found_by_the_hint(tmp_path: Path) -> None:
+    path = written(tmp_path, "  dbc: car.dbc\n  signals:", "  dbc: obstacles.dbc\n  signals:")
+    with pytest.raises(ConfigError, match=r"the one that comes with candaemon is .*obstacles\.dbc"):
+        bind(load_config(path))
+
+
+def test_a_status_that_names_the_quantity_first_is_told_how_to_turn_it_round() -> None:
+    with pytest.raises(ValueError, match=r"write \{Cycle: cycle\}"):
+        StatusFormat(message="OBSTACLE_STATUS", signals={"cycle": "Cycle"})
