@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 118
+REVISION = 119
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2973,8 +2973,8 @@ def turn_axes_of_bodies(
     double doubt,
     double least_turn,
 ):
-    """Return axes (n, 2) after a part of the turn towards the courses of the centres, and how many turned round; note
-    in place whom the course directs."""
+    """Return axes (n, 2) after a part of the turn towards the courses of the centres, and how many of the slow
+    turned round; note in place whom the course directs."""
     cdef Py_ssize_t n = mean.shape[0], t
     cdef double vx, vy, squared, spread, known, share, speed, forward, cx, cy, x, y, norm, rate
     cdef Py_ssize_t turned_round = 0
@@ -2996,12 +2996,12 @@ def turn_axes_of_bodies(
             squared = vx * vx + vy * vy
             known = squared / (squared + 4.0 * spread + unknown)
             directs = spread < course_error * squared
-            first = not directed[t] and (directs or known > telling)
+            first = not directed[t] and (directs or known > telling) and squared < backing * backing
             directed[t] = directed[t] or directs
             share = known * known * part[t]
             speed = sqrt(larger(squared, 1e-6))
             forward = -1.0 if vx * axis[t, 0] + vy * axis[t, 1] < (0.0 if first else backing) else 1.0
-            turned_round += forward < 0.0
+            turned_round += first and forward < 0.0
             cx, cy = vx / speed, vy / speed
             if cx * axis[t, 0] + cy * axis[t, 1] < 0.0 and forward > 0.0:
                 cx, cy = -cx, -cy

@@ -31,10 +31,11 @@ def turned_axes(
     facing: Floats,
     turning: Turning | None,
 ) -> tuple[Floats, Booleans | None]:
-    """Return axes (n, 2) turned towards the courses, and which turned round (n,); None: none did.
+    """Return axes (n, 2) turned towards the courses, and which slow ones turned round (n,); None: none did.
 
     Which of them a course tells well is noted in place. Who never showed a course begins with either end ahead, and
-    turns round with the first course that tells; who did backs.
+    turns round with the first course that tells, however slow it is; who did backs. Of what is faster, the axis has
+    turned by up to a right angle meanwhile, and the places of its reflections with it: they are learnt anew anyway.
 
     Args:
         mean: states of the bodies (n, 8), as in `BodyFilter`.
@@ -64,7 +65,7 @@ def turned_axes(
             _DOUBT,
             _LEAST_TURN,
         )
-        return axes, _opposite(axes, axis) if turned_round else None
+        return axes, _slow_and_opposite(mean, axes, axis) if turned_round else None
     vx, vy = mean[:, 2], mean[:, 3]
     spread = covariance[:, 2, 2] + covariance[:, 3, 3]
     if turning is not None:
@@ -76,7 +77,7 @@ def turned_axes(
     squared = vx * vx + vy * vy
     known = squared / (squared + 4.0 * spread + _UNKNOWN)
     directs = spread < _COURSE_ERROR**2 * squared
-    first = ~directed & (directs | (known > _TELLING))
+    first = ~directed & (directs | (known > _TELLING)) & (squared < _BACKING**2)
     directed |= directs
     share = known * known * part
     speed = np.sqrt(np.maximum(squared, 1e-6))
@@ -89,9 +90,10 @@ def turned_axes(
     x, y = x + share * (course_x - x), y + share * (course_y - y)
     norm = np.maximum(np.sqrt(x * x + y * y), 1e-9)
     axes = np.stack([x / norm, y / norm], axis=1)
-    return axes, _opposite(axes, axis) if (forward < 0.0).any() else None
+    return axes, _slow_and_opposite(mean, axes, axis) if (first & (forward < 0.0)).any() else None
 
 
-def _opposite(axes: Floats, before: Floats) -> Booleans:
-    """Return which axes (n, 2) point the other way than before."""
-    return np.asarray(axes[:, 0] * before[:, 0] + axes[:, 1] * before[:, 1] < 0.0)
+def _slow_and_opposite(mean: Floats, axes: Floats, before: Floats) -> Booleans:
+    """Return which axes (n, 2) point the other way than before, of those that move no faster than who backs (n,)."""
+    opposite = axes[:, 0] * before[:, 0] + axes[:, 1] * before[:, 1] < 0.0
+    return np.asarray(opposite & (mean[:, 2] ** 2 + mean[:, 3] ** 2 < _BACKING**2))
