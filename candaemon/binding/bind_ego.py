@@ -8,9 +8,10 @@ from dataclasses import replace
 from candaemon.binding.bind_protection import bind_frame_monitor
 from candaemon.binding.bind_signal import assumes_speed, bind_signal
 from candaemon.binding.bound import BoundEgo, EgoMessage
+from candaemon.binding.compile_condition import compile_condition
 from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.binding.look_up import find_message, find_qualified
-from candaemon.config.base import SignalRef
+from candaemon.config.base import Condition, SignalRef
 from candaemon.config.ego import InsSettings, OdometrySettings
 from candaemon.config.protection import InputProtectionSettings
 from candaemon.dbc.single_codec import compile_decoder
@@ -44,9 +45,15 @@ def bind_ego(
             if message.can_id not in found:
                 raise place.error(f"nothing is taken from message '{name}'; expected one that signals name")
             monitors[message.can_id] = _monitor(message, protection, place)
+    reverse = None
+    if isinstance(settings, OdometrySettings) and settings.signals.reverse is not None:
+        condition, place = settings.signals.reverse, location.at("signals", "reverse")
+        with collected(errors):
+            _, signal = find_qualified(database, condition.signal, place)
+            reverse = compile_condition(condition, signal, place)
     raise_all(errors)
     messages = {can_id: _ego_message(*entry, monitors.get(can_id)) for can_id, entry in found.items()}
-    return BoundEgo(settings, bus, database, messages)
+    return BoundEgo(settings, bus, database, messages, reverse)
 
 
 def assumed_speeds(ego: BoundEgo, location: SettingLocation) -> list[str]:
@@ -79,8 +86,9 @@ def _signals(
         value = getattr(signals, quantity)
         if isinstance(value, SignalRef):
             yield quantity, value, location.at(quantity)
-        elif isinstance(value, str):
-            yield quantity, SignalRef(signal=value, unit=None, scale=1.0, offset=0.0), location.at(quantity)
+        elif isinstance(value, str | Condition):
+            name = value if isinstance(value, str) else value.signal
+            yield quantity, SignalRef(signal=name, unit=None, scale=1.0, offset=0.0), location.at(quantity)
         elif isinstance(value, tuple):
             for index, ref in enumerate(value):
                 yield quantity, ref, location.at(quantity, index)

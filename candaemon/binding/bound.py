@@ -14,6 +14,7 @@ from candaemon.config.sensors import SensorSettings
 from candaemon.config.settings import Config
 from candaemon.dbc.single_codec import Decoder
 from candaemon.dbc.types import Database, MessageSpec
+from candaemon.objects.conditions import CompiledCondition
 from candaemon.objects.reader import Claim, ObjectReader
 from candaemon.objects.scan_messages import LookReader, ScanHeader, StatusWriter, TimeStampField
 from candaemon.objects.signals import SignalBinding
@@ -139,6 +140,8 @@ class BoundEgo:
         bus: index of the bus.
         database: the DBC.
         messages: by CAN id.
+        reverse: of the quantity of that name, in the DBC's unit, while the vehicle drives backwards; None: it never
+            does, or the speed says so.
 
     """
 
@@ -146,6 +149,7 @@ class BoundEgo:
     bus: int
     database: Database
     messages: Mapping[int, EgoMessage]
+    reverse: CompiledCondition | None = None
 
     def count(self, quantity: str) -> int:
         """Count the signals that give a quantity."""

@@ -176,6 +176,9 @@ def _ego(binding: Binding) -> Iterator[Sheet]:
         rows += [("place on earth", "not told")] if settings.gnss is None else _georeference(settings.gnss)
     rows += [(f"protection of {name}", _protection(each)) for name, each in settings.protection.items()]
     rows.append(("yaw rate", _yaw_rate(settings)))
+    if isinstance(settings, OdometrySettings):
+        reverse = settings.signals.reverse
+        rows.append(("backwards", "where the speed is below 0" if reverse is None else _conditions([reverse])))
     yield Sheet("own motion", tuple(rows))
     yield _signals("own motion's signals", _ego_signals(ego))
 

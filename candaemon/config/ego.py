@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from candaemon.config.base import Settings, Signal, Signals, Units
+from candaemon.config.base import Condition, Settings, Signal, Signals, Units
 from candaemon.config.gnss import GnssSettings
 from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.protection import InputProtectionSettings, MotionPlausibilitySettings
@@ -109,6 +109,11 @@ class OdometrySignals(Settings):
     )
     curvature: Signal | None = Field(
         None, description="of the path, 1/m, positive to the left; gives the yaw rate while that does not come"
+    )
+    reverse: Condition | None = Field(
+        None,
+        description="on a MESSAGE.SIGNAL, such as that of the gear: while it holds, the vehicle drives backwards, and "
+        "speeds sent without a sign count as below 0; default: it never does",
     )
 
     @model_validator(mode="after")

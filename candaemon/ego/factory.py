@@ -16,7 +16,7 @@ def make_ego(bound: BoundEgo | None) -> EgoMotion:
         return StandingStill()
     if isinstance(bound.settings, InsSettings):
         return InsMotion(bound.settings)
-    return OdometryMotion(bound.settings)
+    return OdometryMotion(bound.settings, bound.reverse)
 
 
 def make_georeferencer(bound: BoundEgo | None, ego: EgoMotion) -> Georeferencer | None:

@@ -15,6 +15,7 @@ from candaemon.ego.bias import MotionBias, MotionBiasState
 from candaemon.ego.motion import MotionHistory, MotionHistoryState, SampleCounts, StationaryReturns
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.frames.times import LONG_AGO_NS
+from candaemon.objects.conditions import CompiledCondition
 
 SHARPEST_CURVE: Final = 0.3
 """1/m, of the path of a car's rear axle: who stands does not turn."""
@@ -42,6 +43,7 @@ class OdometryState:
         curvature_ns: its time.
         derived: yaw rate of the latest sample for which the sensor was silent, rad/s; None while it comes.
         by_wheels: whether that is the wheels' difference.
+        backwards: whether the vehicle drives backwards, as its gear says.
         counts: of samples, and what was derived in them.
     """
 
@@ -60,6 +62,7 @@ class OdometryState:
     curvature_ns: int = LONG_AGO_NS
     derived: float | None = None
     by_wheels: bool = False
+    backwards: bool = False
     counts: SampleCounts = field(default_factory=SampleCounts)
 
 
@@ -67,19 +70,23 @@ class OdometryMotion:
     """Ego motion from wheel speeds or a speedometer and a yaw rate sensor, biases estimated on the way.
 
     A sample is made with each speed for which a yaw rate is known: the sensor's, while it comes; else the curvature's,
-    the wheels', or none, of a vehicle that stands. The local frame's x axis is the first heading.
+    the wheels', or none, of a vehicle that stands. The local frame's x axis is the first heading. Wheels and
+    speedometers hardly ever say which way they turn: that is the gear's to tell.
 
     Args:
         settings: of the odometry.
+        reverse: of the quantity of that name, while the vehicle drives backwards; None: it never does, or the speed
+            says so.
 
     Attributes:
         bias: what estimates the biases.
         history: the samples.
     """
 
-    def __init__(self, settings: OdometrySettings) -> None:
+    def __init__(self, settings: OdometrySettings, reverse: CompiledCondition | None = None) -> None:
         self.teaching: BiasSettings | None = settings.bias
-        self.wanted = frozenset({"speed", "left_wheels", "right_wheels", "yaw_rate", "curvature"})
+        self.wanted = frozenset({"speed", "left_wheels", "right_wheels", "yaw_rate", "curvature", "reverse"})
+        self._reverse = reverse
         self._has_sensor = settings.signals.yaw_rate is not None
         self._track_width = settings.track_width
         self._latency_ns = round(settings.latency * 1e9)
@@ -130,12 +137,16 @@ class OdometryMotion:
             self.history.coast(time_ns, state.heading, self._rate())
         if "curvature" in mean:
             state.curvature, state.curvature_ns = mean.pop("curvature"), time_ns
+        if "reverse" in mean and self._reverse is not None:
+            state.backwards = bool(self._reverse.passes(mean.pop("reverse")))
         speed, difference = mean.pop("speed", None), None
         state.sides.update(mean)
         if len(state.sides) == 2:  # both sides are fresh, be it from one message or from two
             left, right = state.sides["left_wheels"], state.sides["right_wheels"]
             state.sides.clear()
             speed, difference = (left + right) / 2, right - left
+        if state.backwards and speed is not None and speed > 0.0:
+            speed, difference = -speed, None if difference is None else -difference
         if speed is not None and self._knows_turn(time_ns, speed, difference):
             self._add_sample(time_ns, speed)
 

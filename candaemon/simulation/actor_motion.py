@@ -183,9 +183,10 @@ class _Cursor:
 
     @property
     def speed(self) -> float:
-        """Speed along the heading; a rounding residue after a stop counts as 0."""
+        """Speed along the heading, below 0 backwards; a rounding residue after a stop counts as 0."""
         speed = abs(self.velocity)
-        return speed if speed > 1e-9 else 0.0
+        backwards = (self.velocity * cmath.exp(-1j * self.yaw)).real < -0.5 * speed
+        return 0.0 if speed <= 1e-9 else -speed if backwards else speed
 
     def advance(self, piece: MotionPiece, duration: float) -> None:
         """Move to the piece's end."""
@@ -214,13 +215,21 @@ def _acceleration(segment: Segment, cursor: _Cursor, duration: float) -> float:
     return segment.acceleration or 0.0
 
 
+def _stop(segment: Segment, speed: float, acceleration: float) -> float:
+    """Return after how many s a vehicle has braked to 0 and stands, infinite where it does not."""
+    if segment.speed is not None and (segment.speed < 0.0 or speed < 0.0):
+        return math.inf  # it comes to that speed, and through 0 where that lies between
+    brakes = acceleration < 0.0 if speed >= 0.0 else acceleration > 0.0
+    return -speed / acceleration if brakes else math.inf
+
+
 def _pieces_of(segment: Segment, cursor: _Cursor, duration: float, axes_yaw: float) -> list[tuple[MotionPiece, float]]:
     """Return a segment's pieces and the duration of each."""
     if segment.by_axes:
         acceleration = complex(segment.ax or 0.0, segment.ay or 0.0) * cmath.exp(1j * axes_yaw)
         return [(StraightMotion(cursor.position, cursor.velocity, acceleration, cursor.yaw), duration)]
     speed, acceleration = cursor.speed, _acceleration(segment, cursor, duration)
-    stop = -speed / acceleration if acceleration < 0.0 else math.inf
+    stop = _stop(segment, speed, acceleration)
     moving = min(duration, stop)
     piece: MotionPiece
     if segment.lane_change is not None:
@@ -261,5 +270,7 @@ def trajectory(
                 return Trajectory(starts, pieces)
             cursor.advance(piece, duration)
     starts.append(cursor.time)
-    pieces.append(StraightMotion(cursor.position, cursor.velocity, 0j, cursor.yaw))
+    backwards = cursor.speed < 0.0
+    straight = StraightMotion(cursor.position, cursor.velocity, 0j, cursor.yaw)
+    pieces.append(TurningMotion(cursor.position, cursor.yaw, cursor.speed, 0.0, 0.0) if backwards else straight)
     return Trajectory(starts, pieces)

@@ -11,8 +11,10 @@ import numpy as np
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.binding.bind_protection import counter_period
 from candaemon.binding.bound import BoundEgo, EgoMessage
+from candaemon.binding.compile_condition import candidates, first_that
 from candaemon.config.ego import InsSettings, OdometrySettings
 from candaemon.config.protection import InputProtectionSettings
+from candaemon.errors import ConfigError
 from candaemon.frames.frame import Frame
 from candaemon.objects.signals import SignalBinding
 from candaemon.simulation.actor_motion import TrueMotion
@@ -44,6 +46,7 @@ class EgoEncoder:
 
     def __init__(self, ego: BoundEgo, scenario: Scenario, *, seed: int, source: int) -> None:
         self._settings, self._bus, self._scenario = ego.settings, ego.bus, scenario
+        self._gears = _gears(ego)
         self._random = stream(seed, source, "own_motion")
         self._loss = stream(seed, source, "loss")
         protections = [ego.settings.protection.get(each.message.name) for each in ego.messages.values()]
@@ -131,7 +134,8 @@ class EgoEncoder:
         """
         settings, sensors = self._settings, self._scenario.ego.own_motion
         if isinstance(settings, OdometrySettings):
-            return odometry_values(motion, settings, sensors)
+            backwards = np.real(motion.velocity * np.exp(-1j * motion.yaw)) < -_CREEP
+            return odometry_values(motion, settings, sensors) | {"reverse": np.where(backwards, *self._gears)}
         count = len(motion.yaw)
         errors = np.zeros((4, count)) if self._drift is None else self._drift.next(count)
         if self._faults is not None and self._steps is not None:
@@ -141,14 +145,33 @@ class EgoEncoder:
         return ins_values(motion, errors, settings, self._scenario.ego.start)
 
     def _reading(self, quantity: str, exact: Floats) -> Floats:
-        """Return one signal's reading of a quantity: odometry with its white noise, speeds never below 0."""
+        """Return one signal's reading of a quantity: odometry with its white noise, speeds without their sign."""
         settings = self._settings
-        if isinstance(settings, InsSettings):
+        if isinstance(settings, InsSettings) or quantity == "reverse":
             return exact
         factor, draws = self._scenario.ego.own_motion.noise, self._random.standard_normal(len(exact))
         if quantity == "yaw_rate":
             return exact + factor * math.radians(settings.noise.yaw_rate_deg) * draws
         return np.maximum(exact + factor * settings.noise.speed * draws, 0.0)
+
+
+def _gears(ego: BoundEgo) -> tuple[float, float]:
+    """Return a value of the signal that says so while the vehicle drives backwards, and one that it has otherwise.
+
+    Raises:
+        ConfigError: the signal has no such value.
+    """
+    condition = ego.settings.signals.reverse if isinstance(ego.settings, OdometrySettings) else None
+    if condition is None or ego.reverse is None:
+        return 1.0, 0.0
+    (signal,) = (
+        each.signal for message in ego.messages.values() for each in message.bindings if each.quantity == "reverse"
+    )
+    values, passes = candidates(signal, [condition]), ego.reverse.passes
+    backwards, forwards = first_that(values, passes), first_that(values, lambda value: not passes(value))
+    if backwards is None or forwards is None:
+        raise ConfigError(f"ego.signals.reverse: '{signal.name}' has no value that passes and one that does not")
+    return backwards, forwards
 
 
 def _counter(message: EgoMessage, protection: InputProtectionSettings | None) -> tuple[tuple[SignalBinding, ...], int]:
@@ -161,6 +184,8 @@ def _counter(message: EgoMessage, protection: InputProtectionSettings | None) ->
 
 _SEMI_MAJOR = 6_378_137.0
 _ECCENTRICITY_SQUARED = 6.694_379_990_14e-3
+_CREEP = 1e-6
+"""Speed backwards above which the gear says so, m/s."""
 _CRAWL = 0.5
 """Speed below which the curvature is reported as 0, m/s."""
 
@@ -244,10 +269,12 @@ def ins_values(motion: TrueMotion, errors: Floats, settings: InsSettings, start:
 def odometry_values(motion: TrueMotion, settings: OdometrySettings, sensors: EgoMotionSensors) -> dict[str, Floats]:
     """Return the readings of wheels, speedometer and yaw rate sensor at n instants, by the names of `OdometrySignals`.
 
-    In SI units, with biases and scale factors but without noise. The wheels are those of the rear axle.
+    In SI units, with biases and scale factors but without noise. The wheels are those of the rear axle; like the
+    speedometer they do not tell which way they turn.
     """
     speed = np.real(motion.velocity * np.exp(-1j * motion.yaw))
-    inward = settings.track_width / 2 * motion.yaw_rate
+    sign = np.where(speed < 0.0, -1.0, 1.0)
+    speed, inward = sign * speed, sign * settings.track_width / 2 * motion.yaw_rate
     return {
         "left_wheels": sensors.speed_factor * (speed - inward),
         "right_wheels": sensors.speed_factor * (speed + inward),

@@ -54,12 +54,12 @@ class Segment(Settings):
 
     It ends after `duration`, at `until`, with its lane change, or, with both a `speed` and an `acceleration`, when that
     speed is reached. Without an end it lasts as long as the scenario. A vehicle that brakes to 0 stands still for the
-    rest of its segment.
+    rest of its segment; only a `speed` below 0 makes it drive backwards.
     """
 
     duration: float | None = Field(None, gt=0, le=LONGEST_DRIVE, description="s")
     until: float | None = Field(None, gt=0, le=LONGEST_DRIVE, description="s since the scenario's start")
-    speed: float | None = Field(None, ge=0, le=100, description="m/s, reached by an even ramp")
+    speed: float | None = Field(None, ge=-20, le=100, description="m/s, reached by an even ramp; below 0: backwards")
     acceleration: float | None = Field(None, ge=-15, le=15, description="m/s² along the heading")
     yaw_rate_deg: float = Field(0.0, ge=-90, le=90, description="deg/s, positive to the left")
     lane_change: LaneChange | None = None
@@ -114,7 +114,7 @@ class EgoStart(Settings):
     east: float = Field(0.0, ge=-1e5, le=1e5, description="m from the origin")
     north: float = Field(0.0, ge=-1e5, le=1e5, description="m from the origin")
     heading_deg: float = Field(90.0, ge=-360, le=360, description="deg clockwise from north")
-    speed: float = Field(0.0, ge=0, le=100, description="m/s")
+    speed: float = Field(0.0, ge=-20, le=100, description="m/s; below 0: backwards")
 
 
 MotionQuantity = Literal[
@@ -179,7 +179,7 @@ class Start(Settings):
     y: Coordinate = Field(description="m")
     vx: float | None = Field(None, ge=-100, le=100, description="m/s")
     vy: float | None = Field(None, ge=-100, le=100, description="m/s")
-    speed: float | None = Field(None, ge=0, le=100, description="m/s along the heading")
+    speed: float | None = Field(None, ge=-20, le=100, description="m/s along the heading; below 0: backwards")
     heading_deg: float = Field(0.0, ge=-360, le=360, description="deg to the left of the scenario's x axis")
 
     @model_validator(mode="after")

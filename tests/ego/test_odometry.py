@@ -15,6 +15,7 @@ from candaemon.ego.bias import MotionBias
 from candaemon.ego.motion import StationaryReturns
 from candaemon.ego.odometry import OdometryMotion
 from candaemon.ego.pose import EgoStatus
+from candaemon.objects.conditions import CompiledCondition
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.simulate import simulate
@@ -54,6 +55,31 @@ def test_odometry_takes_the_mean_of_its_speeds_and_leaves_out_what_is_nan() -> N
     assert known(motion.pose(ns(0.2))).ve == pytest.approx(12.0)
     motion.update(ns(0.3), names, (nan, nan, nan))
     assert motion.known_until_ns == ns(0.2)
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_in_reverse_speeds_without_a_sign_count_as_below_0(signed: bool) -> None:
+    told = {"kind": "odometry", "bus": "b", "dbc": "d", "signals": WHEELS | {"reverse": {"signal": "M.g", "in": [1]}}}
+    motion = OdometryMotion(OdometrySettings.model_validate(told), CompiledCondition((1.0,), ()))
+    sign = -1.0 if signed else 1.0
+    motion.update(0, ("yaw_rate", "reverse"), (0.2, 1.0))
+    motion.update(ns(0.1), ("left_wheels", "right_wheels"), (sign * 3.2, sign * 2.8))
+    assert known(motion.pose(ns(0.1))).ve == pytest.approx(-3.0, rel=0.01)
+    motion.update(ns(0.15), ("reverse",), (0.0,))
+    motion.update(ns(0.2), ("left_wheels", "right_wheels"), (3.2, 2.8))
+    assert known(motion.pose(ns(0.2))).ve == pytest.approx(3.0, rel=0.01)
+
+
+def test_in_reverse_the_wheels_difference_turns_the_vehicle_the_other_way() -> None:
+    """Backwards and to the rear left: the heading turns to the right, and the right wheels are the slower ones."""
+    signals = {name: value for name, value in WHEELS.items() if name != "yaw_rate"}
+    told = {"kind": "odometry", "bus": "b", "dbc": "d", "track_width": 1.6}
+    reverse = {"signals": signals | {"reverse": {"signal": "M.g", "in": [1]}}}
+    motion = OdometryMotion(OdometrySettings.model_validate(told | reverse), CompiledCondition((1.0,), ()))
+    motion.update(0, ("reverse",), (1.0,))
+    for k in range(50):
+        motion.update(ns(0.02 * k), ("left_wheels", "right_wheels"), (3.16, 2.84))
+    assert known(motion.pose(ns(0.98))).yaw_rate == pytest.approx(0.2, abs=0.01)
 
 
 def test_wheels_in_one_message_give_their_mean() -> None:

@@ -102,6 +102,20 @@ def test_a_vehicle_that_brakes_stands_and_goes_on_where_it_stood() -> None:
     assert abs(track.at(np.array([30.0])).velocity[0]) == pytest.approx(8.0)
 
 
+def test_a_vehicle_drives_backwards_only_where_it_is_told_so() -> None:
+    track = of([Segment(duration=2, speed=-3), Segment(duration=4), Segment(duration=2, speed=1)], speed=1)
+    motion = track.at(np.array([0.0, 0.5, 2.0, 6.0, 7.5, 20.0]))
+    along = np.real(motion.velocity * np.exp(-0.3j))
+    assert along == pytest.approx([1.0, 0.0, -3.0, -3.0, 0.0, 1.0])
+    assert motion.yaw == pytest.approx([0.3] * 6)
+    brakes = of([Segment(duration=4, acceleration=1), Segment(duration=3)], speed=-2)
+    motion = brakes.at(np.array([0.0, 1.0, 2.0, 4.0, 9.0]))
+    assert np.real(motion.velocity * np.exp(-0.3j)) == pytest.approx([-2.0, -1.0, 0.0, 0.0, 0.0])
+    lasting = of([], speed=-2).at(np.array([5.0]))
+    assert lasting.yaw == pytest.approx(0.3)
+    assert np.real(lasting.velocity * np.exp(-0.3j)) == pytest.approx(-2.0)
+
+
 def test_a_lane_change_ends_beside_its_lane_with_its_heading() -> None:
     change = Segment.model_validate({"lane_change": {"offset": 3.5, "duration": 4.0}})
     end = trajectory(0j, 20 + 0j, 0.0, [change], axes_yaw=0.0).at(np.array([4.0, 6.0]))
