@@ -134,6 +134,9 @@ def _times(figures: Tree) -> Sheet:
     return Sheet("times in ms", rows, ("", "p50", "p90", "p99", "max"))
 
 
+_OF_BUSES = ("", "state", "frames/s", "received", "used", "spare", "unknown", "sent", "dropped", "unsent", "events")
+
+
 def _buses(figures: Tree) -> Sheet:
     rows = tuple(
         (
@@ -141,15 +144,17 @@ def _buses(figures: Tree) -> Sheet:
             _bus_state(bus),
             f"{bus['rate']:.0f}",
             f"{bus['received']}",
-            f"{bus['sent']}",
+            f"{bus['taken']['used']}",
+            f"{bus['taken']['spare']}",
             f"{bus['taken']['unknown']}",
+            f"{bus['sent']}",
             _causes(bus["dropped"]),
             _causes(bus["unsent"]),
             _causes(bus["events"]),
         )
         for name, bus in figures["buses"].items()
     )
-    return Sheet("buses", rows, ("", "state", "frames/s", "received", "sent", "unknown", "dropped", "unsent", "events"))
+    return Sheet("buses", rows, _OF_BUSES)
 
 
 def _bus_state(bus: Tree) -> str:
