@@ -226,7 +226,8 @@ class ObjectReader:
                 if reader.bias is not None:
                     rows += reader.bias
                 if reader.uncertain:
-                    finite.append(np.logical_and.reduce(np.isfinite(rows)))
+                    is_finite: Booleans = np.logical_and.reduce(np.isfinite(rows))
+                    finite.append(is_finite if missing is None else is_finite | missing)
                 for row, form in reader.angles:
                     rows[row] = angle_of(rows[row], form)
                 for row, unknown, near in reader.unknown:
@@ -248,6 +249,8 @@ class ObjectReader:
                 passed: Booleans = condition.passes(raw[row])
                 if reader.selective:
                     absent = np.isnan(raw[row])
+                    if missing is not None:
+                        absent &= ~missing
                     passed = passed | absent  # nothing says that it is not reported: it is counted
                     finite.append(~absent)
                 valid.append(passed if missing is None else passed | missing)
