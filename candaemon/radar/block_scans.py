@@ -78,7 +78,7 @@ class WholeScans:
         times_ns = block.time_ns[rows]
         edges = times_ns[begins], times_ns[begins + spans - 1]
         runs = zip(clean.tolist(), counter[begins].tolist(), *(each.tolist() for each in edges), strict=True)
-        sure = np.array(_begin_anew(runs, fresh, self.assembler.settled_ns))[full]
+        sure = np.array(_begin_anew(runs, fresh, self.assembler.settled_ns, self.assembler.straggling_ns))[full]
         return frames[sure], self._read(block, np.take_along_axis(frames, order, axis=1)[sure]) if sure.any() else []
 
     def _counter(self, block: FrameBlock, rows: Indices, part: Integers) -> Floats:
@@ -135,24 +135,28 @@ def _protector(monitor: FrameMonitorSettings | None) -> Protector | None:
     return protector if isinstance(protector, Protector) else None
 
 
-def _begin_anew(runs: Iterable[tuple[bool, float, int, int]], fresh: bool, settled_ns: int) -> list[bool]:
+def _begin_anew(
+    runs: Iterable[tuple[bool, float, int, int]], fresh: bool, settled_ns: int, straggling_ns: int
+) -> list[bool]:
     """Return of which clean runs of one counter it is sure that no other scan is open when they begin.
 
     That is so of the first run where it is `fresh`, and after a clean run that is sure. It is so, too, after a clean
     run whose counter no frame had for so long before that none of its own is late, and none goes to a scan that is
-    open: it closes what is, and completes its own.
+    open: it closes what is, and completes its own; what is optional in it, and was not awaited, comes while it is late.
 
     Args:
         runs: of each whether it is clean, its counter, and the times of its first and last frame, ns.
         fresh: whether none is open at the beginning.
         settled_ns: how long that is.
+        straggling_ns: for how long after a scan's first frame others of it are late.
     """
     sure: list[bool] = []
     closed, known_ns, last_ns = fresh, None, dict[float, int]()
     for clean, counter, first_ns, end_ns in runs:
         known_ns = first_ns if known_ns is None else known_ns
         sure.append(clean and closed)
-        closed = clean and (closed or max(known_ns, last_ns.get(counter, known_ns)) + settled_ns <= first_ns)
+        settled = max(known_ns, last_ns.get(counter, known_ns)) + settled_ns <= first_ns
+        closed = clean and (closed or (settled and end_ns - first_ns < straggling_ns))
         last_ns[counter] = end_ns
     return sure
 

@@ -9,13 +9,17 @@ from candaemon.radar.scan import Scan, ScanCounts
 
 
 class CounterAssembler(ScanAssembler):
-    """Frames with the same counter are one scan; it closes when all came or another counter does."""
+    """Frames with the same counter are one scan; it closes when all came or another counter does.
+
+    Attributes:
+        straggling_ns: for how long after a closed scan's first frame others with its counter are late.
+    """
 
     def __init__(self, sensor: BoundSensor, counts: ScanCounts | None = None) -> None:
         super().__init__(sensor, counts)
         self._counters = sensor.counters
         # A counter of one bit shows the closed scan's value again two cycles later; a straggler comes long before.
-        self._straggling_ns = 3 * self._half_cycle_ns
+        self.straggling_ns = 3 * self._half_cycle_ns
 
     def receive(self, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:
         """Take a frame of an object."""
@@ -38,7 +42,7 @@ class CounterAssembler(ScanAssembler):
     def _turn_over(self, counter: int, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:
         """Take the first frame of another scan."""
         state = self._state
-        if counter == state.closed_counter and self._is_late(time_ns, self._straggling_ns):
+        if counter == state.closed_counter and self._is_late(time_ns, self.straggling_ns):
             state.counts.late += 1
             return None
         closed = self._close() if state.is_open else None
@@ -49,12 +53,12 @@ class CounterAssembler(ScanAssembler):
     @property
     def settled_ns(self) -> int:
         """Time after which no frame is late, and no scan is open any longer, ns."""
-        return max(self._straggling_ns, self.timeout_ns)
+        return max(self.straggling_ns, self.timeout_ns)
 
     def would_begin(self, part: int, data: bytes, time_ns: int) -> bool:
         """Return whether a frame would be the first one of a scan that awaits all there is, none being open."""
         state = self._state
-        late = self._counters[part](data) == state.closed_counter and self._is_late(time_ns, self._straggling_ns)
+        late = self._counters[part](data) == state.closed_counter and self._is_late(time_ns, self.straggling_ns)
         return all(state.expected) and not state.is_open and not late
 
     def begin_whole(self, part: int, slot: int, data: bytes, time_ns: int) -> None:  # noqa: ARG002  # as every receiver

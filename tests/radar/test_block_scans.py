@@ -169,6 +169,29 @@ def test_both_ways_tell_the_same_of_a_flood(scans: list[tuple[int, int, int]]) -
     assert told(by_frame, by_frame.run(frames)) == told(by_block, by_block.run_blocks(blocks_of(frames)))
 
 
+def test_what_is_optional_and_comes_late_is_taken_as_it_is_frame_by_frame(tmp_path: Path) -> None:
+    """A scan whose optional frames are not awaited is complete before they come, and they may open another."""
+    text = (ROOT / "config" / "toyota_rav4.yaml").read_text().replace("../dbc", str(ROOT / "dbc"))
+    path = tmp_path / "patient.yaml"
+    path.write_text(text.replace("timeout: 0.035", "timeout: 0.2"))
+    of = bind(load_config(path))
+    radar = [frame for frame in drive("toyota_rav4") if frame.bus == of.sensors[0].bus]
+    part = {can_id: number for can_id, (number, _) in of.sensors[0].reader.routes.items()}
+    scans = [radar[begin : begin + 32] for begin in range(0, 160, 32)]
+    first, second = ([[each for each in scan if part[each.can_id] == number] for scan in scans] for number in (0, 1))
+    sent: list[tuple[list[Frame], float]] = [
+        (first[0] + second[0], 0.05), (first[1], 0.4), (first[2], 0.12), (second[2], 0.02), (first[3] + second[3], 0.05)
+    ]  # fmt: skip
+    frames, time_ns = list[Frame](), radar[0].time_ns
+    for some, pause in sent:
+        for frame in some:
+            frames.append(frame._replace(time_ns=time_ns))
+            time_ns += 100_000
+        time_ns += round(pause * 1e9)
+    by_frame, by_block = Pipeline(of), Pipeline(of)
+    assert told(by_frame, by_frame.run(frames)) == told(by_block, by_block.run_blocks(blocks_of(frames)))
+
+
 @pytest.mark.parametrize("config", CONFIGS)
 @settings(deadline=None, max_examples=examples(5, fewest=2))
 @given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from((50, 700, 3000)))
