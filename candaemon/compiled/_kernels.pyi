@@ -276,7 +276,7 @@ def turn_axes_of_bodies(
     unknown: float,
     doubt: float,
     least_turn: float,
-) -> tuple[Floats, int]: ...
+) -> tuple[Floats, Booleans | None]: ...
 def bodies_to_merge(
     shown: Floats,
     spread: Floats,

@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 119
+REVISION = 120
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2973,14 +2973,14 @@ def turn_axes_of_bodies(
     double doubt,
     double least_turn,
 ):
-    """Return axes (n, 2) after a part of the turn towards the courses of the centres, and how many of the slow
-    turned round; note in place whom the course directs."""
+    """Return axes (n, 2) after a part of the turn towards the courses of the centres, and which slow ones
+    turned round, None: none; note in place whom the course directs."""
     cdef Py_ssize_t n = mean.shape[0], t
     cdef double vx, vy, squared, spread, known, share, speed, forward, cx, cy, x, y, norm, rate
-    cdef Py_ssize_t turned_round = 0
-    cdef bint directs, first
-    out_array = np.empty((n, 2))
+    cdef bint directs, first, some = False
+    out_array, turned_array = np.empty((n, 2)), np.empty(n, np.bool_)
     cdef double[:, ::1] out = out_array
+    cdef unsigned char[::1] turned_round = turned_array
     with nogil:
         for t in range(n):
             vx, vy = mean[t, 2], mean[t, 3]
@@ -3001,7 +3001,8 @@ def turn_axes_of_bodies(
             share = known * known * part[t]
             speed = sqrt(larger(squared, 1e-6))
             forward = -1.0 if vx * axis[t, 0] + vy * axis[t, 1] < (0.0 if first else backing) else 1.0
-            turned_round += first and forward < 0.0
+            turned_round[t] = first and forward < 0.0
+            some = some or turned_round[t]
             cx, cy = vx / speed, vy / speed
             if cx * axis[t, 0] + cy * axis[t, 1] < 0.0 and forward > 0.0:
                 cx, cy = -cx, -cy
@@ -3012,7 +3013,7 @@ def turn_axes_of_bodies(
             norm = larger(sqrt(x * x + y * y), 1e-9)
             out[t, 0] = x / norm
             out[t, 1] = y / norm
-    return out_array, turned_round
+    return out_array, turned_array if some else None
 
 
 cdef inline bint stands(

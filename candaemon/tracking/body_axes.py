@@ -65,7 +65,7 @@ def turned_axes(
             _DOUBT,
             _LEAST_TURN,
         )
-        return axes, _slow_and_opposite(mean, axes, axis) if turned_round else None
+        return axes, turned_round
     vx, vy = mean[:, 2], mean[:, 3]
     spread = covariance[:, 2, 2] + covariance[:, 3, 3]
     if turning is not None:
@@ -89,11 +89,5 @@ def turned_axes(
     x, y = forward * x, forward * y
     x, y = x + share * (course_x - x), y + share * (course_y - y)
     norm = np.maximum(np.sqrt(x * x + y * y), 1e-9)
-    axes = np.stack([x / norm, y / norm], axis=1)
-    return axes, _slow_and_opposite(mean, axes, axis) if (first & (forward < 0.0)).any() else None
-
-
-def _slow_and_opposite(mean: Floats, axes: Floats, before: Floats) -> Booleans:
-    """Return which axes (n, 2) point the other way than before, of those that move no faster than who backs (n,)."""
-    opposite = axes[:, 0] * before[:, 0] + axes[:, 1] * before[:, 1] < 0.0
-    return np.asarray(opposite & (mean[:, 2] ** 2 + mean[:, 3] ** 2 < _BACKING**2))
+    opposite = first & (forward < 0.0)
+    return np.stack([x / norm, y / norm], axis=1), opposite if opposite.any() else None

@@ -884,6 +884,7 @@ def test_where_reflections_are_and_what_a_scan_says_of_existence(extra: int, mon
     reflection = np.where(random.random(15) < 0.7, np.arange(15), -1)
     nis, missed, confirmed = random.uniform(0.0, 30.0, 15), random.random(20) < 0.5, random.random(20) < 0.5
     first, unseen = random.uniform(0.001, 0.999, 20), random.random(20)
+    first[confirmed] *= 0.1  # some were given up for lost
 
     def computed() -> list[Floats]:
         bodies = bodies_on_road(20, extra)

@@ -8,6 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from candaemon.config.tracker import ReflectionSettings
+from candaemon.config.vehicle import VehicleEstimatorSettings
+from candaemon.estimation.measurement import Measurement
+from candaemon.tracking.body_association import beside
+from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import TENTATIVE, Obstacles
 from tests.support.builders import HandFedVehicles, Seen, times
 
@@ -99,21 +105,43 @@ def test_cars_that_stood_behind_who_walks_stay_where_they_are(seed: int) -> None
     assert fed.tracker.counts.obstacles == len(numbers)
 
 
+@pytest.mark.parametrize(
+    ("fastest", "age", "body"), [(1.4, 3.0, -1), (8.0, 3.0, 0), (1.4, 1.0, 0)], ids=["walker", "car", "young"]
+)
+def test_what_is_slower_is_no_reflection_of_who_walks(fastest: float, age: float, body: int) -> None:
+    """Of a car that brakes it may be one, and of what has not been known for long."""
+    bodies, settings = Bodies(VehicleEstimatorSettings(kind="vehicle"), Identities()), ReflectionSettings()
+    modes = bodies.filter.probability.shape[1]
+    velocity, spread = np.tile([-1.3, 0.0], (1, modes, 1)), np.tile(np.eye(2) * 0.01, (1, modes, 1, 1))
+    bodies.filter.spawn(
+        np.array([[20.0, 0.0]]), np.eye(2)[None] * 0.04, velocity, spread, np.full((1, modes), 1 / modes)
+    )
+    bodies.add(0, np.array([-1.0, 0.0]), 4.5, 1.8)
+    bodies.add_reflection(0, 0, 0, 0, np.zeros(2))
+    bodies.obstacles.confirmed[:], bodies.obstacles.fastest[:] = True, fastest
+    seen = Measurement(
+        np.array([[18.0, 0.0]]), np.eye(2)[None] * 0.04, np.zeros(2), np.zeros(2), np.array([-0.3]), np.array([0.01])
+    )
+    mean, _ = bodies.reflection_states()
+    assert beside(bodies, mean, seen, np.array([0]), settings, round(age * 1e9)).tolist() == [body]
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_post_is_left_behind_by_who_walks_past_it(seed: int) -> None:
-    """To a radar without ids they are one where they pass; then their speeds along the line of sight differ."""
+    """To a radar without ids who comes out beside a post that it misses is a part of it; then their speeds differ."""
     fed, rng, walker_at = HandFedVehicles(noise=(0.25, 0.25, 0.1)), np.random.default_rng(seed), 0.0
-    for t in times(1, 240):
-        walker_at = 12.0 - 1.3 * t
-        shown = [Seen(0, 6.0, 5.5), Seen(1, 6.0, walker_at, 0.0, -1.3)]
-        noise = rng.normal(size=(2, 2)) * 0.15
+    for t in times(1, 300):
+        walker_at = 7.3 - 1.3 * max(t - 3.8, 0.0)
+        shown = [Seen(0, 5.4, 5.5)] if not 3.2 < t < 4.15 else []
+        shown += [Seen(1, 5.4, walker_at, 0.0, -1.3)] if t > 3.8 else []
+        noise = rng.normal(size=(len(shown), 2)) * 0.15
         told = fed.scan(
             t,
             [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(shown, noise, strict=True)],
             identified=False,
         )
-    row = obstacle_near(told, 6.0, walker_at)
-    assert np.hypot(told.x[row] - 6.0, told.y[row] - walker_at) < 0.8
+    row = obstacle_near(told, 5.4, walker_at)
+    assert np.hypot(told.x[row] - 5.4, told.y[row] - walker_at) < 0.8
     assert told.vy[row] == pytest.approx(-1.3, abs=0.3)
-    post = obstacle_near(told, 6.0, 5.5)
-    assert np.hypot(told.x[post] - 6.0, told.y[post] - 5.5) < 0.8
+    post = obstacle_near(told, 5.4, 5.5)
+    assert np.hypot(told.x[post] - 5.4, told.y[post] - 5.5) < 0.8

@@ -78,6 +78,7 @@ def test_reflections_of_what_turns_round_stay_where_they_are() -> None:
         x += CYCLE * speed
         told = fed.scan(t, [Seen(1, x, 0.0, speed), Seen(2, x + 1.5, 0.3, speed)])
     assert fed.tracker.counts.obstacles == len(told) == 1
+    assert fed.tracker.counts.slot_jumps == 0
     assert fed.tracker.counts.used > 150
     assert abs(told.heading[0]) > 3.0
 
