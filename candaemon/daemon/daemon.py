@@ -68,6 +68,7 @@ class Daemon:
     ) -> None:
         self._sends = not shadow
         self.pipeline = Pipeline(binding)
+        self._ring = _ring(binding)
         self.buses = LiveBuses(binding.settings.buses, clock=clock, **_expected(binding))
         self.sequence = ReorderBuffer(_window_ns(binding), max_gap_ns=_clock_step_ns(binding))
         self._clock_watch = ClockStepDetector(steady)
@@ -233,7 +234,7 @@ class Daemon:
         self.sequence.tune(_window_ns(binding), max_gap_ns=_clock_step_ns(binding))
         self.pipeline = pipeline
         logger.info("reloaded: %s", kept)
-        if _ring(binding) != _ring(former.binding):
+        if _ring(binding) != self._ring:
             logger.warning("service.recording is taken at the start: restart the service for what has changed there")
         gc.unfreeze()
         _freeze()

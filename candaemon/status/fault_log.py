@@ -23,9 +23,9 @@ class FaultLogger(Observer):
 
     def __init__(self) -> None:
         self._now_ns = self._look_ns = 0
-        self._begun_ns: int | None = None
+        self._begun_ns: dict[str, int] = {}
         self._since_ns: dict[str, int] = {}
-        self._told: set[str] = set()
+        self._told: dict[str, str] = {}
 
     def on_items(self, items: Sequence[Frame | Tick]) -> None:
         """Note how late it is."""
@@ -37,32 +37,33 @@ class FaultLogger(Observer):
         now_ns = self._now_ns
         if abs(now_ns - self._look_ns) < _LOOK_NS:
             return
-        self._begun_ns, self._look_ns = self._begun_ns or now_ns, now_ns
+        self._look_ns = now_ns
         found = dict(self._faults(daemon))
         for about in [each for each in self._since_ns if each not in found]:
             seconds = (now_ns - self._since_ns.pop(about)) * 1e-9
-            if about in self._told:
-                self._told.discard(about)
+            if self._told.pop(about, None):
                 logger.warning("%s: well again, after %.1f s", about, seconds)
         for about, fault in found.items():
             since_ns = self._since_ns.setdefault(about, now_ns)
-            if about not in self._told and now_ns - since_ns >= _LASTING_NS:
-                self._told.add(about)
+            if self._told.get(about) != fault and now_ns - since_ns >= _LASTING_NS:
+                self._told[about] = fault
                 logger.warning("%s: %s", about, fault)
 
     def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Forget what the configuration has no longer."""
         if not error:
             there = {_named(sensor.name) for sensor in daemon.binding.sensors} | {_MOTION}
-            self._since_ns = {about: each for about, each in self._since_ns.items() if about in there}
-            self._told &= there
+            for known in (self._begun_ns, self._since_ns, self._told):
+                for about in known.keys() - there:
+                    del known[about]
 
     def _faults(self, daemon: DaemonView) -> Iterator[tuple[str, str]]:
         """Yield what is wrong, after what it is wrong with."""
         pipeline, now_ns = daemon.pipeline, self._now_ns
         for sensor, assembler in zip(pipeline.binding.sensors, pipeline.assemblers, strict=True):
             last_ns = pipeline.health.state.last_scan_ns[sensor.index]
-            silent_ns = now_ns - (last_ns or self._begun_ns or now_ns)
+            begun_ns = self._begun_ns.setdefault(_named(sensor.name), now_ns)
+            silent_ns = now_ns - (last_ns or begun_ns)
             fault = pipeline.trust.fault(sensor.index)
             least = sensor.settings.protection.least_trust
             if silent_ns > round(daemon.binding.lost_after(sensor) * 1e9):

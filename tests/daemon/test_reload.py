@@ -138,6 +138,10 @@ def test_what_a_reload_does_not_change_is_told(vehicle: Vehicle, caplog: pytest.
     vehicle.change("{events: {late: 0.3}}", "{minutes: 7}")
     vehicle.reload()
     assert any("service.recording is taken at the start: restart" in message for message in caplog.messages)
+    caplog.clear()
+    vehicle.change("{minutes: 7}", "{minutes: 5}")
+    vehicle.reload()
+    assert not any("service.recording" in message for message in caplog.messages)
 
 
 def test_a_bad_file_is_refused_with_its_line_and_nothing_changes(

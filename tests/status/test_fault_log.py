@@ -40,6 +40,27 @@ def test_what_falls_silent_is_told_once_and_again_when_it_is_back(
     assert 2.0 < float(lines[1].removeprefix(back).removesuffix(" s")) < 3.2
 
 
+def test_own_motion_that_is_lost_after_dead_reckoning_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    lines = told(
+        tmp_path, [frame for frame in drive(bound(tmp_path), 14.0) if frame.bus != 1 or frame.time_ns < 10**9], caplog
+    )
+    assert lines == [
+        "own motion: silent, obstacles are tracked by dead reckoning",
+        "own motion: lost, and nothing is tracked without it",
+    ]
+
+
+def test_what_a_reload_brings_has_time_to_come(tmp_path: Path) -> None:
+    logger, binding = FaultLogger(), bound(tmp_path)
+    with Served(binding, [logger]) as served:
+        served.feed(drive(binding, 2.0))
+        logger._begun_ns["sensor 'gone'"] = logger._since_ns["sensor 'gone'"] = 1
+        logger._told["sensor 'gone'"] = "silent"
+        logger.on_reload_end(served.daemon, "")
+        assert logger._begun_ns.keys() == {"sensor 'front'"}
+        assert not logger._told
+
+
 def test_what_is_away_for_a_moment_is_not_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     frames = [frame for frame in drive(bound(tmp_path), 4.0) if frame.bus or not 1.5 < frame.time_ns * 1e-9 < 2.2]
     assert told(tmp_path, frames, caplog) == []
