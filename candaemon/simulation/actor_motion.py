@@ -88,12 +88,13 @@ class TurningMotion:
 
 @dataclass(frozen=True, slots=True)
 class StraightMotion:
-    """Constant acceleration in fixed axes; the heading is the direction of the velocity."""
+    """Constant acceleration in fixed axes; the heading is the direction of the velocity, or the opposite backwards."""
 
     position: complex
     velocity: complex
     acceleration: complex
     yaw: float
+    backwards: bool = False
 
     def at(self, elapsed: Floats) -> TrueMotion:
         """Return the motion at seconds since the piece's start, shape (n,)."""
@@ -105,7 +106,7 @@ class StraightMotion:
             self.position + elapsed * (self.velocity + self.acceleration * elapsed / 2),
             np.asarray(velocity, dtype=np.complex128),
             acceleration,
-            np.where(moving, np.angle(velocity), self.yaw),
+            np.where(moving, np.angle(-velocity if self.backwards else velocity), self.yaw),
             np.where(moving, np.imag(np.conj(velocity) * acceleration) / squared, 0.0),
         )
 
@@ -138,7 +139,7 @@ class LaneChangeMotion:
             self.position + lane * path,
             lane * velocity,
             np.asarray(lane * acceleration),
-            self.yaw + np.where(moving, np.angle(velocity), 0.0),
+            self.yaw + np.where(moving, np.angle(velocity * np.where(speed < 0.0, -1.0, 1.0)), 0.0),
             np.where(moving, np.imag(np.conj(velocity) * acceleration) / squared, 0.0),
         )
 
@@ -227,7 +228,8 @@ def _pieces_of(segment: Segment, cursor: _Cursor, duration: float, axes_yaw: flo
     """Return a segment's pieces and the duration of each."""
     if segment.by_axes:
         acceleration = complex(segment.ax or 0.0, segment.ay or 0.0) * cmath.exp(1j * axes_yaw)
-        return [(StraightMotion(cursor.position, cursor.velocity, acceleration, cursor.yaw), duration)]
+        backwards = cursor.speed < 0.0
+        return [(StraightMotion(cursor.position, cursor.velocity, acceleration, cursor.yaw, backwards), duration)]
     speed, acceleration = cursor.speed, _acceleration(segment, cursor, duration)
     stop = _stop(segment, speed, acceleration)
     moving = min(duration, stop)
@@ -270,7 +272,5 @@ def trajectory(
                 return Trajectory(starts, pieces)
             cursor.advance(piece, duration)
     starts.append(cursor.time)
-    backwards = cursor.speed < 0.0
-    straight = StraightMotion(cursor.position, cursor.velocity, 0j, cursor.yaw)
-    pieces.append(TurningMotion(cursor.position, cursor.yaw, cursor.speed, 0.0, 0.0) if backwards else straight)
+    pieces.append(StraightMotion(cursor.position, cursor.velocity, 0j, cursor.yaw, cursor.speed < 0.0))
     return Trajectory(starts, pieces)

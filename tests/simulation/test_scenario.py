@@ -111,6 +111,9 @@ def test_a_vehicle_drives_backwards_only_where_it_is_told_so() -> None:
     brakes = of([Segment(duration=4, acceleration=1), Segment(duration=3)], speed=-2)
     motion = brakes.at(np.array([0.0, 1.0, 2.0, 4.0, 9.0]))
     assert np.real(motion.velocity * np.exp(-0.3j)) == pytest.approx([-2.0, -1.0, 0.0, 0.0, 0.0])
+    for part in ({"lane_change": {"offset": 2, "duration": 4}}, {"duration": 2, "ax": 0, "ay": 0.1}):
+        aside = of([Segment.model_validate(part)], speed=-3).at(np.linspace(0.0, 6.0, 13))
+        assert np.abs(np.angle(np.exp(1j * (aside.yaw - 0.3)))).max() < 0.6
     lasting = of([], speed=-2).at(np.array([5.0]))
     assert lasting.yaw == pytest.approx(0.3)
     assert np.real(lasting.velocity * np.exp(-0.3j)) == pytest.approx(-2.0)
