@@ -65,14 +65,14 @@ def _of_sensor(sensor: BoundSensor, at: SettingLocation) -> Iterator[str]:
             )
         )
     for index, layout in enumerate(sensor.reader.layouts):
-        id_signal, slots = layout.id_signal, settings.objects.slots
+        id_signal, places = layout.id_signal, settings.objects.places_on_page
         if id_signal is None or layout.keys or layout.step != 1:
             continue
         numbers = value_count(id_signal) - layout.first
-        if slots > numbers:
+        if places > numbers:
             yield str(
                 at.at("objects", "messages", index).error(
-                    f"'{id_signal.name}' has {id_signal.length} bits, so {numbers} numbers at most, for {slots} slots"
+                    f"'{id_signal.name}' has {id_signal.length} bits, so {numbers} numbers at most, for {places} places"
                 )
             )
 

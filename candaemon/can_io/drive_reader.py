@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,21 @@ logger = logging.getLogger(__name__)
 EARLIEST_EPOCH_NS: Final = 315_532_800_000_000_000
 """ns: a time before 1980 counts from the log's own beginning, not from 1970."""
 _NAMED = 8  # logs in a message
-_ONE_DRIVE: Final = 86400.0
+_DAY: Final = 86_400.0
+_ONE_DRIVE: Final = _DAY
 """s from the beginning of a log to that of the next, at most, for logs of one drive."""
+
+
+class _Beginning(NamedTuple):
+    """How a log begins.
+
+    Attributes:
+        time_ns: of its first frame or tick.
+        frame: the first frame; None: it has ticks alone.
+    """
+
+    time_ns: int
+    frame: Frame | None
 
 
 class DriveReader:
@@ -77,20 +90,20 @@ class DriveReader:
         """Yield the frames of logs in order of time."""
         if len(logs) == 1:
             return self.consecutive(logs)
-        found = [(log, self._first_of(log)) for log in logs]
-        if any(first is not None and first.time_ns < EARLIEST_EPOCH_NS for _, first in found):
+        found = [(log, self._beginning_of(log)) for log in logs]
+        _require_different(found)
+        if any(begin is not None and begin.time_ns < EARLIEST_EPOCH_NS for _, begin in found):
             return self.consecutive(logs)
-        begun = [(first, log) for log, first in found if first is not None]
-        in_order = sorted(begun, key=lambda each: each[0].time_ns)
-        _require_different(in_order)
+        begun = [(begin.time_ns, log) for log, begin in found if begin is not None]
+        in_order = sorted(begun, key=lambda each: each[0])
         if in_order != begun:
             names = ", ".join(printable(log.name) for _, log in in_order[:_NAMED])
             more = f" and {len(in_order) - _NAMED} more" if len(in_order) > _NAMED else ""
             logger.warning("the logs are read in order of time: %s%s", names, more)
         _warn_if_apart(in_order)
         # those without a frame are read for what they count
-        empty = chain.from_iterable(self._part(log) for log, first in found if first is None)
-        timed = [TimedLog(first.time_ns, partial(self._one, log)) for first, log in in_order]
+        empty = chain.from_iterable(self._part(log) for log, begin in found if begin is None)
+        timed = [TimedLog(first_ns, partial(self._one, log)) for first_ns, log in in_order]
         return self._within(chain(empty, merged(timed)))
 
     def _one(self, log: Path) -> Iterator[LogBlock]:
@@ -116,18 +129,21 @@ class DriveReader:
         self._strays.append(strays)
         return strays.removed(blocks)
 
-    def _first_of(self, log: Path) -> Frame | None:
-        """Return a log's first frame; None where it has none.
+    def _beginning_of(self, log: Path) -> _Beginning | None:
+        """Return how a log begins; None where it has no frame.
 
         Raises:
             InputError: it is no file: what it gives can be read only once.
         """
         if not log.is_file():
             raise InputError("it is no file, and is read alone; with other logs, save it first", file=log)
+        first_ns: int | None = None
         for block in read_log_blocks(log, self._channels, LogCounts(tells=False)):
-            if len(block):
-                return next(iter(block.frames() if isinstance(block, FrameBlock) else block))
-        return None
+            for frame in block.frames() if isinstance(block, FrameBlock) else block:
+                first_ns = frame.time_ns if first_ns is None else first_ns
+                if frame.bus != TICK_BUS:  # recordings of one daemon may begin with the same tick
+                    return _Beginning(first_ns, frame)
+        return None if first_ns is None else _Beginning(first_ns, None)
 
     def _within(self, blocks: Iterable[LogBlock]) -> Iterator[LogBlock]:
         """Yield what is within the range; stop behind it."""
@@ -164,37 +180,38 @@ class DriveReader:
         counts.frames, counts.ticks = self._passed, self._passed_ticks
 
 
-def _require_different(logs: Sequence[tuple[Frame, Path]]) -> None:
+def _require_different(logs: Sequence[tuple[Path, _Beginning | None]]) -> None:
     """Raise if one log is named twice, by its name or a copy's.
 
     Args:
-        logs: with the first frame of each, in order of time.
+        logs: with how each begins.
 
     Raises:
-        InputError: two begin with the same frame at the same time.
+        InputError: two are one file, or have the same first frame at the same time.
     """
-    named: dict[Frame, Path] = {}
-    for first, log in logs:
-        if first.bus == TICK_BUS:  # recordings of one daemon may begin with the same one
-            continue
-        if first in named:
-            other = printable(str(named[first]))
+    known: dict[Frame | tuple[int, int], Path] = {}
+    for log, begin in logs:
+        status = log.stat()
+        marks: list[Frame | tuple[int, int]] = [(status.st_dev, status.st_ino)]
+        if begin is not None and begin.frame is not None and begin.time_ns >= EARLIEST_EPOCH_NS:
+            marks.append(begin.frame)  # of logs without a date, two drives may begin alike
+        for other in (known[mark] for mark in marks if mark in known):
             raise InputError(
-                f"it begins with the same frame, at the same time, as {other}: each frame would count twice; name one "
-                "of them",
+                f"it is the same log as {printable(str(other))}, or begins with the same frame at the same time: each "
+                "frame would count twice; name one of them",
                 file=log,
             )
-        named[first] = log
+        known.update(dict.fromkeys(marks, log))
 
 
-def _warn_if_apart(logs: Sequence[tuple[Frame, Path]]) -> None:
+def _warn_if_apart(logs: Sequence[tuple[int, Path]]) -> None:
     """Tell of logs that begin too far apart to be of one drive."""
-    for (earlier, before), (later, log) in pairwise(logs):
-        seconds = (later.time_ns - earlier.time_ns) * 1e-9
+    for (earlier_ns, before), (later_ns, log) in pairwise(logs):
+        seconds = (later_ns - earlier_ns) * 1e-9
         if seconds > _ONE_DRIVE:
             names = printable(before.name), printable(log.name)
             logger.warning(
-                "%s begins %.1f days before %s: they are read as one drive", names[0], seconds / 86400, names[1]
+                "%s begins %.1f days before %s: they are read as one drive", names[0], seconds / _DAY, names[1]
             )
             return
 

@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="LOG",
         help="hold the configuration against the first seconds of a log: one line a contradiction, with the cure; "
-        "repeatable: several are one drive",
+        "repeatable: several are one drive; or the folder of a recording",
     )
     parser.add_argument(
         "log",

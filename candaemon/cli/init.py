@@ -9,7 +9,7 @@ from pathlib import Path
 from candaemon.cli.arguments import LOG_FORMATS, input_path, output_path
 from candaemon.cli.console import say
 from candaemon.errors import ConfigError
-from candaemon.files.outputs import Outputs
+from candaemon.files.outputs import Outputs, is_standard_output
 from candaemon.playback.recording_files import unfolded
 from candaemon.printable import printable
 from candaemon.wizard.draft import GUESS, Ask, Choice, take_guess
@@ -30,7 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="LOG",
-        help=f"a recorded drive, which tells the most: {LOG_FORMATS}; repeatable: several are one drive",
+        help=f"a recorded drive, which tells the most: {LOG_FORMATS}; or the folder of a recording; repeatable: "
+        "several are one drive",
     )
     parser.add_argument("-o", "--output", type=output_path, metavar="YAML", help="write it there; default: print it")
     parser.add_argument("--force", action="store_true", help="write over a file that is there")
@@ -39,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(arguments: argparse.Namespace) -> None:
     """Find the configuration, ask about guesses on a terminal, and write it."""
-    if arguments.output is not None and arguments.output.is_file() and not arguments.force:
+    if arguments.output is not None and _is_there(arguments.output) and not arguments.force:
         raise ConfigError(
             "it is there, and may have been edited; choose another name, or --force", file=arguments.output
         )
@@ -55,6 +56,11 @@ def execute(arguments: argparse.Namespace) -> None:
     name = "CONFIG" if arguments.output is None else str(arguments.output)
     log = "".join(f" --log {log}" for log in arguments.log)
     say(f"{count} guesses, marked in it; next: candaemon check {name}{log}")
+
+
+def _is_there(path: Path) -> bool:
+    """Return whether a file of somebody's is there, and not what standard output was redirected to."""
+    return path.is_file() and not is_standard_output(path)
 
 
 def _configuration(arguments: argparse.Namespace, ask: Ask) -> str:

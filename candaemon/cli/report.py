@@ -9,10 +9,13 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
+from candaemon.can_io.logs.stream import STANDARD_INPUT
 from candaemon.cli import console
 from candaemon.cli.arguments import (
     CONFIG,
     LOG_FORMATS,
+    STANDARD_OUTPUT,
     add_time_range,
     ended_input,
     input_path,
@@ -90,9 +93,18 @@ def execute(arguments: argparse.Namespace) -> None:
         if request.tracks is not None:
             errors = json.loads(evaluate(request.tracks, arguments.truth).to_json())
         text = read_bounded(binding.loaded.path, LARGEST_FILE, special=True).decode(errors="replace")
-        drive = ReportedDrive(binding, name, request.logs, figures, record, HORIZONS, text, errors)
+        drive = ReportedDrive(binding, name, _view(binding, request), figures, record, HORIZONS, text, errors)
         whole.stream.write(page(drive).encode())
         if summary is not None:
             summary.stream.write(f"{json.dumps(figures, indent=2, allow_nan=False)}\n".encode())
     console.warn_of_log(doubts(figures))
-    console.say(f"{arguments.output} is the report; open it in a browser")
+    if arguments.output != STANDARD_OUTPUT:
+        console.say(f"{arguments.output} is the report; open it in a browser")
+
+
+def _view(binding: Binding, request: ReplayRequest) -> str:
+    """Return the command that shows the same drive; none where it is gone, or its times count from elsewhere."""
+    if STANDARD_INPUT in request.logs or not request.time_range.is_all:
+        return ""
+    maps = (f" --map {channel}={bus}" for channel, bus in request.channels.items())
+    return f"candaemon view {binding.loaded.path} {' '.join(map(str, request.logs))}{''.join(maps)}"

@@ -11,6 +11,7 @@ from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.numbers import SignalValue
 from candaemon.config.protection import ProtectionSettings
 from candaemon.config.sensors import Mount, ObjectFormat
+from candaemon.similar_names import meant
 
 Quantity = Literal[
     "id", "state", "x", "y", "vx", "vy", "ax", "ay", "range", "azimuth", "range_rate", "rel_vx", "rel_vy",
@@ -33,7 +34,8 @@ class StatusFormat(Settings):
     def _names_signals_first(cls, value: object) -> object:
         known = get_args(StatusQuantity)
         for signal, quantity in value.items() if isinstance(value, dict) else ():
-            if signal in known and quantity not in known:
+            mistyped = str(quantity).casefold() not in known and meant(str(quantity), known)
+            if signal in known and quantity not in known and not mistyped:
                 raise ValueError(f"here it is the signal, then the quantity: write {{{quantity}: {signal}}}")
         return value
 

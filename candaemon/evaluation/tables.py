@@ -66,7 +66,7 @@ from candaemon.frames.times import LATEST_NS
 from candaemon.tracking.obstacles import MOTION, STATE_NAMES, Obstacles
 
 _OTHER_FORMAT: Final = re.compile(
-    r"\.(parquet|xlsx?|ods|json|feather|arrow|mat|h5|hdf5|npz?|zst|xz|bz2|zip)(\.gz)?$", re.IGNORECASE
+    r"\.(parquet|xlsx?|ods|json|feather|arrow|mat|h5|hdf5|np[yz]|zst|xz|bz2|zip)(\.gz)?$", re.IGNORECASE
 )
 """Names of files that a table in CSV would not be read from."""
 

@@ -116,13 +116,28 @@ def logs_in(folder: Path) -> list[Path]:
 
 
 def unfolded(logs: Iterable[Path]) -> list[Path]:
-    """Return logs with those of each folder in its place."""
-    return [each for log in logs for each in (logs_in(log) if log.is_dir() else [log])]
+    """Return logs with those of each folder in its place.
+
+    Raises:
+        InputError: a folder has none.
+    """
+    found = []
+    for log in logs:
+        inside = logs_in(log) if log.is_dir() else [log]
+        if not inside:
+            raise _no_log(log)
+        found += inside
+    return found
+
+
+def _no_log(folder: Path) -> InputError:
+    return InputError(f"no log in this folder; expected files of a recording, *{LOG}", file=folder)
 
 
 def files_of(*logs: Path) -> list[Path]:
     """Return all files that logs, or folders of logs, consist of: the logs, and the states beside them."""
-    return [path for each in unfolded(logs) for path in (each, each.with_suffix(STATE))]
+    logs = tuple(each for log in logs for each in (logs_in(log) if log.is_dir() else [log]))
+    return [path for each in logs for path in (each, each.with_suffix(STATE))]
 
 
 def header_beside(log: Path) -> StateHeader | None:
@@ -177,7 +192,7 @@ def runs(log: Path, fingerprint: Fingerprint, *, fresh: bool = False) -> list[Ru
     """
     logs = _files_in(log) if log.is_dir() else [log]
     if not logs:
-        raise InputError(f"no log in this folder; expected files of a recording, *{LOG}", file=log)
+        raise _no_log(log)
     if fresh:
         return [Run(tuple(logs), None, ends=True)]
     if not log.is_dir():

@@ -178,8 +178,12 @@ def doubts(figures: Mapping[str, Any]) -> list[str]:
     tracked, blind = figures["tracks"]["cycles"], figures["cycles"]["without_ego"]
     if figures["ego_signals"] and not figures["ego_samples"]["samples"]:
         found.append(f"own motion was never known; signals of it that never came: {_silent_signals(figures)}")
-    elif blind > _BULK * (tracked + blind):
+        return found
+    if blind > _BULK * (tracked + blind):
         found.append(f"own motion was not known in {blind:,} of {tracked + blind:,} scans, which were dropped")
+    silent = [name for name, count in figures["ego_signals"].items() if not count]
+    if silent:
+        found.append(f"own motion: {', '.join(silent)} never came")
     return found
 
 
@@ -208,7 +212,8 @@ def require_used(log: Path, figures: Mapping[str, Any]) -> None:
 
 
 def _silent_signals(figures: Mapping[str, Any]) -> str:
-    return ", ".join(name for name, count in figures["ego_signals"].items() if not count) or "none"
+    silent = (name for name, count in figures["ego_signals"].items() if not count)
+    return ", ".join(silent) or "none, but not all together"
 
 
 def _calibration(pipeline: Pipeline) -> dict[str, Any]:

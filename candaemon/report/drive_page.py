@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
 from math import isfinite
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -34,7 +33,7 @@ class ReportedDrive:
     Attributes:
         binding: the configuration.
         name: of the drive.
-        logs: its logs.
+        view: command that shows the drive in the browser, from its beginning on; empty: none does.
         figures: of `candaemon.playback.summary.summarise`.
         record: for the drawings.
         horizons: of the predictions, s.
@@ -44,7 +43,7 @@ class ReportedDrive:
 
     binding: Binding
     name: str
-    logs: Sequence[Path]
+    view: str
     figures: Mapping[str, Any]
     record: DriveRecord
     horizons: tuple[float, ...]
@@ -269,15 +268,15 @@ def _moments(drive: ReportedDrive) -> str:
     for moment in worst_moments(drive.record, drive.horizons):
         of = "" if moment.obstacle is None else str(moment.obstacle)
         at = f"#t={max(moment.time - 1.0, 0.0):.2f}" + (f"&id={of}" if of else "")
-        button = f'<button class="screen" data-at="{escape(at)}">view</button> {moment.time:.2f}'
-        rows.append((escape(moment.what), of, button))
+        button = f'<button class="screen" data-at="{escape(at)}">view</button> ' if drive.view else ""
+        rows.append((escape(moment.what), of, f"{button}{moment.time:.2f}"))
     if not rows:
         return "<p>There is none.</p>"
-    logs = " ".join(printable(str(log)) for log in drive.logs)
-    command = f"candaemon view {printable(str(drive.binding.loaded.path))} {logs}"
+    listed = table(("what", "obstacle", "at (s)"), rows)
+    if not drive.view:
+        return listed
     return (
-        table(("what", "obstacle", "at (s)"), rows)
-        + f"<p><label class=screen>With <code>{escape(command)}</code> running, "
+        f"{listed}<p><label class=screen>With <code>{escape(printable(drive.view))}</code> running, "
         f'the buttons show a moment, from a second before it, at <input id="view" value="{VIEW}" size="28"></label></p>'
     )
 

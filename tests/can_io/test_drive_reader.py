@@ -95,8 +95,17 @@ def test_of_several_logs_messages_name_theirs_and_count_its_lines(
 
 def test_a_log_is_named_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     first, copy = write(tmp_path / "a.log", FRAMES[:10]), write(tmp_path / "copy.pcapng", FRAMES[:10])
-    with pytest.raises(InputError, match=r"copy\.pcapng: it begins with the same frame, at the same time, as .*a\.log"):
+    with pytest.raises(
+        InputError, match=r"copy\.pcapng: it is the same log as .*a\.log, or begins with the same frame"
+    ):
         read(first, copy)
+    relative = write(tmp_path / "r.asc", FRAMES[:10])
+    with pytest.raises(InputError, match=r"r\.asc: it is the same log as"):
+        read(relative, relative)
+    for name in ("k", "l"):
+        (tmp_path / f"{name}.log").write_text(f"(1533226487.9) tick 000#\n{first.read_text()}", encoding="utf-8")
+    with pytest.raises(InputError, match=r"l\.log: it is the same log as"):
+        read(tmp_path / "k.log", tmp_path / "l.log")
     later = [frame._replace(time_ns=frame.time_ns + 3 * 86400 * 10**9) for frame in FRAMES[:10]]
     assert len(read(first, write(tmp_path / "later.log", later))[0]) == 20
     assert caplog.messages == ["a.log begins 3.0 days before later.log: they are read as one drive"]

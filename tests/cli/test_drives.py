@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from candaemon.cli.main import main
+from tests.support.bound import binding
 from tests.support.paths import ROOT
 
 COMMAND = [sys.executable, "-m", "candaemon"]
@@ -152,6 +153,32 @@ def test_a_folder_of_a_recording_is_a_drive(short: Path, tmp_path: Path) -> None
     assert main(["convert", str(folder), str(tmp_path / "whole.log")]) == 0
     assert (tmp_path / "whole.log").read_bytes() == (short / "drive.log").read_bytes()
     assert main(["check", "esr_ins", "--log", str(folder)]) == 0
+
+
+@pytest.mark.parametrize(
+    "words", [["convert", "FOLDER", "o.log"], ["check", "esr_ins", "--log", "FOLDER"], ["report", "esr_ins", "FOLDER"]]
+)
+def test_a_folder_without_a_log_is_refused(
+    tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    assert main([word.replace("FOLDER", "empty") for word in words]) == 1
+    assert "empty: no log in this folder; expected files of a recording" in capsys.readouterr().err
+
+
+def test_a_gear_or_any_signal_that_never_comes_is_told(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = (short / "drive.log").read_text(encoding="utf-8").splitlines(keepends=True)
+    ego = binding("esr_ins").ego
+    assert ego is not None
+    (can_id,) = (can_id for can_id, message in ego.messages.items() if "curvature" in message.quantities)
+    curvature = f" can2 {can_id & 0x1FFFFFFF:X}#"
+    log = tmp_path / "drive.log"
+    log.write_text("".join(line for line in lines if curvature not in line), encoding="utf-8")
+    assert main(replaying(log)) == 0
+    assert "own motion: curvature never came" in capsys.readouterr().err
 
 
 def test_a_range_of_time_that_ends_before_it_begins_is_refused(

@@ -230,7 +230,9 @@ def test_logs_bus_by_bus_and_a_part_of_a_drive(reported: Reported, tmp_path: Pat
     assert json.loads(summary.read_text(encoding="utf-8"))["seconds"] == pytest.approx(2.0, abs=0.1)
     text = page.read_text(encoding="utf-8")
     assert f"{logs[0].name} and {len(logs) - 1} more" in text
-    assert f"{logs[0]} {logs[1]}" in text
+    assert "candaemon view" not in text  # which would show the whole drive, with other times
+    assert main(["report", *words[:-4]]) == 0
+    assert f"{logs[0]} {logs[1]}</code>" in page.read_text(encoding="utf-8")
 
 
 def test_a_name_from_outside_is_text(tmp_path: Path, reported: Reported) -> None:

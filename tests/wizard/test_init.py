@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -142,6 +144,10 @@ def test_an_edited_configuration_is_not_written_over(tmp_path: Path, capsys: pyt
     assert path.read_text(encoding="utf-8") == "# edited\n"
     assert main([*words, "--force"]) == 0
     assert GUESS in path.read_text(encoding="utf-8")
+    command = [sys.executable, "-m", "candaemon", *words[:-1], "-"]
+    with (tmp_path / "printed.yaml").open("wb") as stream:
+        assert subprocess.run(command, stdout=stream, stderr=subprocess.DEVNULL, check=False).returncode == 0
+    assert GUESS in (tmp_path / "printed.yaml").read_text(encoding="utf-8")
 
 
 def test_names_alone_give_guesses_that_are_marked(tmp_path: Path) -> None:
