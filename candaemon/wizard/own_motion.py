@@ -250,6 +250,38 @@ def find_own_motion(heard: Sequence[Heard], standing: tuple[Floats, Floats] | No
     return None if own is None else _without_false_ranges(own, heard)
 
 
+_BACKWARDS: Final = frozenset(("r", "rev", "reverse", "backward", "backwards"))
+_GEARS: Final = frozenset(("gear", "prnd", "prndl", "shift", "shifter", "selector", "direction", "transmission"))
+
+
+def with_gear(
+    own: OwnMotion | None, messages: Iterable[tuple[Path, MessageSpec]], traffic: LogTraffic | None
+) -> OwnMotion | None:
+    """Return own motion with what tells that the vehicle drives backwards, by a value table of the DBC.
+
+    Args:
+        own: from wheels or a speedometer, which do not tell; any other is returned as it is.
+        messages: of no radar, with their files.
+        traffic: the log; a gear that does not come in it tells nothing.
+    """
+    if own is None or own.kind != "odometry":
+        return own
+    told = []
+    for dbc, message in messages:
+        if dbc != own.dbc or (traffic is not None and traffic.channel_of((message,)) != own.channel):
+            continue
+        for signal in message.signals:
+            raws = [raw for raw, text in (signal.choices or {}).items() if text.strip().lower() in _BACKWARDS]
+            if len(raws) == 1 and set(_tokens(signal.name)) & _GEARS:
+                value = raws[0] * signal.scale + signal.offset
+                told.append(f"{{signal: {message.name}.{signal.name}, in: [{value:g}]}}")
+    if not told:
+        return own
+    why = "by the DBC's table of values; wheels do not tell which way they turn"
+    choice = Choice(told[0], why, guess=len(told) > 1, ask="which tells reverse", options=tuple(told))
+    return replace(own, signals={**own.signals, "reverse": choice})
+
+
 def outside_share(spec: SignalSpec, values: Floats) -> float:
     """Return the share of values that are outside the range that the DBC gives a signal."""
     low = -np.inf if spec.minimum is None else spec.minimum

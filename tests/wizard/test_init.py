@@ -16,6 +16,7 @@ from candaemon.cli.main import main
 from candaemon.config.load import load_config
 from candaemon.wizard.draft import GUESS
 from candaemon.wizard.trial import try_on
+from tests.ego import test_reversing as reversing
 from tests.support.bound import binding as shipped
 from tests.support.paths import DATA, ROOT
 from tests.wizard.drives import survey_log
@@ -78,6 +79,22 @@ def test_shipped_layouts_are_found_from_a_log(name: str, tmp_path: Path) -> None
     assert tried.pipeline.assemblers[0].counts.incomplete <= 2
 
 
+@pytest.mark.parametrize("logged", [False, True])
+def test_a_gear_with_a_table_of_values_tells_reverse(logged: bool, tmp_path: Path) -> None:
+    (tmp_path / "car.dbc").write_text(
+        f'{reversing.DBC}VAL_ 1027 GEAR 0 "P" 7 "R" 3 "D" ;\n', encoding="utf-8"
+    )  # fmt: skip
+    (tmp_path / "car.yaml").write_text(reversing.YAML, encoding="utf-8")
+    log = tmp_path / "drive.log"
+    if logged:
+        assert main(["simulate", "guard_rail", str(tmp_path / "car.yaml"), "-o", str(log)]) == 0
+    found, text = made([tmp_path / "car.dbc"], log if logged else None, tmp_path)
+    assert "reverse: {signal: GEAR_BOX.GEAR, in: [7]}" in text
+    assert found.ego is not None
+    assert found.ego.reverse is not None
+    assert guessed(text, "reverse") != logged
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["multiplexed_radar", "ford_mrr_fd", "ford_mrr"])
 def test_stranger_layouts_are_found_from_a_log(name: str, tmp_path: Path) -> None:
@@ -100,6 +117,7 @@ def test_the_recorded_drive_is_configured_by_its_public_files(drive: Path, tmp_p
     dbcs = [DATA / "dbc" / "toyota_adas.dbc", DATA / "dbc" / "toyota_nodsu_pt_generated.dbc"]
     _, text = made(dbcs, drive / "drive.log.gz", tmp_path)
     assert not any(guessed(text, key) for key in (*MEASURED, "yaw_rate", "left_wheels"))
+    assert "reverse: {signal: GEAR_PACKET.GEAR, in: [16]}" in text  # the other gear of the file is a hybrid's
     summary = tmp_path / "summary.json"
     assert main(["replay", str(tmp_path / "made.yaml"), str(drive / "drive.log.gz"), "--summary", str(summary)]) == 0
     told = json.loads(summary.read_text())
