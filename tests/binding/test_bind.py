@@ -258,7 +258,7 @@ def test_dubious_ranges_are_warned_of(tmp_path: Path, vendor_dbc: Path) -> None:
 def test_own_motion_is_bound_to_its_messages() -> None:
     ego = binding("toyota_rav4").ego
     assert ego is not None
-    assert set(ego.messages) == {0x24, 0xAA}
+    assert set(ego.messages) == {0x24, 0xAA, 0x3BC}
     wheels = ego.messages[0xAA]
     assert sorted(wheels.quantities) == ["left_wheels", "left_wheels", "right_wheels", "right_wheels"]
     still = (0x1A6F).to_bytes(2, "big")  # 67.67 km/h over the signal's offset
