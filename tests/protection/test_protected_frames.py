@@ -106,7 +106,7 @@ def configured(tmp_path: Path, config: str, *changes: tuple[str, str]) -> Bindin
 
 def test_a_checksum_that_counts_the_scans_too_is_told_with_its_place(tmp_path: Path) -> None:
     bound = configured(tmp_path, "toyota_rav4", ("signal: COUNTER}", "signal: CHECKSUM}"))
-    assert any("changed.yaml:20: sensors.front: 'CHECKSUM' counts the scans" in each for each in bound.warnings)
+    assert any("changed.yaml:21: sensors.front: 'CHECKSUM' counts the scans" in each for each in bound.warnings)
 
 
 WHEELS = """    left_wheels: [WHEEL_SPEEDS.WHEEL_SPEED_FL, WHEEL_SPEEDS.WHEEL_SPEED_RL]
