@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import chain
 
 from candaemon.binding.bound import BoundEgo, BoundOutput, BoundSensor
 from candaemon.binding.location import SettingLocation
@@ -102,20 +103,14 @@ def range_warnings(ego: BoundEgo | None, sensors: Iterable[BoundSensor], output:
 def multiplexed_warnings(sensors: Iterable[BoundSensor]) -> list[str]:
     """Warn of an object's signals that only some of its frames carry: the objects of all others are not used."""
     found = []
-    for sensor in sensors:
-        for layout in sensor.reader.layouts:
-            selector = None if layout.selector is None else layout.selector[0].name
-            for binding in sensor.reader.bindings:
-                signal, message = binding.signal, layout.shortest
-                if signal not in message.signals or signal.multiplexer_signal in {None, selector}:
-                    continue
-                place = "" if message.file is None else f"{message.file}:{signal.line or message.line}: "
-                values = ", ".join(map(str, sorted(signal.multiplexer_ids)))
-                found.append(
-                    f"{place}signal '{signal.name}' of '{message.name}' is there only where "
-                    f"{signal.multiplexer_signal} is {values}; objects of other frames are not used, and count as "
-                    "not_finite"
-                )
+    for layout, signal in chain.from_iterable(sensor.reader.required for sensor in sensors):
+        selector = None if layout.selector is None else layout.selector[0].name
+        if signal.multiplexer_signal not in {None, selector}:
+            values = ", ".join(map(str, sorted(signal.multiplexer_ids)))
+            found.append(
+                f"{_named(layout.shortest, signal)} is there only where {signal.multiplexer_signal} is {values}; "
+                "objects of other frames are not used, and count as not_finite"
+            )
     return found
 
 
@@ -126,8 +121,13 @@ def _range_warning(message: MessageSpec, signal: SignalSpec) -> Iterator[str]:
     ends = representable_values(signal)
     step = abs(signal.scale)
     if low < ends[0] - step or high > ends[1] + step:
-        place = "" if message.file is None else f"{message.file}:{signal.line or message.line}: "
         yield (
-            f"{place}signal '{signal.name}' of '{message.name}' has the range [{low:g}|{high:g}] in the DBC "
+            f"{_named(message, signal)} has the range [{low:g}|{high:g}] in the DBC "
             f"but its {signal.length} bits reach from {ends[0]:g} to {ends[1]:g}"
         )
+
+
+def _named(message: MessageSpec, signal: SignalSpec) -> str:
+    """Return what a warning calls a signal, after its place in the DBC."""
+    place = "" if message.file is None else f"{message.file}:{signal.line or message.line}: "
+    return f"{place}signal '{signal.name}' of '{message.name}'"

@@ -33,8 +33,7 @@ EARLIEST_EPOCH_NS: Final = 315_532_800_000_000_000
 """ns: a time before 1980 counts from the log's own beginning, not from 1970."""
 _NAMED = 8  # logs in a message
 _DAY: Final = 86_400.0
-_ONE_DRIVE: Final = _DAY
-"""s from the beginning of a log to that of the next, at most, for logs of one drive."""
+"""s; logs of one drive begin within a day of each other."""
 
 
 class _Beginning(NamedTuple):
@@ -141,7 +140,7 @@ class DriveReader:
         for block in read_log_blocks(log, self._channels, LogCounts(tells=False)):
             for frame in block.frames() if isinstance(block, FrameBlock) else block:
                 first_ns = frame.time_ns if first_ns is None else first_ns
-                if frame.bus != TICK_BUS:  # recordings of one daemon may begin with the same tick
+                if frame.bus != TICK_BUS:  # a tick tells no log from another: it has a time alone
                     return _Beginning(first_ns, frame)
         return None if first_ns is None else _Beginning(first_ns, None)
 
@@ -195,9 +194,10 @@ def _require_different(logs: Sequence[tuple[Path, _Beginning | None]]) -> None:
         marks: list[Frame | tuple[int, int]] = [(status.st_dev, status.st_ino)]
         if begin is not None and begin.frame is not None and begin.time_ns >= EARLIEST_EPOCH_NS:
             marks.append(begin.frame)  # of logs without a date, two drives may begin alike
-        for other in (known[mark] for mark in marks if mark in known):
+        same = next((known[mark] for mark in marks if mark in known), None)
+        if same is not None:
             raise InputError(
-                f"it is the same log as {printable(str(other))}, or begins with the same frame at the same time: each "
+                f"it is the same log as {printable(str(same))}, or begins with the same frame at the same time: each "
                 "frame would count twice; name one of them",
                 file=log,
             )
@@ -208,7 +208,7 @@ def _warn_if_apart(logs: Sequence[tuple[int, Path]]) -> None:
     """Tell of logs that begin too far apart to be of one drive."""
     for (earlier_ns, before), (later_ns, log) in pairwise(logs):
         seconds = (later_ns - earlier_ns) * 1e-9
-        if seconds > _ONE_DRIVE:
+        if seconds > _DAY:
             names = printable(before.name), printable(log.name)
             logger.warning(
                 "%s begins %.1f days before %s: they are read as one drive", names[0], seconds / _DAY, names[1]

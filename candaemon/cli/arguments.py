@@ -65,6 +65,37 @@ def ended_input(logs: Sequence[Path]) -> AbstractContextManager[None]:
     return input_ended_by_interrupt() if STANDARD_INPUT in logs else nullcontext()
 
 
+def add_logs(parser: argparse.ArgumentParser, metavar: str = "LOG") -> None:
+    """Add the argument of the logs of a drive."""
+    parser.add_argument(
+        "log",
+        type=log_path,
+        nargs="+",
+        metavar=metavar,
+        help=f"{LOG_FORMATS}; several are one drive; - for standard input; or the folder of a recording",
+    )
+
+
+def add_channel_map(parser: argparse.ArgumentParser) -> None:
+    """Add the argument of which channel of a log is which bus."""
+    parser.add_argument(
+        "--map",
+        type=channel_of_bus,
+        action="append",
+        default=[],
+        metavar="CHANNEL=BUS",
+        help="the log's CHANNEL is the configuration's BUS; repeatable",
+    )
+
+
+def channel_of_bus(text: str) -> tuple[str, str]:
+    """Read CHANNEL=BUS."""
+    channel, sign, bus = text.rpartition("=")  # no bus has that sign in its name
+    if not (channel and sign and bus):
+        raise refused(text, "CHANNEL=BUS, such as can1=radar")
+    return channel, bus
+
+
 def add_time_range(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of a range of time."""
     what = "s from the drive's beginning, @ s since 1970, or a date and time such as 2018-08-02T16:14:48Z"

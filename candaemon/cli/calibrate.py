@@ -10,8 +10,7 @@ from candaemon.binding.bind import bind
 from candaemon.calibration.proposals import Finding, patch, proposals
 from candaemon.calibration.window import LEAST_SPEED
 from candaemon.cli import console
-from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, output_path
-from candaemon.cli.replay import channel_of_bus
+from candaemon.cli.arguments import CONFIG, LOG_FORMATS, add_channel_map, input_path, output_path
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError
@@ -31,14 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=output_path, metavar="PATCH", help="YAML of the settings that should change"
     )
-    parser.add_argument(
-        "--map",
-        type=channel_of_bus,
-        action="append",
-        default=[],
-        metavar="CHANNEL=BUS",
-        help="the logs' CHANNEL is the configuration's BUS; repeatable",
-    )
+    add_channel_map(parser)
 
 
 def execute(arguments: argparse.Namespace) -> None:

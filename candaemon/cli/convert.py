@@ -5,28 +5,14 @@ from __future__ import annotations
 import argparse
 
 from candaemon.cli import console
-from candaemon.cli.arguments import (
-    LOG_FORMATS,
-    add_time_range,
-    ended_input,
-    log_path,
-    logs_name,
-    output_path,
-    time_range,
-)
+from candaemon.cli.arguments import add_logs, add_time_range, ended_input, logs_name, output_path, time_range
 from candaemon.playback.convert import convert
 from candaemon.playback.recording_files import unfolded
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument(
-        "log",
-        type=log_path,
-        nargs="+",
-        metavar="IN",
-        help=f"{LOG_FORMATS}; several are one drive; - for standard input; or the folder of a recording",
-    )
+    add_logs(parser, "IN")
     parser.add_argument("output", type=output_path, metavar="OUT", help="the log to write; its name says the format")
     add_time_range(parser)
 

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from typing import Final
 
 from candaemon.cli import console
-from candaemon.cli.arguments import CONFIG, input_path, number, output_path, refused, whole_number
-from candaemon.cli.replay import LONGEST_LAG, SHORTEST_LAG, channel_of_bus
+from candaemon.cli.arguments import CONFIG, add_channel_map, input_path, number, output_path, refused, whole_number
+from candaemon.cli.replay import LONGEST_LAG, SHORTEST_LAG
 from candaemon.cli.report import DEFAULT
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError, InputError
@@ -102,14 +102,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
         "--workers", type=whole_number(1, MOST_WORKERS), metavar="N", help="processes here; default: one a core"
     )
     parser.add_argument("--memory", default="auto", metavar="SIZE", help="of each, such as 4GiB; default: equal shares")
-    parser.add_argument(
-        "--map",
-        type=channel_of_bus,
-        action="append",
-        default=[],
-        metavar="CHANNEL=BUS",
-        help="as of replay; repeatable",
-    )
+    add_channel_map(parser)
     parser.add_argument(
         "--smooth", type=number(SHORTEST_LAG, LONGEST_LAG, "s"), metavar="S", help="as of replay: smooth the tracks"
     )

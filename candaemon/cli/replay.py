@@ -11,11 +11,11 @@ from candaemon.binding.bound import Binding
 from candaemon.cli import console
 from candaemon.cli.arguments import (
     CONFIG,
-    LOG_FORMATS,
+    add_channel_map,
+    add_logs,
     add_time_range,
     ended_input,
     input_path,
-    log_path,
     logs_name,
     number,
     output_folder,
@@ -51,13 +51,7 @@ MOST_HORIZONS: Final = 20
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
-    parser.add_argument(
-        "log",
-        type=log_path,
-        nargs="+",
-        metavar="LOG",
-        help=f"{LOG_FORMATS}; several are one drive; - for standard input; or the folder of a recording",
-    )
+    add_logs(parser)
     parser.add_argument("-o", "--output", type=output_path, metavar="OUT", help="log of the obstacles' frames")
     parser.add_argument(
         "--tracks", type=output_path, metavar="CSV", help="table of the obstacles, a row a cycle; or a .parquet"
@@ -94,14 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fresh", action="store_true", help="begin with nothing, even where a recording says what the service knew"
     )
-    parser.add_argument(
-        "--map",
-        type=channel_of_bus,
-        action="append",
-        default=[],
-        metavar="CHANNEL=BUS",
-        help="the log's CHANNEL is the configuration's BUS; repeatable",
-    )
+    add_channel_map(parser)
 
 
 def execute(arguments: argparse.Namespace) -> None:
@@ -181,11 +168,3 @@ def horizons(text: str) -> tuple[float, ...]:
 
 
 _horizon = number(SHORTEST_HORIZON, LONGEST_HORIZON, "s")
-
-
-def channel_of_bus(text: str) -> tuple[str, str]:
-    """Read CHANNEL=BUS."""
-    channel, sign, bus = text.rpartition("=")  # no bus has that sign in its name
-    if not (channel and sign and bus):
-        raise refused(text, "CHANNEL=BUS, such as can1=radar")
-    return channel, bus

@@ -14,17 +14,17 @@ from candaemon.can_io.logs.stream import STANDARD_INPUT
 from candaemon.cli import console
 from candaemon.cli.arguments import (
     CONFIG,
-    LOG_FORMATS,
     STANDARD_OUTPUT,
+    add_channel_map,
+    add_logs,
     add_time_range,
     ended_input,
     input_path,
-    log_path,
     logs_name,
     output_path,
     time_range,
 )
-from candaemon.cli.replay import channel_of_bus, check_request
+from candaemon.cli.replay import check_request
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.config.yaml_file import LARGEST_FILE
@@ -44,27 +44,14 @@ DEFAULT: Final = Path("report.html")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument("config", type=input_path, metavar="CONFIG", help=CONFIG)
-    parser.add_argument(
-        "log",
-        type=log_path,
-        nargs="+",
-        metavar="LOG",
-        help=f"{LOG_FORMATS}; several are one drive; - for standard input; or the folder of a recording",
-    )
+    add_logs(parser)
     parser.add_argument(
         "-o", "--output", type=output_path, default=DEFAULT, metavar="HTML", help=f"the report; default: {DEFAULT}"
     )
     parser.add_argument("--truth", type=input_path, metavar="CSV", help="table that simulate --truth wrote: errors too")
     parser.add_argument("--summary", type=output_path, metavar="JSON", help="the figures, for programs")
     add_time_range(parser)
-    parser.add_argument(
-        "--map",
-        type=channel_of_bus,
-        action="append",
-        default=[],
-        metavar="CHANNEL=BUS",
-        help="the log's CHANNEL is the configuration's BUS; repeatable",
-    )
+    add_channel_map(parser)
 
 
 def execute(arguments: argparse.Namespace) -> None:

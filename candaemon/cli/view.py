@@ -15,8 +15,17 @@ from typing import TYPE_CHECKING, Final
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.cli import console
-from candaemon.cli.arguments import CONFIG, LOG_FORMATS, input_path, logs_name, number, refused, speed, whole_number
-from candaemon.cli.replay import channel_of_bus
+from candaemon.cli.arguments import (
+    CONFIG,
+    LOG_FORMATS,
+    add_channel_map,
+    input_path,
+    logs_name,
+    number,
+    refused,
+    speed,
+    whole_number,
+)
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError
@@ -49,14 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"{LOG_FORMATS}; several are one drive; or the folder of a recording; default: the live buses",
     )
     parser.add_argument("--speed", type=speed, default=1.0, metavar="X", help="times real time to begin with; of a log")
-    parser.add_argument(
-        "--map",
-        type=channel_of_bus,
-        action="append",
-        default=[],
-        metavar="CHANNEL=BUS",
-        help="the log's CHANNEL is the configuration's BUS; repeatable",
-    )
+    add_channel_map(parser)
     add_page_arguments(parser)
 
 

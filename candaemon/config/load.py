@@ -172,7 +172,7 @@ def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[
             )
         case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
             about = _keys_at(location[:-1]).get(str(location[-1]), "")
-            yield where, f"found {_shown(found)}, {_expected(details)}" + (f"; it is: {about}" if about else "")
+            yield where, f"found {_shown(found)}, {_expected(details)}" + (f" ({about})" if about else "")
         case _:
             yield where, f"found {_shown(found)}, {_expected(details)}"
 

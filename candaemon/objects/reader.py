@@ -63,6 +63,7 @@ class LayoutReader:
     Attributes:
         length: payload bytes that are read.
         decoder: of the signals, None where nothing of these messages is read.
+        required: signals without which an object is not used.
         gain: (quantities, 1) SI units per unit of the signal.
         bias: (quantities, 1) in SI, None where all are 0.
         uncertain: whether a quantity may be NaN, as floats and multiplexed signals can.
@@ -88,6 +89,8 @@ class LayoutReader:
         self.points = points
         self.valid, self.new = tuple(valid), tuple(new)
         self.length = layout.length
+        conditional = (layout.shortest.signal(point_name(names[row], 0)) for row, _ in valid)
+        self.required = tuple(dict.fromkeys([*(each.signal for each in bindings), *conditional]))
         each = [point_name(name, point) for point in range(points) for name in names]
         self.decoder = BatchDecoder(layout.shortest, each) if names else None
         self.gain: Floats = np.array([[binding.gain] for binding in bindings])
@@ -137,6 +140,8 @@ class ObjectReader:
         paged: whether a value in each frame says on which page of the list it is.
         bindings: the signals that are quantities.
         quantities: their names, in the same order: the rows of `ObjectBatch.values`.
+        required: signals without which an object is not used, of quantities and of what makes it valid, with their
+            layout.
 
     """
 
@@ -158,6 +163,7 @@ class ObjectReader:
         self.layouts = tuple(reader.layout for reader in readers)
         self.bindings = tuple(binding for reader in readers for binding in reader.bindings)
         self.quantities = tuple(binding.quantity for binding in self.bindings)
+        self.required = tuple((reader.layout, signal) for reader in readers for signal in reader.required)
         self._readers = tuple(readers)
         self._pairs, self._identity = tuple(pairs), identity
         self._has_new = any(reader.new for reader in readers)

@@ -177,13 +177,12 @@ def doubts(figures: Mapping[str, Any]) -> list[str]:
             found.append(f"own motion: {refused[cause]:,} frames {what}, beside {taken:,} taken")
     tracked, blind = figures["tracks"]["cycles"], figures["cycles"]["without_ego"]
     if figures["ego_signals"] and not figures["ego_samples"]["samples"]:
-        found.append(f"own motion was never known; signals of it that never came: {_silent_signals(figures)}")
+        found.append(f"own motion was never known: {_silence(figures)}")
         return found
     if blind > _BULK * (tracked + blind):
         found.append(f"own motion was not known in {blind:,} of {tracked + blind:,} scans, which were dropped")
-    silent = [name for name, count in figures["ego_signals"].items() if not count]
-    if silent:
-        found.append(f"own motion: {', '.join(silent)} never came")
+    if _silent_signals(figures):
+        found.append(f"own motion: {_silence(figures)}")
     return found
 
 
@@ -198,8 +197,8 @@ def require_used(log: Path, figures: Mapping[str, Any]) -> None:
         wrong = f"not one usable frame of any sensor ({', '.join(figures['sensors'])})"
     elif blind and not tracked:
         wrong = (
-            f"own motion was not known in any of {blind:,} scans, and nothing is tracked without it; signals of it "
-            f"that never came: {_silent_signals(figures)}"
+            f"own motion was not known in any of {blind:,} scans, and nothing is tracked without it: "
+            f"{_silence(figures)}"
         )
     else:
         return
@@ -211,9 +210,14 @@ def require_used(log: Path, figures: Mapping[str, Any]) -> None:
     )
 
 
-def _silent_signals(figures: Mapping[str, Any]) -> str:
-    silent = (name for name, count in figures["ego_signals"].items() if not count)
-    return ", ".join(silent) or "none, but not all together"
+def _silent_signals(figures: Mapping[str, Any]) -> list[str]:
+    return [name for name, count in figures["ego_signals"].items() if not count]
+
+
+def _silence(figures: Mapping[str, Any]) -> str:
+    """Return which signals of own motion never came."""
+    silent = ", ".join(_silent_signals(figures))
+    return f"{silent} never came" if silent else "each of its signals came, but never all of them together"
 
 
 def _calibration(pipeline: Pipeline) -> dict[str, Any]:

@@ -140,14 +140,15 @@ def _begin_anew(
 ) -> list[bool]:
     """Return of which clean runs of one counter it is sure that no other scan is open when they begin.
 
-    That is so of the first run where it is `fresh`, and after a clean run that is sure. It is so, too, after a clean
-    run whose counter no frame had for so long before that none of its own is late, and none goes to a scan that is
-    open: it closes what is, and completes its own; what is optional in it, and was not awaited, comes while it is late.
+    It is sure of the first run where it is `fresh`, and of each run after a sure one. It is sure, too, of the run after
+    a clean one before which no frame had its counter for `settled_ns`. None of that one's frames was late, and no open
+    scan waited for its counter: its first frame closed what was open, its frames completed a scan of their own. What is
+    optional in it, and was not awaited, may come after that; within `straggling_ns` it is late, and opens no other.
 
     Args:
         runs: of each whether it is clean, its counter, and the times of its first and last frame, ns.
         fresh: whether none is open at the beginning.
-        settled_ns: how long that is.
+        settled_ns: after this time without a frame of its counter a scan is neither open nor has late frames.
         straggling_ns: for how long after a scan's first frame others of it are late.
     """
     sure: list[bool] = []

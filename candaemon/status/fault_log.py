@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from candaemon.daemon.observer import DaemonView, Observer
@@ -18,14 +19,30 @@ _LASTING_NS: Final = 1_000_000_000
 """For which a fault lasts before it is told: shorter ones are counted, and events of a recording."""
 
 
+@dataclass(slots=True)
+class _LastingFault:
+    """What has been wrong with a sensor or own motion for a while.
+
+    Attributes:
+        since_ns: when it began.
+        text: what is wrong at present.
+        text_ns: since when that is so.
+        told: what was told of it last; empty: nothing.
+    """
+
+    since_ns: int
+    text: str = ""
+    text_ns: int = 0
+    told: str = ""
+
+
 class FaultLogger(Observer):
-    """Logs faults that last."""
+    """Logs faults that last, a line each; one that turns into another has a second line where that lasts, too."""
 
     def __init__(self) -> None:
         self._now_ns = self._look_ns = 0
         self._begun_ns: dict[str, int] = {}
-        self._since_ns: dict[str, int] = {}
-        self._told: dict[str, str] = {}
+        self._lasting: dict[str, _LastingFault] = {}
 
     def on_items(self, items: Sequence[Frame | Tick]) -> None:
         """Note how late it is."""
@@ -39,23 +56,25 @@ class FaultLogger(Observer):
             return
         self._look_ns = now_ns
         found = dict(self._faults(daemon))
-        for about in [each for each in self._since_ns if each not in found]:
-            seconds = (now_ns - self._since_ns.pop(about)) * 1e-9
-            if self._told.pop(about, None):
-                logger.warning("%s: well again, after %.1f s", about, seconds)
-        for about, fault in found.items():
-            since_ns = self._since_ns.setdefault(about, now_ns)
-            if self._told.get(about) != fault and now_ns - since_ns >= _LASTING_NS:
-                self._told[about] = fault
-                logger.warning("%s: %s", about, fault)
+        for about in self._lasting.keys() - found.keys():
+            over = self._lasting.pop(about)
+            if over.told:
+                logger.warning("%s: well again, after %.1f s", about, (now_ns - over.since_ns) * 1e-9)
+        for about, text in found.items():
+            fault = self._lasting.setdefault(about, _LastingFault(now_ns))
+            if fault.text != text:
+                fault.text, fault.text_ns = text, now_ns
+            begun_ns = fault.text_ns if fault.told else fault.since_ns
+            if fault.told != text and now_ns - begun_ns >= _LASTING_NS:
+                fault.told = text
+                logger.warning("%s: %s", about, text)
 
     def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Forget what the configuration has no longer."""
         if not error:
             there = {_named(sensor.name) for sensor in daemon.binding.sensors} | {_MOTION}
-            for known in (self._begun_ns, self._since_ns, self._told):
-                for about in known.keys() - there:
-                    del known[about]
+            self._begun_ns = {about: ns for about, ns in self._begun_ns.items() if about in there}
+            self._lasting = {about: fault for about, fault in self._lasting.items() if about in there}
 
     def _faults(self, daemon: DaemonView) -> Iterator[tuple[str, str]]:
         """Yield what is wrong, after what it is wrong with."""
@@ -71,10 +90,7 @@ class FaultLogger(Observer):
             elif fault.cuts_off:
                 yield _named(sensor.name), f"found {fault.name.lower()} beside the other sensors, and not used"
             elif assembler.valid_share < least:
-                yield (
-                    _named(sensor.name),
-                    f"{assembler.valid_share:.0%} of its frames are valid, fewer than {least:.0%}",
-                )
+                yield _named(sensor.name), f"fewer than {least:.0%} of its frames are valid"
         pose = pipeline.ego.pose(now_ns)
         if pose is None:
             yield _MOTION, "not known yet, and nothing is tracked without it"

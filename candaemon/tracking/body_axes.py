@@ -33,9 +33,10 @@ def turned_axes(
 ) -> tuple[Floats, Booleans | None]:
     """Return axes (n, 2) turned towards the courses, and which slow ones turned round (n,); None: none did.
 
-    Which of them a course tells well is noted in place. Who never showed a course begins with either end ahead, and
-    turns round with the first course that tells, however slow it is; who did backs. Of what is faster, the axis has
-    turned by up to a right angle meanwhile, and the places of its reflections with it: they are learnt anew anyway.
+    Which of them a course tells well is noted in place. A body that never showed a course may have either end ahead,
+    and turns round with the first course that tells, however slow it is; one that showed a course backs. A fast one
+    that turns round is not among those returned: its axis has turned by up to a right angle on the way, and where its
+    reflections lie on it is learnt anew.
 
     Args:
         mean: states of the bodies (n, 8), as in `BodyFilter`.

@@ -11,51 +11,14 @@ from candaemon.cli.main import main
 from candaemon.config.load import load_config
 from candaemon.config.output import StatusFormat
 from candaemon.errors import ConfigError
-
-DBC = """VERSION ""
-BU_: CAR
-BO_ 1024 HEADER: 8 CAR
- SG_ COUNT : 0|5@1+ (1,0) [0|16] "" CAR
- SG_ COUNTER : 8|8@1+ (1,0) [0|255] "" CAR
-BO_ 1025 OBJECT: 8 CAR
- SG_ INDEX : 0|4@1+ (1,0) [0|15] "" CAR
- SG_ STATUS : 4|2@1+ (1,0) [0|2] "" CAR
- SG_ DIST_LONG : 8|12@1+ (0.0625,0) [0|255] "m" CAR
- SG_ DIST_LAT : 20|12@1- (0.03125,0) [-64|63] "m" CAR
-BO_ 1026 MOTION: 8 CAR
- SG_ SPEED : 0|16@1+ (0.01,0) [0|300] "km/h" CAR
- SG_ YAW_RATE : 16|16@1- (0.01,0) [-300|300] "deg/s" CAR
-"""
-YAML = """buses:
-  car: {channel: can0, bitrate: 500000}
-ego:
-  kind: odometry
-  bus: car
-  dbc: car.dbc
-  signals: {speed: MOTION.SPEED, yaw_rate: MOTION.YAW_RATE}
-sensors:
-  front:
-    bus: car
-    dbc: car.dbc
-    cycle_time: 0.05
-    timeout: 0.03
-    objects:
-      messages: [{message: OBJECT, id_signal: INDEX}]
-      slots: 16
-      valid: [{signal: STATUS, in: [1, 2]}]
-    scan: {close: header, message: HEADER, count: COUNT, counter: COUNTER}
-    signals: {x: DIST_LONG, y: DIST_LAT}
-    noise: {x: 0.2, y: 0.2}
-"""
+from tests.support import small_car
+from tests.support.small_car import DBC, YAML
 
 
 def written(folder: Path, old: str, new: str) -> Path:
     """Write the configuration and its DBC, with one text in either replaced; return the path."""
     assert (old in YAML) != (old in DBC)
-    (folder / "car.dbc").write_text(DBC.replace(old, new), encoding="utf-8")
-    path = folder / "car.yaml"
-    path.write_text(YAML.replace(old, new), encoding="utf-8")
-    return path
+    return small_car.written(folder, YAML.replace(old, new), DBC.replace(old, new))
 
 
 def test_what_is_meant_draws_no_remark(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,7 +65,11 @@ def test_an_interface_that_nobody_knows_is_told_by_check(tmp_path: Path, capsys:
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("(0.0625,0)", "(0,0)", "signal 'DIST_LONG' has the factor 0 in line 9 of the DBC, so all its values are one"),
+        (
+            "12@1+ (0.0625,0)",
+            "12@1+ (0,0)",
+            "signal 'DIST_LONG' has the factor 0 in line 9 of the DBC, so all its values are one",
+        ),
         ("BO_ 1025", "BO_ 1024", "message 'OBJECT' has the identifier of 'HEADER', in line 3 of 'car.dbc'"),
     ],
 )

@@ -199,14 +199,15 @@ def test_a_log_without_own_motion_costs_no_result_that_is_there(
     assert main(["replay", "esr_ins", str(log), "--tracks", str(tracks)]) == 1
     told = capsys.readouterr().err
     assert "own motion was not known in any of" in told
-    assert "never came: latitude, longitude, velocity_north" in told
+    assert "without it: latitude, longitude, velocity_north" in told
+    assert " never came; log channels no bus takes: " in told
     assert "--map" in told
     assert tracks.read_text(encoding="utf-8") == "earlier"
     assert main(["report", "esr_ins", str(log), "-o", str(page)]) == 1
     assert not page.exists()
     assert main(["check", "esr_ins", str(log)]) == 0
     assert "1 warning\n" in (checked := capsys.readouterr().out)
-    assert "own motion was never known; signals of it that never came: lat" in checked[checked.index("1 warning") :]
+    assert "own motion was never known: lat" in checked[checked.index("1 warning") :]
 
 
 def test_what_is_left_out_in_bulk_is_told(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

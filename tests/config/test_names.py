@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.logs.read import read_log
 from candaemon.can_io.logs.stream import TICK_CHANNEL, LogCounts
-from candaemon.cli.replay import channel_of_bus
+from candaemon.cli.arguments import channel_of_bus
 from candaemon.config.buses import BusSettings
 from candaemon.config.load import json_schema, load_config
 from candaemon.config.names import (

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from candaemon.binding.bind import bind
+from candaemon.binding.bound import Binding
 from candaemon.config.load import load_config
-from candaemon.objects.reader import ObjectReader
 
 DBC = """VERSION ""
 BU_: R
@@ -47,10 +47,10 @@ PLACE = bytes([100, 0, 10, 0, 0, 0, 0, 0])
 
 
 @pytest.fixture
-def reader(tmp_path: Path) -> ObjectReader:
+def bound(tmp_path: Path) -> Binding:
     (tmp_path / "r.dbc").write_text(DBC, encoding="utf-8")
     (tmp_path / "r.yaml").write_text(YAML, encoding="utf-8")
-    return bind(load_config(tmp_path / "r.yaml")).sensors[0].reader
+    return bind(load_config(tmp_path / "r.yaml"))
 
 
 @pytest.mark.parametrize(
@@ -64,9 +64,16 @@ def reader(tmp_path: Path) -> ObjectReader:
     ids=["as it should be", "not valid", "of another mode", "missing"],
 )
 def test_what_a_mode_leaves_out_is_counted_and_what_is_missing_is_not(
-    reader: ObjectReader, second: bytes | None, valid: bool, left_out: bool
+    bound: Binding, second: bytes | None, valid: bool, left_out: bool
 ) -> None:
-    objects = reader.read([[PLACE] * 2, [second] * 2])
+    objects = bound.sensors[0].reader.read([[PLACE] * 2, [second] * 2])
     assert objects.valid.tolist() == [valid] * 2
     assert objects.not_finite is not None
     assert objects.not_finite.tolist() == [left_out] * 2
+
+
+def test_what_only_some_frames_carry_is_told_be_it_a_quantity_or_what_makes_an_object_valid(bound: Binding) -> None:
+    named = [warning for warning in bound.warnings if "is there only where MODE is 1" in warning]
+    assert len(named) == 2
+    assert "r.dbc:12: signal 'SPEED' of 'B_0' is" in named[0]
+    assert "r.dbc:11: signal 'QUALITY' of 'B_0' is" in named[1]

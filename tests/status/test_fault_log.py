@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from candaemon.daemon.observer import Observer
+from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.frames.frame import Frame
-from candaemon.status.fault_log import FaultLogger
+from candaemon.status.fault_log import FaultLogger, _LastingFault
 from candaemon.status.health_summary import StatusLogger
 from candaemon.status.service_monitor import ServiceMonitor
 from tests.support.served import Served, bound, drive
@@ -54,11 +55,11 @@ def test_what_a_reload_brings_has_time_to_come(tmp_path: Path) -> None:
     logger, binding = FaultLogger(), bound(tmp_path)
     with Served(binding, [logger]) as served:
         served.feed(drive(binding, 2.0))
-        logger._begun_ns["sensor 'gone'"] = logger._since_ns["sensor 'gone'"] = 1
-        logger._told["sensor 'gone'"] = "silent"
+        logger._begun_ns["sensor 'gone'"] = 1
+        logger._lasting["sensor 'gone'"] = _LastingFault(1, told="silent")
         logger.on_reload_end(served.daemon, "")
         assert logger._begun_ns.keys() == {"sensor 'front'"}
-        assert not logger._told
+        assert not logger._lasting
 
 
 def test_what_is_away_for_a_moment_is_not_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -77,3 +78,32 @@ def test_a_service_without_an_output_says_so(tmp_path: Path, caplog: pytest.LogC
     with caplog.at_level("INFO"), Served(binding, [meter, StatusLogger(None, meter)]):
         pass
     assert "there is no `output`: obstacles are tracked, and none is sent" in caplog.messages
+
+
+def test_bad_frames_are_told_once_however_their_share_goes(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    frames = [
+        frame._replace(data=frame.data[:2])
+        if frame.bus == 0 and number % 20 < 12 + 4 * (frame.time_ns // 10**9 % 2)
+        else frame
+        for number, frame in enumerate(drive(bound(tmp_path), 6.0))
+    ]
+    lines = told(tmp_path, frames, caplog)
+    assert [line for line in lines if "of its frames are valid" in line] == [
+        "sensor 'front': fewer than 50% of its frames are valid"
+    ]
+
+
+def test_a_sensor_of_which_now_this_and_now_that_is_wrong_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Neither lasts for long; what is wrong does, and so does what it becomes in the end."""
+
+    def faults(of: FaultLogger, _daemon: DaemonView) -> Iterator[tuple[str, str]]:
+        tenths = of._now_ns // 10**8
+        yield "sensor 'front'", "silent" if tenths > 35 or tenths % 2 else "bad"
+
+    monkeypatch.setattr(FaultLogger, "_faults", faults)
+    lines = told(tmp_path, drive(bound(tmp_path), 5.0), caplog)
+    assert len(lines) in {1, 2}
+    assert len(set(lines)) == len(lines)
+    assert lines[-1].endswith("silent")

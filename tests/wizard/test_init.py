@@ -16,7 +16,7 @@ from candaemon.cli.main import main
 from candaemon.config.load import load_config
 from candaemon.wizard.draft import GUESS
 from candaemon.wizard.trial import try_on
-from tests.ego import test_reversing as reversing
+from tests.support import small_car
 from tests.support.bound import binding as shipped
 from tests.support.paths import DATA, ROOT
 from tests.wizard.drives import survey_log
@@ -81,13 +81,10 @@ def test_shipped_layouts_are_found_from_a_log(name: str, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("logged", [False, True])
 def test_a_gear_with_a_table_of_values_tells_reverse(logged: bool, tmp_path: Path) -> None:
-    (tmp_path / "car.dbc").write_text(
-        f'{reversing.DBC}VAL_ 1027 GEAR 0 "P" 7 "R" 3 "D" ;\n', encoding="utf-8"
-    )  # fmt: skip
-    (tmp_path / "car.yaml").write_text(reversing.YAML, encoding="utf-8")
+    config = small_car.written(tmp_path, dbc=f'{small_car.DBC}VAL_ 1027 GEAR 0 "P" 7 "R" 3 "D" ;\n')
     log = tmp_path / "drive.log"
     if logged:
-        assert main(["simulate", "guard_rail", str(tmp_path / "car.yaml"), "-o", str(log)]) == 0
+        assert main(["simulate", "guard_rail", str(config), "-o", str(log)]) == 0
     found, text = made([tmp_path / "car.dbc"], log if logged else None, tmp_path)
     assert "reverse: {signal: GEAR_BOX.GEAR, in: [7]}" in text
     assert found.ego is not None

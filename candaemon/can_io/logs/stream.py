@@ -50,8 +50,6 @@ FURTHER_CHANNELS = "further channels"
 
 _LONGEST_NAME = 100
 _TRAILING_NUMBER = re.compile(r"(\d+)$")
-
-
 _SUMMED: Final = (
     "lines",
     "frames",
