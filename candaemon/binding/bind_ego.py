@@ -97,10 +97,11 @@ def _signals(
 def _ego_message(
     message: MessageSpec, bindings: list[SignalBinding], monitor: FrameMonitorSettings | None
 ) -> EgoMessage:
-    names = [binding.signal.name for binding in bindings]
+    scaled = _in_si_units(message, bindings)
     return EgoMessage(
         message,
-        compile_decoder(_in_si_units(message, bindings), names),
+        compile_decoder(scaled, [binding.signal.name for binding in bindings]),
+        scaled,
         tuple(binding.quantity for binding in bindings),
         tuple(bindings),
         monitor,

@@ -118,6 +118,7 @@ class EgoMessage:
         message: as the DBC describes it.
         decode: payload → the quantities, SI units (angles, latitude and longitude too in radians); None for a payload
             that is too short.
+        scaled: the message with its signals in those units, for decoding many payloads at once.
         quantities: name of each value's quantity; one that has several signals (wheel speeds) is there for each.
         bindings: quantities with their signals, for writing them.
         monitor: what a frame must be to be used, None where anything will do.
@@ -126,6 +127,7 @@ class EgoMessage:
 
     message: MessageSpec
     decode: Decoder
+    scaled: MessageSpec
     quantities: tuple[str, ...]
     bindings: tuple[SignalBinding, ...]
     monitor: FrameMonitorSettings | None

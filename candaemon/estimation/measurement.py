@@ -61,8 +61,10 @@ class Measurement:
         if self.range_rate is not None:
             speeds.append(self.range_rate)
         if not speeds:
-            return np.full(len(self.position), 2, dtype=np.int64)
-        count: Integers = np.isfinite(speeds[0]) + np.int64(2)
+            count: Integers = np.empty(len(self.position), np.int64)
+            count.fill(2)
+            return count
+        count = np.isfinite(speeds[0]) + np.int64(2)
         for speed in speeds[1:]:
             count += np.isfinite(speed)
         return count

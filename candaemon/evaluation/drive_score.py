@@ -10,6 +10,7 @@ from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import ceil, nan, sqrt
 
 import numpy as np
@@ -408,7 +409,7 @@ class NisScore:
         nis, dof = nis[known], dof[known]
         if not len(nis):
             return
-        limits = np.array([0.0, *(chi2_quantile(0.95, k) for k in range(1, int(dof.max()) + 1))])
+        limits = _limits(int(dof.max()))
         self._samples += len(nis)
         self._sum += float(nis.sum())
         self._dof += int(dof.sum())
@@ -434,3 +435,9 @@ class NisScore:
     def coverage(self) -> float:
         """Share of innovations within their 95 % quantile; 0.95 for a consistent filter."""
         return self._inside / self.samples if self.samples else nan
+
+
+@lru_cache
+def _limits(most: int) -> Floats:
+    """Return the 95 % quantiles of NIS of 0 to so many degrees of freedom."""
+    return np.array([0.0, *(chi2_quantile(0.95, k) for k in range(1, most + 1))])

@@ -15,7 +15,7 @@ Payloads: TypeAlias = list[tuple[int, bytes]]
 """CAN id and payload of frames."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class PayloadTable:
     """n frames whose payloads have the same length.
 

@@ -20,7 +20,7 @@ QuantityValues: TypeAlias = Mapping[str, Floats | npt.NDArray[np.integer]]
 """Quantity → (m,) values of the slots written."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class SlotValues:
     """What m slots say in one cycle.
 

@@ -227,7 +227,7 @@ class OutputEncoder:
             np.concatenate(sent),
             self._columns(cycles),
             np.concatenate([each.slots.occupied for each in cycles]),
-            np.concatenate([np.broadcast_to(each.counter, each.slots.sent.shape) for each in cycles]),
+            self._counters(cycles),
             np.concatenate([each.slots.new for each in cycles]),
         )
         writer, before = self._writer, self._writer.saturated  # the writer counts all of its callers
@@ -248,6 +248,13 @@ class OutputEncoder:
         counted = sent[slots.sent]
         sent[slots.sent] = counted + 1
         return counted
+
+    def _counters(self, cycles: Sequence[_PlannedCycle]) -> Integers:
+        """Return the counter values of the frames of cycles, one after the other."""
+        counters = [each.counter for each in cycles]
+        if self._counts_cycles:
+            return np.array(counters).repeat([len(each.slots.sent) for each in cycles])
+        return np.concatenate(counters)
 
     def _urgency(self, obstacles: Obstacles, rows: Indices | slice) -> Floats:
         x, y = obstacles.x[rows], obstacles.y[rows]

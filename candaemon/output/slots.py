@@ -110,7 +110,7 @@ class OutputSlots:
         return True
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class SlotColumns:
     """Slots of one cycle; k are held, m are sent.
 

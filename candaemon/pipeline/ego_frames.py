@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.arrays import Booleans, Bytes, Floats, Indices, Integers
 from candaemon.binding.bound import BoundEgo, EgoMessage
+from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.ego.georeference import Georeferencer
 from candaemon.ego.ins import InsMotion
 from candaemon.ego.motion import EgoMotion
@@ -51,6 +52,8 @@ class EgoFrames:
         consumers: Sequence[EgoMotion | Georeferencer],
         counts: PipelineCounts,
     ) -> None:
+        self._message = message
+        self._many: BatchDecoder | None = None
         self._decode, self._names = message.decode, message.quantities
         self._length, self._can_id, self._bus = message.message.length, message.message.can_id, ego.bus
         self._consumers = [each for each in consumers if not each.wanted.isdisjoint(message.quantities)]
@@ -124,18 +127,30 @@ class EgoFrames:
         sure = self._plausibility.surely(times_ns, np.array(values, np.float64))
         return [each if is_sure else None for each, is_sure in zip(values, sure.tolist(), strict=True)]
 
-    def judged_table(self, times_ns: Integers, payloads: Sequence[bytes]) -> tuple[Booleans, Floats]:
+    def judged_table(self, times_ns: Integers, payloads: Bytes, lengths: Bytes) -> tuple[Booleans, Floats]:
         """As `judged`: return which frames are used for sure (n,), and their values (n, values).
 
         No values are read where nobody makes use of them.
+
+        Args:
+            times_ns: their time stamps (n,).
+            payloads: their payloads (n, bytes), zeros after the end of each.
+            lengths: of those, bytes (n,).
         """
+        whole = lengths >= self._length
         if not self._consumers:
-            return np.array([len(data) >= self._length for data in payloads]), np.empty((len(payloads), 0))
-        values = [self._decode(data) for data in payloads]
-        if None in values:
-            return np.zeros(len(values), np.bool_), np.zeros((len(values), len(self._names)))
-        table = np.array(values, np.float64)
+            return whole, np.empty((len(payloads), 0))
+        if not whole.all():
+            return np.zeros(len(payloads), np.bool_), np.zeros((len(payloads), len(self._names)))
+        table = self._decoder.decode(payloads[:, : self._length]).T
         return self._plausibility.surely(times_ns, table), table
+
+    @property
+    def _decoder(self) -> BatchDecoder:
+        """What decodes many frames at once, made where that is first asked for."""
+        if self._many is None:
+            self._many = BatchDecoder(self._message.scaled, [each.signal.name for each in self._message.bindings])
+        return self._many
 
     def count_judged(self, frames: int) -> None:
         """Count frames that are used for sure."""
@@ -204,7 +219,7 @@ class SteadyFrames:
         self._values: Floats = np.empty((0, 0))
         self._latest: list[list[int]] = []  # of each that remembers, its last frame before each frame; −1 before all
 
-    def judged(self, times_ns: Integers, message: Indices, payloads: Sequence[bytes]) -> Booleans:
+    def judged(self, times_ns: Integers, message: Indices, payloads: Bytes, lengths: Bytes) -> Booleans:
         """Return which frames are used for sure (n,), and keep them for `receive`; they are counted at once.
 
         To be called when all frames before them were received.
@@ -212,13 +227,14 @@ class SteadyFrames:
         Args:
             times_ns: their time stamps (n,), in order.
             message: which message each is (n,).
-            payloads: their payloads.
+            payloads: their payloads (n, bytes), zeros after the end of each.
+            lengths: of those, bytes (n,).
         """
         sure, values = np.zeros(len(payloads), np.bool_), np.empty((len(payloads), self._columns.shape[1]))
         for number, frames in enumerate(self._messages):
             mine = (message == number).nonzero()[0]
             if len(mine):
-                sure[mine], table = frames.judged_table(times_ns[mine], [payloads[k] for k in mine.tolist()])
+                sure[mine], table = frames.judged_table(times_ns[mine], payloads[mine], lengths[mine])
                 values[mine, : table.shape[1]] = table
                 frames.count_judged(int(np.count_nonzero(sure[mine])))
         times_ns, message, self._values = times_ns[sure], message[sure], values[sure]

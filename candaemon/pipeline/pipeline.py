@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -47,6 +47,8 @@ from candaemon.tracking.sensor_trust import SensorTrust
 from candaemon.tracking.stationary import StationaryWatch
 from candaemon.tracking.tracker import Tracker
 from candaemon.tracking.vehicle_tracker import VehicleTracker
+
+_NO_STATUS: Final = OutputStatus()
 
 
 class Pipeline:
@@ -440,7 +442,7 @@ class Pipeline:
         frames: Sequence[Frame] = ()
         output = self.binding.output
         if self.encoder is not None and output is not None:
-            status = self._status(pose, now_ns) if output.status is not None else OutputStatus()
+            status = self._status(pose, now_ns) if output.status is not None else _NO_STATUS
             payloads = self.encoder.plan(reported, status, pose, georeference)
             frames = FrameBatch(now_ns, output.bus, payloads, output.fd_ids)
         self._counts.sent += len(frames)

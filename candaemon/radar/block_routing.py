@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from candaemon.arrays import Booleans, Indices, Integers
+from candaemon.arrays import Booleans, Bytes, Indices, Integers
 from candaemon.binding.bound import BoundSensor
 from candaemon.frames.frame_block import FrameBlock
 from candaemon.radar.assembly import ScanAssembler
@@ -58,13 +58,14 @@ class JudgedFrames(Protocol):
 class SteadyReceiver(Protocol):
     """Who receives frames many at a time that come one after the other."""
 
-    def judged(self, times_ns: Integers, message: Indices, payloads: Sequence[bytes]) -> Booleans:
+    def judged(self, times_ns: Integers, message: Indices, payloads: Bytes, lengths: Bytes) -> Booleans:
         """Return which frames are used for sure (n,), and keep them.
 
         Args:
             times_ns: their time stamps (n,), in order.
             message: which message each is (n,).
-            payloads: their payloads.
+            payloads: their payloads (n, bytes), zeros after the end of each.
+            lengths: of those, bytes (n,).
         """
         ...
 
@@ -184,7 +185,8 @@ class BlockRouter:
         if self._steady is None or not len(mine):
             return rows, []
         times_ns = block.time_ns[rows[mine]]
-        sure = self._steady.judged(times_ns, message[mine], block.payloads(rows[mine]))
+        heard = rows[mine]
+        sure = self._steady.judged(times_ns, message[mine], block.payload[heard], block.length[heard])
         taken = mine[sure]
         ends = (np.diff(taken, append=-1) != 1).nonzero()[0]
         last = taken[ends]

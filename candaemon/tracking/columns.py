@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Integers
 
 
@@ -87,3 +88,18 @@ class ObstacleTable(Table):
 
     def __len__(self) -> int:
         return len(self.id)
+
+
+def longer_ago(last_ns: Integers, time_ns: int, longest: float) -> Booleans | None:
+    """Return of what the latest detection (n,) is longer ago than a time, s; None: of nothing.
+
+    Args:
+        last_ns: when that was (n,).
+        time_ns: the present.
+        longest: the time, s.
+    """
+    if compiled.in_use:
+        return compiled.kernels.longer_ago(last_ns, time_ns, longest)
+    if not len(last_ns) or (time_ns - int(last_ns.min())) * 1e-9 <= longest:
+        return None
+    return np.asarray((time_ns - last_ns) * 1e-9 > longest)

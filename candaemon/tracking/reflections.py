@@ -19,7 +19,7 @@ from candaemon.config.tracker import ReflectionSettings, TravelSettings
 from candaemon.tracking.columns import ObstacleTable, ReflectionTable
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class RigidMotion:
     """States [x, y, vx, vy, ax, ay] of k reference points, local frame, (k, 6), and covariances (k, 6, 6)."""
 

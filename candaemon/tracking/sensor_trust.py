@@ -69,7 +69,10 @@ class Fault(IntEnum):
     @property
     def cuts_off(self) -> bool:
         """Whether its scans are not used at all."""
-        return self in {Fault.FROZEN, Fault.BIASED}
+        return self in _CUTTING_OFF
+
+
+_CUTTING_OFF: Final = (Fault.FROZEN, Fault.BIASED)
 
 
 @dataclass(slots=True)
@@ -248,7 +251,7 @@ class SensorTrust:
             else:
                 self._forget_noise(state, dt, now_ns)
                 self._note_bias(state, _NO_MATCHES, detections, dt, now_ns)
-        if Fault(state.fault).cuts_off:
+        if state.fault in _CUTTING_OFF:
             state.counts.cut_off += 1
             return None
         factor = self._factor(state)

@@ -44,7 +44,7 @@ class TrackStoreState:
     row_of: dict[tuple[int, int], int] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class RowsOfScan:
     """What the ids of a sensor's scan stand for; the arrays are not to be written to.
 

@@ -17,6 +17,7 @@ from candaemon.frames.times import LATEST_NS
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import SensorView, in_look
 from candaemon.tracking.association import nearest_neighbours, pair_nis
+from candaemon.tracking.columns import longer_ago
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.initiation import TrackInitiation
 from candaemon.tracking.obstacles import Obstacles
@@ -376,9 +377,8 @@ class Tracker:
     def _confirm_and_delete(self, pose: EgoPose) -> None:
         """Confirm obstacles detected M times in N scans; delete what is not detected, out of view or too uncertain."""
         obstacles, reflections, lifecycle = self._tracks.obstacles, self._tracks.reflections, self.settings.lifecycle
-        longest = (self._state.time_ns - int(obstacles.last_ns.min(initial=self._state.time_ns))) * 1e-9
         settled = np.count_nonzero(obstacles.confirmed) == len(obstacles) == len(reflections)
-        if settled and longest <= self._tentative_coast:
+        if settled and longer_ago(obstacles.last_ns, self._state.time_ns, self._tentative_coast) is None:
             return
         coasted = (self._state.time_ns - obstacles.last_ns) * 1e-9
         missed = coasted > self._tentative_coast

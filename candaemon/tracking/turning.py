@@ -14,7 +14,7 @@ from candaemon.arrays import Floats, Indices
 from candaemon.estimation.measurement import Measurement
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # made each cycle
 class Turning:
     """How k bodies turn.
 

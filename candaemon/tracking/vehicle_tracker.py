@@ -35,6 +35,7 @@ from candaemon.tracking.body_merging import alongside_long, merge_candidates, sp
 from candaemon.tracking.body_modes import MANOEUVRING
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies, BodiesState
+from candaemon.tracking.columns import longer_ago
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.innovation_correlation import InnovationCorrelation, InnovationCorrelationState
 from candaemon.tracking.obstacles import Obstacles
@@ -640,11 +641,7 @@ class VehicleTracker:
 
     def _silent(self, last_ns: Integers, longest: float) -> Booleans | None:
         """Return of what the latest detection (n,) is longer ago than a time, s; None: of nothing."""
-        if compiled.in_use:
-            return compiled.kernels.longer_ago(last_ns, self._state.time_ns, longest)
-        if not len(last_ns) or (self._state.time_ns - int(last_ns.min())) * 1e-9 <= longest:
-            return None
-        return np.asarray((self._state.time_ns - last_ns) * 1e-9 > longest)
+        return longer_ago(last_ns, self._state.time_ns, longest)
 
     def _images(self, candidates: Indices, detections: Detections) -> Indices:
         """Return those of some young obstacles that are held for images of others, for a while: they may be real."""
