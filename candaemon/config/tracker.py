@@ -157,6 +157,9 @@ class ReflectionSettings(Settings):
         "that is added to `speed` where a sensor tells velocities",
     )
     extent: float = Field(15.0, gt=0, le=50, description="m, longest vehicle")
+    widest: float = Field(
+        2.5, gt=0, le=10, description="m, widest vehicle: what surely shows more across its axis is two, side by side"
+    )
     following: float = Field(
         0.2,
         ge=0,

@@ -35,6 +35,7 @@ from candaemon.tracking.body_merging import alongside_long, merge_candidates, sp
 from candaemon.tracking.body_modes import MANOEUVRING
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies, BodiesState
+from candaemon.tracking.body_width import beside_widest, part_beside, wide_together
 from candaemon.tracking.columns import longer_ago
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.innovation_correlation import InnovationCorrelation, InnovationCorrelationState
@@ -788,6 +789,12 @@ class VehicleTracker:
         if len(bodies.reflections) > before and (straying := strays(bodies, settings, self._state.time_ns)) is not None:
             part(bodies, straying, settings)
             self.counts.obstacles += len(bodies) - before
+        before = len(bodies)
+        if len(bodies.reflections) > before:
+            beside = beside_widest(bodies, settings, self._state.time_ns)
+            if beside is not None:
+                part_beside(bodies, beside)
+                self.counts.obstacles += len(bodies) - before
         self._merge()
 
     def _merge(self) -> None:
@@ -800,7 +807,7 @@ class VehicleTracker:
             return
         merged = np.zeros(len(obstacles), dtype=np.bool_)
         for young, old in zip(merging, older[merging].tolist(), strict=True):
-            if not merged[old]:
+            if not merged[old] and not wide_together(bodies, young, old, settings, self._state.time_ns):
                 bodies.merge(young, old)
                 merged[young] = True
         if merged.any():

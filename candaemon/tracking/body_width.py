@@ -1,0 +1,103 @@
+"""No vehicle is wider than a lorry: what shows more than that, side by side, is two.
+
+Two cars in a queue may be taken for one from the start: the rear corner of the one ahead and the front corner of the
+one beside it lie as close together as those of a car, and move as fast. Sooner or later they show how wide both are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.arrays import Floats, Indices
+from candaemon.config.tracker import ReflectionSettings
+from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.reflections import to_travel_axes
+
+_AXIS_ERROR = 0.1  # rad, by which an axis may be wrong: so much of what lies along a body seems to lie across
+
+
+def beside_widest(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indices | None:
+    """Return of bodies wider than any vehicle the reflections on the other side of the widest gap than the leading one.
+
+    Of a body whose axis is not known nobody knows how wide it is.
+
+    Args:
+        bodies: with their reflections.
+        settings: how wide vehicles are, and for how long a reflection counts.
+        time_ns: of the cycle.
+
+    Returns:
+        Rows (m,), none of which leads; None: there are none.
+    """
+    reflections = bodies.reflections
+    across = reflections.offset[:, 1]
+    if np.ptp(across) < settings.widest:  # of all bodies together, which takes less time
+        return None
+    seen = (reflections.last_ns >= time_ns - round(settings.patience * 1e9)).nonzero()[0]
+    body = reflections.body[seen]
+    low, high = np.full(len(bodies), np.inf), np.full(len(bodies), -np.inf)
+    np.minimum.at(low, body, across[seen])
+    np.maximum.at(high, body, across[seen])
+    wide = ((high - low > settings.widest) & bodies.obstacles.directed).nonzero()[0]
+    found = [_beside(bodies, each, seen[body == each], settings.widest) for each in wide.tolist()]
+    beside = [rows for rows in found if len(rows)]
+    return np.concatenate(beside) if beside else None
+
+
+def _beside(bodies: Bodies, body: int, rows: Indices, widest: float) -> Indices:
+    """Return which of a body's reflections (m,) lie beside it, as `beside_widest` does: none of one not too wide."""
+    reflections = bodies.reflections
+    rows = rows[reflections.offset[rows, 1].argsort(kind="stable")]
+    if not is_wide(reflections.offset[rows], reflections.variance[rows], widest):
+        return rows[:0]
+    across = reflections.offset[rows, 1]
+    gap = int(np.diff(across).argmax())
+    middle = 0.5 * (across[gap] + across[gap + 1])
+    leader = bodies.obstacles.leader[body]
+    return rows[gap + 1 :] if reflections.offset[leader, 1] < middle else rows[: gap + 1]
+
+
+def wide_together(bodies: Bodies, young: int, old: int, settings: ReflectionSettings, time_ns: int) -> bool:
+    """Return whether two bodies show more, side by side across the axis of the older, than a vehicle is wide.
+
+    Args:
+        bodies: with their reflections.
+        young: row of the one.
+        old: row of the other, whose axis is to be known: else they are not.
+        settings: as for `beside_widest`.
+        time_ns: of the cycle.
+    """
+    if not bodies.obstacles.directed[old]:
+        return False
+    reflections, shown = bodies.reflections, bodies.moments().shown
+    seen = reflections.last_ns >= time_ns - round(settings.patience * 1e9)
+    rows = (seen & ((reflections.body == young) | (reflections.body == old))).nonzero()[0]
+    place = shown[reflections.body[rows], :2] + bodies.offsets(rows)
+    axis = np.broadcast_to(bodies.obstacles.axis[old], place.shape)
+    return len(rows) > 1 and is_wide(to_travel_axes(place, axis), reflections.variance[rows], settings.widest)
+
+
+def is_wide(place: Floats, variance: Floats, widest: float) -> bool:
+    """Return whether reflections surely are farther apart across than a vehicle is wide.
+
+    Args:
+        place: of reflections along and across an axis (m, 2), m.
+        variance: of each component (m,), m².
+        widest: m.
+    """
+    along, across = place.T
+    first, last = across.argmin(), across.argmax()
+    error = np.sqrt(variance[first] + variance[last]) + _AXIS_ERROR * np.ptp(along)
+    return bool(across[last] - across[first] - error > widest)
+
+
+def part_beside(bodies: Bodies, rows: Indices) -> None:
+    """Give reflections (m,) that `beside_widest` returned bodies of their own, those of one body together."""
+    reflections, place = bodies.reflections, bodies.offsets(rows)
+    _, begin, group = np.unique(reflections.body[rows], return_index=True, return_inverse=True)
+    first = begin[group]
+    bodies.split(rows[begin])
+    mates = (first != np.arange(len(rows))).nonzero()[0]
+    body = reflections.body[rows[first[mates]]]
+    reflections.body[rows[mates]] = body
+    reflections.offset[rows[mates]] = to_travel_axes(place[mates] - place[first[mates]], bodies.obstacles.axis[body])

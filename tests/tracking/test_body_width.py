@@ -1,0 +1,61 @@
+"""No vehicle is wider than a lorry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from candaemon.tracking.body_width import is_wide
+from candaemon.tracking.obstacles import CONFIRMED, Obstacles
+from tests.support.builders import HandFedVehicles, Seen, times
+
+SPEED, STEADY, WANDERED = 8.0, 1.5, 3.0
+
+
+def corners(t: float, left: float, right: float) -> list[Seen]:
+    """Return the rear corner of a car ahead and the front corner of one beside it, which reflect elsewhere in time.
+
+    At first they lie as close together as those of one car do.
+
+    Args:
+        t: s.
+        left: m by which the left one has wandered outwards in the end.
+        right: likewise the right one.
+    """
+    share = min(max((t - STEADY) / (WANDERED - STEADY), 0.0), 1.0)
+    places = (20.0, 0.9 - share * right), (18.0, 2.0 + share * left)
+    return [Seen(key, x + SPEED * t, y, vx=SPEED) for key, (x, y) in enumerate(places)]
+
+
+def told(obstacles: Obstacles) -> list[float]:
+    """Return how far to the left the confirmed obstacles are, m."""
+    return sorted(obstacles.y[obstacles.state == CONFIRMED].tolist())
+
+
+def test_two_cars_that_seemed_one_are_two_once_they_show_how_wide_they_are() -> None:
+    vehicles = HandFedVehicles()
+    for t in times(0, 30):
+        seemed = vehicles.scan(t, corners(t, 0.9, 1.1))
+    (known,) = seemed.id.tolist()
+    for t in times(30, 100):
+        two = vehicles.scan(t, corners(t, 0.9, 1.1))
+    assert told(two) == pytest.approx([-0.2, 2.9], abs=0.3)
+    assert known in two.id.tolist()
+    assert len(two) == 2
+
+
+@pytest.mark.parametrize("settings", [{"widest": 4.0}, {}])
+def test_a_lorry_stays_one(settings: dict[str, float]) -> None:
+    """As wide as lorries are; or as wide as a YAML says that they are."""
+    vehicles = HandFedVehicles(reflections=settings)
+    for t in times(0, 100):
+        lorry = vehicles.scan(t, corners(t, 0.9 if settings else 0.6, 1.1 if settings else 0.7))
+        if t > 1.0:
+            assert len(told(lorry)) == 1
+
+
+def test_what_lies_along_a_wrong_axis_seems_to_lie_across() -> None:
+    short, long = np.array([[0.0, 0.0], [2.0, 2.8]]), np.array([[0.0, 0.0], [12.0, 2.8]])
+    assert is_wide(short, np.zeros(2), 2.5)
+    assert not is_wide(long, np.zeros(2), 2.5)
+    assert not is_wide(short, np.full(2, 0.1), 2.5)
