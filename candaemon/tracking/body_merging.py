@@ -8,7 +8,9 @@ from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.body_filter import POSITION, VELOCITY
+from candaemon.tracking.body_sizes import TOLD_LENGTH, WALKER
 from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.box import NARROW
 from candaemon.tracking.reflections import near_pairs, to_travel_axes
 
 _DEVIATIONS = 3.0  # standard deviations by which the velocities of what is seen in one place may differ more …
@@ -26,7 +28,8 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     lane. What is small is one only where both sizes leave room for no more than an edge between. What moves one behind
     the other as fast is one vehicle where no driver would follow so closely. What has stood all the time is none of
     what has moved: a car that stops beside a post stays a car. Of two that never were faster than someone walks, one
-    that surely walks is none of one that stands.
+    that surely walks is none of one that stands. Two that were each found to be a person, and are no nearer
+    than one is wide, stay two.
 
     Args:
         bodies: of the cycle.
@@ -36,6 +39,19 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     Returns:
         Rows (k,), and the time alongside that is needed (k,), s.
     """
+    found, needed = _alongside(bodies, settings, time_ns)
+    obstacles, place = bodies.obstacles, bodies.moments().shown[:, :2]
+    found_small = (obstacles.alone > 1.0) | (obstacles.length_variance > TOLD_LENGTH)  # what a sensor tells is a part
+    person = found_small & (obstacles.length < NARROW)
+    young = np.flatnonzero(person & (found >= 0) & person[found])
+    if len(young):
+        apart = place[young] - place[found[young]]
+        found[young[(apart * apart).sum(axis=1) > WALKER[0] * WALKER[0]]] = -1
+    return found, needed
+
+
+def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tuple[Integers, Floats]:
+    """Return what `merge_candidates` does; of people, too."""
     obstacles, reflections, moments = bodies.obstacles, bodies.reflections, bodies.moments()
     course, standing = settings.course, settings.stood
     since_ns = time_ns - round(settings.patience * 1e9)

@@ -7,6 +7,9 @@ from typing import Final
 CAR_LENGTH: Final = 4.5
 CAR_WIDTH: Final = 1.8
 """m, of a body of which nothing is known."""
+WALKER: Final = (0.5, 0.6)
+RIDER: Final = (1.8, 0.7)
+"""m, length and width of who walks or rides."""
 TOLD_LENGTH: Final = 1.0
 """m²; a length known better was told by a sensor."""
 SMALL: Final = CAR_LENGTH / 2

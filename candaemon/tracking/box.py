@@ -17,7 +17,7 @@ from candaemon.estimation.body_filter import POSITION, TURN
 from candaemon.estimation.outline import LEAST, ROUNDS, facing_point
 from candaemon.frames.bodies import CLASSES
 from candaemon.radar.detections import Detections
-from candaemon.tracking.body_sizes import CAR_LENGTH, CAR_WIDTH, ENOUGH, SMALL, TOLD_LENGTH
+from candaemon.tracking.body_sizes import CAR_LENGTH, CAR_WIDTH, ENOUGH, RIDER, SMALL, TOLD_LENGTH, WALKER
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
@@ -29,7 +29,6 @@ _GROWTH_TIME = 0.2  # s, time constant with which a size grows to what reflectio
 _SHRINKAGE_TIME = 25.0  # s, time constant with which a length not told, while it is seen, returns to a car's
 _AXIS_SPEED, _AXIS_AGE = 3.0, 1.0  # m/s and s from which on the axis is known well enough
 TRUCK_WIDTH = 2.5  # m
-WALKER, RIDER = (0.5, 0.6), (1.8, 0.7)  # m, length and width
 _NEVER_ALONE = -1e12  # of what has shown several reflections
 _MOVED, _RIDING = 0.5, 9.0  # m/s
 _CROSSING = 1.5  # times the speed along the line of sight, from which on that across it shows a side

@@ -3,6 +3,10 @@
 Things that stand close together are one obstacle, and someone between parked cars is a part of it. A range rate does
 not tell that they walk across the line of sight. So the place of each reflection is followed on its own, by a fading
 memory of first degree (Morrison 1969). Where one reflection of a body surely walks and another stands, they are two.
+
+People who walk side by side are one obstacle too, as both sides of a car that creeps are: what they show lies as close
+together, and moves alike. But a vehicle soon shows another reflection, or is faster; who walks shows the same one all
+the time. Where all reflections of a body have walked for long, those abreast are several people.
 """
 
 from __future__ import annotations
@@ -10,10 +14,11 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon import compiled
-from candaemon.arrays import Booleans, Indices
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.measurement import Measurement
 from candaemon.tracking.body_modes import STANDING
+from candaemon.tracking.body_sizes import WALKER
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import to_travel_axes
 
@@ -22,6 +27,8 @@ _JUMP = 4.5  # sums of both variances: the square of three standard deviations a
 _LEAST_JUMP = 0.3  # m more than someone walks in a scan: an outlier is farther off, however precise the sensor
 _STILL = 0.5  # of the speed of what stands: a single reflection that is slower than that does not move
 _LEAST_STEP = 1e-3  # s
+_LEAST_SPEED = 0.1  # m/s; slower, nothing has a course
+_SURELY_ALONE = 1.0 + 1e-9  # of who has walked so long that nothing but a person shows
 _NEAREST = 1.0  # m², keeps the turn rate of a line of sight without length finite
 _WALKING, _STANDING = (0.5, 0.1, 0.1, 0.05, 0.01, 0.24), (0.08, 0.01, 0.01, 0.89, 0.0, 0.01)  # modes of the two parts
 _PLACE_SPREAD = 0.3  # m
@@ -147,10 +154,65 @@ def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indice
     return found if len(found) else None
 
 
+def abreast(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indices | None:
+    """Return the reflections detected of late of those who walk side by side with who shows the leading one.
+
+    None: there are none. All reflections of the body have walked far, or are as close to one that has as those of a
+    person are; and it was never as fast as a vehicle is.
+
+    Args:
+        bodies: with the reflections.
+        settings: how far they walk.
+        time_ns: of the cycle.
+    """
+    reflections, obstacles, stray = bodies.reflections, bodies.obstacles, settings.stray
+    walk = reflections.walked * stray.distance >= stray.abreast
+    if np.count_nonzero(walk) < 2:
+        return None
+    body, place = reflections.body, bodies.offsets()
+    people = (np.bincount(body[walk], minlength=len(bodies)) > 1) & (obstacles.fastest < stray.fastest)
+    others, far = np.flatnonzero(~walk & people[body]), np.flatnonzero(walk & people[body])
+    same = (body[others, None] == body[far]) & (_distance(place[others, None] - place[far]) < WALKER[0])
+    people[body[others[~same.any(axis=1)]]] = False
+    lead, since_ns = obstacles.leader[body], time_ns - round(settings.patience * 1e9)
+    velocity = reflections.trail[lead, 2:]
+    course = velocity / np.maximum(_distance(velocity), _LEAST_SPEED)[:, None]
+    aside = np.abs(to_travel_axes(place - place[lead], course)[:, 1])
+    seen = (reflections.last_ns >= since_ns) & (reflections.last_ns[lead] >= since_ns)
+    found = np.flatnonzero(people[body] & seen & (aside > WALKER[0]))
+    return found if len(found) else None
+
+
+def part_abreast(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
+    """Give those who walk side by side bodies of their own, as small as people are: the farthest of each body.
+
+    Args:
+        bodies: of which some become two.
+        rows: of their reflections (m,), as `abreast` returns them.
+        settings: as there.
+    """
+    reflections, obstacles, known = bodies.reflections, bodies.obstacles, len(bodies)
+    place, owner = bodies.offsets(), reflections.body[rows]
+    farthest = rows[np.lexsort((-_distance(place[rows] - place[obstacles.leader[owner]]), owner))]
+    farthest = farthest[np.unique(reflections.body[farthest], return_index=True)[1]]
+    own = np.full(len(bodies), -1, dtype=np.intp)
+    own[reflections.body[farthest]] = farthest
+    part(bodies, rows[_distance(place[rows] - place[own[owner]]) < WALKER[0]], settings)
+    people = np.concatenate([np.unique(owner), np.arange(known, len(bodies))])
+    obstacles.length[people], obstacles.width[people] = WALKER
+    obstacles.alone[people] = _SURELY_ALONE
+
+
+def _distance(apart: Floats) -> Floats:
+    """Return the lengths of vectors (…, 2)."""
+    return np.asarray(np.sqrt((apart * apart).sum(axis=-1)))
+
+
 def part(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
     """Give reflections bodies of their own; these, and what is left, move as the trails of what leads them tell.
 
-    What stands while its leader walks stays together. Trails of vehicles tell nothing.
+    What stands while its leader walks stays together, and so does what walks as close together as one person shows.
+    Trails of vehicles tell nothing.
 
     Args:
         bodies: of which some become two.
@@ -170,10 +232,12 @@ def _split_off(bodies: Bodies, rows: Indices, still: float) -> Indices:
     """Split off reflections (m,), together those that stand while their leader walks; return what leads new bodies."""
     reflections, obstacles = bodies.reflections, bodies.obstacles
     owner, place, first = reflections.body[rows], bodies.offsets(rows), np.arange(len(rows))
-    together = (reflections.stood[rows] >= still) & (reflections.walked[obstacles.leader[owner]] >= 1.0)
-    for body in np.unique(owner[together]).tolist():
-        mates = np.flatnonzero(together & (owner == body))
-        first[mates] = mates[0]
+    leader_walks = reflections.walked[obstacles.leader[owner]] >= 1.0
+    stands, walks = reflections.stood[rows] >= still, reflections.walked[rows] >= 1.0
+    for body in np.unique(owner[leader_walks & (stands | walks)]).tolist():
+        for together in (stands, walks):
+            mates = np.flatnonzero(together & leader_walks & (owner == body))
+            first[mates] = mates[:1]  # nothing where there are none
     leads = first == np.arange(len(rows))
     bodies.split(rows[leads])
     mates = np.flatnonzero(~leads)

@@ -44,7 +44,7 @@ from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoise
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.sensor_visibility import VisibilityState
 from candaemon.tracking.smoother_history import SmootherHistory
-from candaemon.tracking.straying import note_strays, part, strays
+from candaemon.tracking.straying import abreast, note_strays, part, part_abreast, strays
 from candaemon.tracking.tracker import EARLIEST_NS, LATEST_RETRODICTION, MISSED_SCAN
 from candaemon.tracking.turning import rate_and_pivot
 from candaemon.tracking.update import PredictedReflections, TrackerCounts, Update, Used
@@ -785,17 +785,21 @@ class VehicleTracker:
             part(bodies, np.flatnonzero(splitting & detected), settings)
             self.counts.obstacles += len(bodies) - before
             self._delete(splitting & ~detected, np.zeros(len(bodies), dtype=np.bool_))
-        before = len(bodies)
-        if len(bodies.reflections) > before and (straying := strays(bodies, settings, self._state.time_ns)) is not None:
-            part(bodies, straying, settings)
-            self.counts.obstacles += len(bodies) - before
-        before = len(bodies)
-        if len(bodies.reflections) > before:
-            beside = beside_widest(bodies, settings, self._state.time_ns)
-            if beside is not None:
-                part_beside(bodies, beside)
-                self.counts.obstacles += len(bodies) - before
+        if len(bodies.reflections) > len(bodies):
+            self._part()
         self._merge()
+
+    def _part(self) -> None:
+        """Let several be several: who walks away from what stands, who walk abreast, and vehicles side by side."""
+        bodies, settings, time_ns = self._bodies, self.settings.reflections, self._state.time_ns
+        before = len(bodies)
+        if (straying := strays(bodies, settings, time_ns)) is not None:
+            part(bodies, straying, settings)
+        if (people := abreast(bodies, settings, time_ns)) is not None:
+            part_abreast(bodies, people, settings)
+        if (beside := beside_widest(bodies, settings, time_ns)) is not None:
+            part_beside(bodies, beside)
+        self.counts.obstacles += len(bodies) - before
 
     def _merge(self) -> None:
         """Merge the younger of two obstacles that stay alongside each other into the older."""

@@ -14,7 +14,7 @@ from candaemon.estimation.measurement import Measurement
 from candaemon.tracking.body_association import beside
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.identities import Identities
-from candaemon.tracking.obstacles import TENTATIVE, Obstacles
+from candaemon.tracking.obstacles import CONFIRMED, PEDESTRIAN, TENTATIVE, Obstacles
 from tests.support.builders import HandFedVehicles, Seen, times
 
 WALKS, STANDS_UNTIL = 1.4, 2.0
@@ -145,3 +145,52 @@ def test_a_post_is_left_behind_by_who_walks_past_it(seed: int) -> None:
     assert told.vy[row] == pytest.approx(-1.3, abs=0.3)
     post = obstacle_near(told, 5.4, 5.5)
     assert np.hypot(told.x[post] - 5.4, told.y[post] - 5.5) < 0.8
+
+
+def side_by_side(t: float, apart: float, shown: int, *, across: bool = False) -> list[Seen]:
+    """Return two who walk, each seen at one place or more, none nearer to another's than `apart`, m."""
+    way, lines = WALKS * t, [0.1 * k + (apart + 0.1 * (shown - 1)) * person for person in (0, 1) for k in range(shown)]
+    if across:
+        return [Seen(key, 15.0 + aside, way - 8.0, 0.0, WALKS) for key, aside in enumerate(lines)]
+    return [Seen(key, 10.0 + way, aside, WALKS) for key, aside in enumerate(lines)]
+
+
+def told_of(people: Callable[[float], list[Seen]], until: float, deviation: float = 0.05) -> Obstacles:
+    """Return what is told of people at last, each seen in 19 of 20 scans."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(3)
+    for t in times(1, round(until / 0.05)):
+        shown = [one for one in people(t) if rng.random() < 0.95 or t > until - 0.2]
+        noise = rng.normal(size=(len(shown), 2)) * deviation
+        told = fed.scan(
+            t, [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(shown, noise, strict=True)]
+        )
+    return told
+
+
+@pytest.mark.parametrize("across", [False, True], ids=["ahead", "across"])
+@pytest.mark.parametrize(("apart", "shown"), [(0.7, 1), (1.1, 1), (0.9, 2)])
+def test_people_who_walk_side_by_side_are_an_obstacle_each(apart: float, shown: int, across: bool) -> None:
+    told = told_of(lambda t: side_by_side(t, apart, shown, across=across), 8.0)
+    assert told.state.tolist() == [CONFIRMED, CONFIRMED]
+    assert told.kind.tolist() == [PEDESTRIAN, PEDESTRIAN]
+    assert np.ptp(told.x if across else told.y) == pytest.approx(apart + 0.1 * (shown - 1), abs=0.25)
+
+
+def test_both_sides_of_a_car_that_creeps_are_one_where_it_shows_others_too() -> None:
+    """Each of its reflections is another one, elsewhere, after two seconds."""
+
+    def creeping(t: float) -> list[Seen]:
+        places = ((0.0, -0.6), (0.9, 1.5))
+        return [
+            Seen(10 * side + int(t / 2.0), 10.0 + WALKS * t, places[side][int(t / 2.0) % 2], WALKS) for side in (0, 1)
+        ]
+
+    assert len(told_of(creeping, 12.0)) == 1
+
+
+def test_what_drives_off_shows_both_sides_of_one_vehicle() -> None:
+    def leaving(t: float) -> list[Seen]:
+        speed = min(1.2 * t, 15.0)
+        return [Seen(side, 10.0 + 0.6 * t * t, 0.9 * side, speed) for side in (0, 1)]
+
+    assert len(told_of(leaving, 8.0)) == 1
