@@ -89,7 +89,7 @@ def execute(arguments: argparse.Namespace) -> None:
         with log_progress(logs_name(arguments.log)) as progress:
             replayed = replay(binding, ReplayRequest(arguments.log[0], further=tuple(arguments.log[1:])), progress)
         found = (*binding.warnings, *_unknown_interfaces(binding), *doubts(summarise(replayed)))
-        sheets[-1:] = [*_ego_in_log(replayed), _warnings(found)]
+        sheets[-1:] = [_buses_in_log(replayed), *_ego_in_log(replayed), _warnings(found)]
     if arguments.against:
         from candaemon.playback.recording_files import unfolded  # noqa: PLC0415 - as above
         from candaemon.wizard.findings import findings  # noqa: PLC0415 - as above
@@ -194,6 +194,17 @@ def _yaw_rate(settings: InsSettings | OdometrySettings) -> str:
     elif signals.left_wheels:
         sources.append("the wheels' difference")
     return ", else ".join(sources)
+
+
+def _buses_in_log(replayed: Replayed) -> Sheet:
+    """Return what became of the frames of each bus in a log."""
+    pipeline = replayed.pipeline
+    rows = (
+        (bus.name, *map(str, (each.frames, each.used, each.spare, each.spare_short, each.unknown, each.short)))
+        for bus, each in zip(pipeline.binding.buses, pipeline.counts.buses, strict=True)
+    )
+    header = ("", "frames", "used", "not asked for", "of them short", "in no DBC", "too short for own motion")
+    return Sheet("buses in the log", tuple(rows), header)
 
 
 def _ego_in_log(replayed: Replayed) -> Iterator[Sheet]:

@@ -29,11 +29,11 @@ _FORM: Final = "candaemon fleet figures 1"
 _KEYS: Final = (
     r"predictions\.\d+\.(x|y|horizon|samples)|nis\.(mean|expected|coverage_95|samples)|stationary\.(vx|speed)"
     r"|duplicates\.share|tracks\.(confirmed|obstacles)|cycles\.(told|without_ego)|log\.(frames|malformed|error_frames)"
-    rf"|buses\.[^.]+\.short|sensors\.[^.]+\.({'|'.join((*UNUSABLE_CAUSES, 'missing'))})"
+    rf"|sensors\.[^.]+\.({'|'.join((*UNUSABLE_CAUSES, 'missing'))})"
     rf"|own_motion\.({'|'.join(('short', *EGO_UNUSABLE_CAUSES))})"
 )
 """Figures of `--summary` that what follows is made of."""
-_LOSSES: Final = re.compile(r"log\.(malformed|error_frames)|buses\..*\.short|sensors\..*|own_motion\..*")
+_LOSSES: Final = re.compile(r"log\.(malformed|error_frames)|sensors\..*|own_motion\..*")
 
 
 @dataclass(frozen=True, slots=True)

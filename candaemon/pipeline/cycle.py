@@ -22,12 +22,14 @@ class BusCounts:
     Attributes:
         frames: all.
         spare: in a DBC of this bus, but nothing asks for them.
+        spare_short: those of them that have fewer bytes than the DBC says; nothing that is used is lost by that.
         unknown: in no DBC of this bus.
-        short: in the DBC with more bytes than they have; those of sensors are counted with their scans.
+        short: of ego motion, with fewer bytes than the DBC says; those of sensors are counted with their scans.
     """
 
     frames: int = 0
     spare: int = 0
+    spare_short: int = 0
     unknown: int = 0
     short: int = 0
 

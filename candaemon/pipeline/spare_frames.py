@@ -18,7 +18,5 @@ class SpareFrames:
 
     def receive(self, _part: int, _slot: int, data: bytes, _time_ns: int) -> None:
         """Count a frame."""
-        if len(data) < self._length:
-            self._counts.short += 1
-        else:
-            self._counts.spare += 1
+        self._counts.spare += 1
+        self._counts.spare_short += len(data) < self._length

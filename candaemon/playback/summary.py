@@ -48,7 +48,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     ==================  ==============================================================================
     `log`               lines by what they are: frames, malformed, remote and error frames, ticks, of other channels,
                         without a frame by their kind; `outside` of the range of time only where there are
-    `buses`             per bus: frames, used, spare (not evaluated), unknown (no DBC entry), short
+    `buses`             per bus: frames, used, spare (not evaluated), of those shorter than their message (spare_short),
+                        unknown (no DBC entry), short (of ego motion: its values are lost)
     `sensors`           per sensor: frames by outcome, objects rejected by cause, scans, incomplete and discarded scans,
                         frames missing; under `trust` how often it was found silent, frozen, biased, noisy, and its
                         scans cut off or weighted down

@@ -207,8 +207,6 @@ def loss_keys(figures: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the summary's keys of what was lost, each with its name for readers."""
     yield "log.malformed", "log: lines that are no frame"
     yield "log.error_frames", "log: error frames"
-    for bus in figures["buses"]:
-        yield f"buses.{bus}.short", f"bus {bus}: frames shorter than their message"
     for sensor, counts in figures["sensors"].items():
         for cause in (*UNUSABLE_CAUSES, "missing", *OBJECT_CAUSES):
             if cause in counts:

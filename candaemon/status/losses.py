@@ -44,7 +44,7 @@ class Losses:
         queue_full: frames dropped behind a driver because the core loop did not take them in time.
         malformed: messages that no CAN frame can be, datagrams of a multicast bus among them.
         unread: frames that had come when their bus was closed or left, and that nobody has read.
-        short: frames shorter than their message.
+        short: frames shorter than their message, of which a signal is asked for.
         checksum: frames with a wrong checksum, or another message's data id.
         repeated: frames whose counter had not moved.
         jumped: frames whose counter stepped too far, and those until it had settled.

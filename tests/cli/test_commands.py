@@ -360,6 +360,21 @@ def test_an_installed_candaemon_finds_its_configurations(tmp_path: Path) -> None
     assert str(place / "candaemon" / "share" / "config" / "toyota_rav4.yaml") in done.stdout
 
 
+def test_check_tells_short_frames_that_nothing_asks_for_from_those_that_are_missed(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, log = (short / "drive.log").read_text(encoding="utf-8"), tmp_path / "drive.log"
+    own = next(line for line in whole.splitlines() if " 603#" in line)
+    before, _, payload = own.partition("#")
+    lines = [f"{before}#{payload[:8]}", *(f"{before.removesuffix('603')}604#00" for _ in range(2))]
+    log.write_text("\n".join([*lines, whole]), encoding="utf-8")
+    assert main(["check", "esr_ins", str(log)]) == 0
+    out = capsys.readouterr().out
+    header = r"frames +used +not asked for +of them short +in no DBC +too short for own motion"
+    assert re.search(header, out)
+    assert re.search(r"\n  ins +1727 +1724 +0 +0 +2 +1\n", out), out
+
+
 def test_check_says_what_came_of_own_motion(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "esr_ins", str(short / "drive.log")]) == 0
     out = capsys.readouterr().out

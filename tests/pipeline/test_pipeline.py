@@ -277,13 +277,15 @@ def test_every_frame_is_counted_somewhere() -> None:
     noise = [
         *(Frame(now, radar, foreign, bytes(8)) for _ in range(3)),
         *(Frame(now, car, spare, bytes(8)) for _ in range(5)),
+        *(Frame(now, car, spare, b"") for _ in range(4)),
         *(Frame(now, car, own, b"\x01") for _ in range(7)),
         *(Frame(now, -1, own, bytes(8)) for _ in range(2)),
     ]
     pipeline = Pipeline(bound)
     list(chain(pipeline.run([*frames, *noise]), pipeline.finish()))
     assert (pipeline.counts.buses[radar].unknown, pipeline.counts.buses[car].unknown) == (3, 0)
-    assert (pipeline.counts.buses[car].spare, pipeline.counts.buses[car].short) == (5, 7)
+    assert pipeline.counts.buses[car].spare == 5 + 4
+    assert (pipeline.counts.buses[car].spare_short, pipeline.counts.buses[car].short) == (4, 7)
     for bus in (radar, car):
         assert pipeline.counts.buses[bus].frames == sum(frame.bus == bus for frame in [*frames, *noise])
     assert pipeline.assemblers[0].counts.frames == pipeline.counts.buses[radar].used

@@ -119,7 +119,8 @@ def test_no_frame_is_lost_and_none_uncounted(result: Result) -> None:
     sensor = summary["sensors"]["front"]
     assert (sensor["used"], sensor["scans"]) == (2 * SLOTS * CYCLES, CYCLES)
     assert not any(sensor[fate] for fate in ("missing", "short", "checksum", "late", "duplicate", "surplus"))
-    assert summary["buses"]["car"]["short"] == 1559
+    car = summary["buses"]["car"]
+    assert (car["short"], car["spare_short"]) == (0, 1559)  # of 0x262 and 0x3F6, which nothing asks for
     assert sum(bus["frames"] for bus in summary["buses"].values()) == summary["log"]["frames"]
     assert summary["log"]["malformed"] == 0
     assert summary["tracks"]["used"] == summary["tracks"]["detections"]

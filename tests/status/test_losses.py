@@ -24,6 +24,7 @@ from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.daemon.service_log import RepetitionFilter
 from candaemon.pipeline.handover import hand_over
 from candaemon.pipeline.pipeline import Pipeline
+from candaemon.pipeline.spare_frames import SpareFrames
 from candaemon.status.health_summary import HealthSummary, StatusLogger
 from candaemon.status.losses import (
     EGO_UNUSABLE_CAUSES,
@@ -140,6 +141,18 @@ def test_a_loss_is_the_same_number_everywhere(kind: str, caplog: pytest.LogCaptu
         assert [in_line(line) for line in caplog.messages] == [expected, expected]
         frames = expected[kind] if kind in (*LOSS_CAUSES, *UNUSABLE_CAUSES, *EGO_UNUSABLE_CAUSES, *UNSENT_CAUSES) else 0
         assert f", {frames} lost" in watched.summary.brief(watched.daemon)
+
+
+def test_short_frames_that_nothing_asks_for_are_told_and_are_no_loss() -> None:
+    watched = Watched()
+    spare = SpareFrames(8, watched.daemon.pipeline.counts.buses[0])
+    for data in (bytes(8), bytes(5), b""):
+        spare.receive(0, 0, data, 0)
+    snapshot = watched.meter.snapshot(watched.daemon)
+    (bus, *_) = snapshot.buses.values()
+    assert (bus.taken["spare"], bus.events["spare_short"]) == (3, 2)
+    assert not any(bus.dropped.values())
+    assert watched.meter.losses(watched.daemon).frames == 0
 
 
 @pytest.mark.parametrize("kind", KINDS)
