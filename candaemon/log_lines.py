@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 from types import TracebackType
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from candaemon.errors import CandaemonError
 from candaemon.printable import printable
+
+ANSWER: Final = {"answer": True}
+"""`extra` of a record that answers a request: however many are like it, none is left out."""
 
 ExceptionInfo: TypeAlias = tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
 

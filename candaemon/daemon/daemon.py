@@ -19,6 +19,7 @@ from candaemon.daemon.clock_step import ClockStepDetector, since_boot_ns
 from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.daemon.reload import Reloader
 from candaemon.frames.frame import Frame, Tick
+from candaemon.log_lines import ANSWER
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.handover import hand_over
 from candaemon.pipeline.pipeline import Pipeline
@@ -219,7 +220,7 @@ class Daemon:
             self._swap(loaded)
         else:
             error = str(loaded)
-            logger.error("reload refused, the former configuration stays: %s", loaded)
+            logger.error("reload refused, the former configuration stays: %s", loaded, extra=ANSWER)
         for observer in self._observers:
             observer.on_reload_end(self, error)
 
@@ -233,7 +234,7 @@ class Daemon:
         self.buses.change(binding.settings.buses, **_expected(binding))
         self.sequence.tune(_window_ns(binding), max_gap_ns=_clock_step_ns(binding))
         self.pipeline = pipeline
-        logger.info("reloaded: %s", kept)
+        logger.info("reloaded: %s", kept, extra=ANSWER)
         if _ring(binding) != self._ring:
             logger.warning("service.recording is taken at the start: restart the service for what has changed there")
         gc.unfreeze()

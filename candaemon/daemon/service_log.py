@@ -19,7 +19,7 @@ from types import TracebackType
 from typing import Literal, TextIO, TypeAlias
 
 from candaemon.daemon.observer import DaemonView, Observer
-from candaemon.log_lines import LineFormatter, text_of
+from candaemon.log_lines import ANSWER, LineFormatter, text_of
 
 logger = logging.getLogger(__name__)
 
@@ -29,7 +29,7 @@ _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), 
 """Lowest level and syslog priority."""
 _KINDS = 256
 """Kinds of lines whose repetitions are counted."""
-_OF_EVERY_RECORD = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "repeated"}
+_OF_EVERY_RECORD = frozenset(vars(logging.makeLogRecord({}))) | {"message", "asctime", "taskName", "repeated", *ANSWER}
 
 
 def configure_logging(
@@ -144,7 +144,8 @@ class _Kind:
 class RepetitionFilter(logging.Filter):
     """Lets a few records of a kind through in a span of time; the first of the next span says how many were left out.
 
-    Of a kind are records with the same logger, text and first argument, such as what becomes of one bus.
+    Of a kind are records with the same logger, text and first argument, such as what becomes of one bus. What answers a
+    request (`ANSWER`) always goes through: who asked waits for it, and asks no faster than it is answered.
 
     Args:
         most: records of a kind in a span.
@@ -163,6 +164,8 @@ class RepetitionFilter(logging.Filter):
 
     def filter(self, record: logging.LogRecord) -> bool:
         """Return whether a record goes through."""
+        if getattr(record, "answer", False):
+            return True
         first = str(record.args[0]) if isinstance(record.args, tuple) and record.args else ""
         key, now_s = (record.name, str(record.msg), first), self._clock()
         kind = self._kinds.pop(key, None) or _Kind(now_s)

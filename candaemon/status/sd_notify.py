@@ -9,8 +9,9 @@ import logging
 import os
 import socket
 import time
+from collections import deque
 from collections.abc import Callable, MutableMapping
-from typing import Self
+from typing import Final, Self
 
 from candaemon.daemon.observer import DaemonView, Observer
 from candaemon.printable import printable
@@ -20,6 +21,8 @@ from candaemon.status.service_monitor import ServiceMonitor
 logger = logging.getLogger(__name__)
 
 _STATUS_S = 1.0
+_OWED: Final = 16
+"""Answers that wait for room in the manager's queue: the latest reload's end is that of all before."""
 
 
 class SystemdNotifier:
@@ -74,7 +77,7 @@ class SystemdObserver(Observer):
         self._feed_s = notifier.watchdog_s / 2
         self._fed_s = self._status_s = clock()
         self._status = ""
-        self._owed: dict[str, str | int] = {}
+        self._owed: deque[dict[str, str | int]] = deque(maxlen=_OWED)
         self._vitals = HealthSummary(meter, clock)
 
     def on_start(self, daemon: DaemonView) -> None:
@@ -84,22 +87,21 @@ class SystemdObserver(Observer):
     def on_iteration(self, daemon: DaemonView) -> None:
         """Feed the watchdog when half of its period has passed; send the status when it has changed.
 
-        What found the manager's queue full is sent again: the watchdog's in the next iteration, others within 1 s.
+        What found the manager's queue full is sent again: the status within 1 s, all else in the next iteration.
         """
         now_s = self._clock()
         if self._feed_s and now_s - self._fed_s >= self._feed_s and self._notifier.notify(WATCHDOG=1):
             self._fed_s = now_s
+        self._pay()
         if now_s - self._status_s >= _STATUS_S:
             self._status_s = now_s
-            if self._owed and self._notifier.notify(**self._owed):
-                self._owed = {}
             status = self._vitals.brief(daemon)
             if status != self._status and self._notifier.notify(STATUS=status):
                 self._status = status
 
     def on_reload_begin(self, _daemon: DaemonView) -> None:
         """Notify that a configuration is being loaded."""
-        self._notifier.notify(RELOADING=1, MONOTONIC_USEC=time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000)
+        self._answer(RELOADING=1, MONOTONIC_USEC=time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000)
 
     def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Notify that the reload has ended, either way."""
@@ -113,6 +115,15 @@ class SystemdObserver(Observer):
         self._notifier.notify(STOPPING=1, STATUS="stopped")
 
     def _ready(self, status: str) -> None:
-        """Notify that the service is ready; the manager waits for that, and so it must not be lost."""
-        ready: dict[str, str | int] = {"READY": 1, "STATUS": status}
-        self._owed = {} if self._notifier.notify(**ready) else ready
+        """Notify that the service is ready."""
+        self._answer(READY=1, STATUS=status)
+
+    def _answer(self, **fields: str | int) -> None:
+        """Send what the manager waits for: it must not be lost, nor overtaken by what comes later."""
+        self._owed.append(fields)
+        self._pay()
+
+    def _pay(self) -> None:
+        """Send what is owed, as far as the manager's queue has room."""
+        while self._owed and self._notifier.notify(**self._owed[0]):
+            self._owed.popleft()

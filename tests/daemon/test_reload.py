@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import io
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -17,6 +18,7 @@ from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import CompletedCycle, DaemonView, Observer
 from candaemon.daemon.reload import Reloader
 from candaemon.daemon.service_config import load_service_config
+from candaemon.daemon.service_log import RepetitionFilter, configure_logging
 from candaemon.frames.frame import Frame
 from candaemon.pipeline.cycle import Cycle
 from candaemon.simulation.scenario import load_scenario
@@ -173,6 +175,20 @@ def test_a_reload_asked_for_during_another_comes_after_it(vehicle: Vehicle) -> N
     vehicle.reload(times=2)
     assert vehicle.diary.begun == 2
     assert vehicle.diary.reloads == ["", ""]
+
+
+@pytest.mark.usefixtures("logging_as_it_was")
+def test_each_of_many_reloads_is_answered_in_the_log(vehicle: Vehicle) -> None:
+    stream = io.StringIO()
+    configure_logging("text", stream, repetitions=RepetitionFilter(most=1))
+    for _ in range(3):
+        vehicle.reload()
+    vehicle.change("cycle_time: 0.05", "cycle_time: soon")
+    for _ in range(3):
+        vehicle.reload()
+    lines = stream.getvalue().splitlines()
+    assert ["reloaded: " in line for line in lines].count(True) == 3
+    assert ["reload refused" in line for line in lines].count(True) == 3
 
 
 def test_a_changed_bus_is_opened_anew_and_the_others_stay_open(vehicle: Vehicle) -> None:

@@ -133,6 +133,24 @@ def test_what_finds_the_managers_queue_full_is_told_again(manager: Manager, noti
     assert not [message for message in manager.heard() if "READY" in message]
 
 
+def test_a_reload_that_finds_the_managers_queue_full_is_told_in_order(
+    manager: Manager, notifier: SystemdNotifier
+) -> None:
+    steps = Steps(notifier)
+    while notifier.notify(STATUS="of another"):
+        pass
+    for error in ("", "found 'x'"):
+        steps.supervision.on_reload_begin(steps.daemon)
+        steps.supervision.on_reload_end(steps.daemon, error)
+    assert all(message == {"STATUS": "of another"} for message in manager.heard())
+    steps.turn(0.01)
+    told = manager.heard()
+    assert ["RELOADING" in message for message in told] == [True, False, True, False]
+    assert [message.get("READY") for message in told] == [None, "1", None, "1"]
+    steps.turn(0.01)
+    assert not manager.heard()
+
+
 def test_a_missing_bus_does_not_hold_ready_back_but_is_told(manager: Manager, notifier: SystemdNotifier) -> None:
     steps = Steps(notifier)
     steps.supervision.on_start(steps.daemon)  # whose buses nobody has opened
