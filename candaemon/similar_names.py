@@ -17,6 +17,8 @@ MOST_LISTED: Final = 30
 def similar_names(name: str, known: Sequence[str], count: int = 1) -> list[str]:
     """Return the known names that a mistyped one is near to, the nearest first; upper and lower case are the same.
 
+    The one name of which it is a whole part is the nearest: `rate` stands for `range_rate` rather than for `range`.
+
     Args:
         name: the mistyped one.
         known: from which to choose.
@@ -28,7 +30,12 @@ def similar_names(name: str, known: Sequence[str], count: int = 1) -> list[str]:
         return []
     likely = known if len(known) <= MOST_COMPARED else sorted(known, key=lambda each: abs(len(each) - len(name)))
     folded = {each.casefold(): each for each in islice(likely, MOST_COMPARED) if len(each) <= LONGEST_COMPARED}
-    return [folded[each] for each in get_close_matches(name.casefold(), folded, n=count)]
+    mistyped = name.casefold()
+    near = get_close_matches(mistyped, folded, n=count)
+    whole = [each for each in folded if mistyped in each.split("_")]
+    if len(whole) == 1:
+        near = list(dict.fromkeys([*whole, *near]))[:count]
+    return [folded[each] for each in near]
 
 
 def meant(name: str, known: Sequence[str]) -> str:

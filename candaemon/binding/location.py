@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from candaemon.config.base import Location
 from candaemon.config.load import LoadedConfig
-from candaemon.config.settings import Location
 from candaemon.errors import ConfigError
 
 

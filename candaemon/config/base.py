@@ -4,13 +4,30 @@ from __future__ import annotations
 
 import math
 from inspect import signature
-from typing import Annotated, Any, Final, Literal, Self, cast
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias, cast
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
 from candaemon.config.names import DbcName
 from candaemon.config.numbers import SMALLEST, Factor, SignalValue
 from candaemon.frames.bodies import CLASSES
+
+Location: TypeAlias = tuple[str | int, ...]
+"""Path of keys and list positions from the YAML's root."""
+
+
+class CrossReferenceError(ValueError):
+    """One part of the configuration does not fit another: it names what is not there, or lacks what the other needs.
+
+    Attributes:
+        problems: (location, text) of each, from the settings whose validator raises it.
+
+    """
+
+    def __init__(self, problems: tuple[tuple[Location, str], ...]) -> None:
+        self.problems = problems
+        super().__init__("; ".join(f"{'.'.join(map(str, location))}: {text}" for location, text in problems))
+
 
 Unit = Literal["m", "rad", "deg", "m/s", "km/h", "mph", "rad/s", "deg/s", "m/s^2", "g", "1/m", "s", "%", "1"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -12,14 +12,15 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from candaemon.config.settings import Config, CrossReferenceError, Location
+from candaemon.config.base import CrossReferenceError, Location
+from candaemon.config.settings import Config
 from candaemon.config.settings_cache import CheckedConfigs
 from candaemon.config.yaml_file import read_yaml_file
 from candaemon.errors import MOST_PROBLEMS, ConfigError
 from candaemon.files.bounded import FileReader, read_anything, read_bounded
 from candaemon.files.entry_cache import cache_folder
 from candaemon.printable import LONGEST_SHOWN, printable
-from candaemon.similar_names import meant
+from candaemon.similar_names import listed_names, meant, similar_names
 
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -155,13 +156,16 @@ def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[
                 + meant(str(location[-1]), known),
             )
         case "value_error" if isinstance(context.get("error"), CrossReferenceError):
-            yield from context["error"].problems
+            yield from (((*location, *place), text) for place, text in context["error"].problems)
         case "value_error":
             yield where, str(context.get("error", details["msg"]))
         case "too_short" if len(found) >= context["min_length"]:
             return  # one of its items is at fault, and told
         case "union_tag_not_found":
-            yield (*where, context["discriminator"].strip("'")), "missing; it says which kind of settings follow"
+            key = context["discriminator"].strip("'")
+            text = f"missing; it says which settings follow, expected one of {', '.join(_kinds_at(location)[1])}"
+            instead = similar_names(key, [each for each in found if isinstance(each, str)])
+            yield (*where, key), text + (f"; found '{instead[0]}', did you mean '{key}'?" if instead else "")
         case "union_tag_invalid":
             key = context["discriminator"].strip("'")
             tags = re.findall(r"'([^']+)'", context["expected_tags"])
@@ -173,8 +177,20 @@ def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[
         case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
             about = _keys_at(location[:-1]).get(str(location[-1]), "")
             yield where, f"found {_shown(found)}, {_expected(details)}" + (f" ({about})" if about else "")
+        case "model_attributes_type":
+            key, kinds = _kinds_at(location)
+            text = f"found {_shown(found)}, expected a mapping with {key}, one of {', '.join(kinds)}"
+            yield where, text + (_meant_kind(found, key, kinds) if isinstance(found, str) else "")
+        case "model_type":
+            yield where, f"found {_shown(found)}, expected a mapping of {listed_names(sorted(_keys_at(location)))}"
         case _:
             yield where, f"found {_shown(found)}, {_expected(details)}"
+
+
+def _meant_kind(found: str, key: str, kinds: Sequence[str]) -> str:
+    """Return a suggestion where somebody wrote the kind of settings alone; empty where it is near to none."""
+    near = similar_names(found, kinds)
+    return f"; did you mean '{{{key}: {near[0]}}}'?" if near else ""
 
 
 def _expected(details: ErrorDetails) -> str:
@@ -217,6 +233,26 @@ def _schema() -> dict[str, Any]:
 
 def _keys_at(location: Location) -> dict[str, str]:
     """Return the keys that the settings at a location can have, with their descriptions."""
+    return {
+        key: str(schema.get("description", ""))
+        for form in _forms_at(location)
+        for key, schema in form.get("properties", {}).items()
+    }
+
+
+def _kinds_at(location: Location) -> tuple[str, list[str]]:
+    """Return the key that says which kind of settings are at a location, and its values."""
+    kinds = [
+        (key, str(schema["const"]))
+        for form in _forms_at(location)
+        for key, schema in form.get("properties", {}).items()
+        if "const" in schema
+    ]
+    return kinds[0][0], [kind for _, kind in kinds]
+
+
+def _forms_at(location: Location) -> list[dict[str, Any]]:
+    """Return the schemas of the settings that a location can have."""
     definitions = _schema()["$defs"]
 
     def forms(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -235,9 +271,7 @@ def _keys_at(location: Location) -> dict[str, str]:
         below += [form["additionalProperties"] for form in here if isinstance(form.get("additionalProperties"), dict)]
         below += [form["items"] for form in here if isinstance(step, int) and "items" in form]
         here = tagged or [form for schema in below for form in forms(schema)]
-    return {
-        key: str(schema.get("description", "")) for form in here for key, schema in form.get("properties", {}).items()
-    }
+    return here
 
 
 def _tags(form: dict[str, Any]) -> set[str]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from candaemon.config.base import Condition, ObjectSignal, RawValue, Settings, Units
+from candaemon.config.base import Condition, CrossReferenceError, Location, ObjectSignal, RawValue, Settings, Units
 from candaemon.config.directions import Pair
 from candaemon.config.names import DbcName, FilePath, Name
 from candaemon.config.numbers import SignalValue
@@ -513,11 +513,19 @@ class SensorSettings(Settings):
 
     @model_validator(mode="after")
     def _noise_is_complete(self) -> SensorSettings:
+        problems = tuple(self._noise_problems())
+        if problems:
+            raise CrossReferenceError(problems)
+        return self
+
+    def _noise_problems(self) -> Iterator[tuple[Location, str]]:
+        """Yield each quantity that is measured and has no noise, or the other way round."""
         for quantity in ("x", "y", "range", "azimuth", "range_rate", "vx", "vy"):
             field = "azimuth_deg" if quantity == "azimuth" else quantity
-            measured = getattr(self.signals, quantity) is not None
-            if measured and getattr(self.noise, field) is None:
-                raise ValueError(f"the sensor measures {quantity} but noise.{field} is missing")
-            if not measured and getattr(self.noise, field) is not None:
-                raise ValueError(f"noise.{field} is given but no signal gives {quantity}")
-        return self
+            measured, known = getattr(self.signals, quantity) is not None, getattr(self.noise, field) is not None
+            if measured and not known:
+                unit = ObjectNoise.model_fields[field].description
+                text = f"missing, for signals.{quantity} is measured; expected one standard deviation of it in {unit}"
+                yield ("noise", field), text
+            if known and not measured:
+                yield ("noise", field), f"given, but no signal gives signals.{quantity}; leave one out, or give both"

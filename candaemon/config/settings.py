@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
-from typing import Final, TypeAlias
+from typing import Final
 
 from pydantic import Field, model_validator
 
-from candaemon.config.base import Settings
+from candaemon.config.base import CrossReferenceError, Location, Settings
 from candaemon.config.buses import BusSettings
 from candaemon.config.calibration import CalibrationSettings
 from candaemon.config.ego import EgoSettings, InsSettings, StaticSettings
@@ -23,25 +23,8 @@ from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.errors import MOST_PROBLEMS
 from candaemon.similar_names import listed_names, meant
 
-Location: TypeAlias = tuple[str | int, ...]
-"""Path of keys and list positions from the YAML's root."""
-
-
 SEVERAL_SENSORS_CYCLE: Final = 0.05
 """s between two outputs of several sensors, where the configuration does not say."""
-
-
-class CrossReferenceError(ValueError):
-    """References in one part of the configuration to names that another part does not define.
-
-    Attributes:
-        problems: (location, text) of each.
-
-    """
-
-    def __init__(self, problems: tuple[tuple[Location, str], ...]) -> None:
-        self.problems = problems
-        super().__init__("; ".join(f"{'.'.join(map(str, location))}: {text}" for location, text in problems))
 
 
 def unknown_name(kind: str, name: str, known: list[str]) -> str:

@@ -18,8 +18,8 @@ from typing import Any, Final
 import pydantic
 
 from candaemon._version import __version__
-from candaemon.config.base import Settings
-from candaemon.config.settings import Config, Location
+from candaemon.config.base import Location, Settings
+from candaemon.config.settings import Config
 from candaemon.files import entry_cache
 from candaemon.files.entry_cache import EntryCache
 

@@ -16,7 +16,7 @@ import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from yaml.reader import ReaderError
 
-from candaemon.config.settings import Location
+from candaemon.config.base import Location
 from candaemon.config.yaml_file import read_yaml_file
 from candaemon.errors import ConfigError
 from candaemon.files.bounded import FileReader, read_anything

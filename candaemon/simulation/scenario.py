@@ -16,10 +16,9 @@ from typing import Annotated, Final, Literal
 from pydantic import Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from candaemon.config.base import Settings
+from candaemon.config.base import Location, Settings
 from candaemon.config.load import join_problems
 from candaemon.config.names import Name
-from candaemon.config.settings import Location
 from candaemon.config.yaml_text import read_yaml
 from candaemon.printable import LONGEST_SHOWN, printable
 from candaemon.simulation.effects import OwnMotionFaults, SensorFault, TrafficEffects, TransmissionFaults
