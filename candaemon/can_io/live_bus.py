@@ -119,6 +119,7 @@ class LiveBus:
         self._next_s = 0.0
         self._stamping_s = 0.0
         self._state_log = BusStateLog(request.name)
+        self._told_fd = False
 
     @property
     def waiting(self) -> int:
@@ -239,6 +240,7 @@ class LiveBus:
         self._next_s = now_s + _CHECK_S
         self._follow(port, now_s)
         self._tell(now_s)
+        self._tell_fd()
         if port.controller == "bus-off":
             return
         if self.state.up:
@@ -307,6 +309,16 @@ class LiveBus:
     def _tell(self, now_s: float) -> None:
         """Let the log know whether the bus is there."""
         self._state_log.update(now_s, up=self.state.up, error=self.state.error)
+
+    def _tell_fd(self) -> None:
+        """Let the log know, once, that CAN FD frames come where none are meant to."""
+        if self.counts.fd_unset and not self._told_fd:
+            self._told_fd = True
+            logger.warning(
+                "bus '%s': CAN FD frames come and are not read; give buses.%s fd: true, and reload",
+                self.name,
+                self.name,
+            )
 
     def _put_off(self, now_s: float) -> None:
         """Try again after a wait, and the next time after a longer one."""

@@ -24,6 +24,7 @@ class PortCounts:
         kernel_lost: frames that the receive buffer had no room for, as the kernel reports it; error frames among them.
         queue_full: frames dropped behind a driver because the daemon did not take them in time.
         malformed: messages that no CAN frame can be.
+        fd_unset: CAN FD frames on a bus without `fd: true`.
         unread: frames that had come when the bus was closed or left, and that nobody has read.
         send_dropped: frames given up because a newer state came, or the bus took none for too long.
         send_failed: frames not sent because the bus was down.
@@ -44,6 +45,7 @@ class PortCounts:
     kernel_lost: int = 0
     queue_full: int = 0
     malformed: int = 0
+    fd_unset: int = 0
     unread: int = 0
     send_dropped: int = 0
     send_failed: int = 0
@@ -61,7 +63,7 @@ class PortCounts:
     @property
     def lost(self) -> int:
         """Frames that should have reached the pipeline and did not."""
-        return self.kernel_lost + self.queue_full + self.malformed + self.unread
+        return self.kernel_lost + self.queue_full + self.malformed + self.fd_unset + self.unread
 
     @property
     def unsent(self) -> int:

@@ -71,7 +71,7 @@ class PythonCanPort:
     def __init__(self, request: PortRequest) -> None:
         settings = request.settings
         self._index = request.index
-        self._counts = request.counts
+        self._counts, self._fd = request.counts, settings.fd
         # what a python-can configuration file on this machine says must not change the daemon
         self._bus = can.Bus(
             channel=settings.channel,
@@ -132,9 +132,14 @@ class PythonCanPort:
             self._counts.remote += 1
         else:
             try:
-                frames.append(to_frame(message, self._index))
+                frame = to_frame(message, self._index)
             except (ValueError, OverflowError):
                 self._counts.malformed += 1
+                return
+            if frame.fd and not self._fd:
+                self._counts.fd_unset += 1
+            else:
+                frames.append(frame)
 
 
 def _rates(settings: BusSettings) -> dict[str, Any]:

@@ -132,7 +132,7 @@ class SocketCanPort:
             raise OSError(errno.ENOSYS, "SocketCAN is Linux's own")
         self.controller: Controller = "active"
         self._index = request.index
-        self._counts = request.counts
+        self._counts, self._fd = request.counts, request.settings.fd
         self._name = request.settings.channel
         self._failure: OSError | None = None
         self._contradicted_s: float | None = None
@@ -263,7 +263,7 @@ class SocketCanPort:
         if settings.fd:
             self._demand_fd()
         option = self._socket.setsockopt
-        option(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, int(settings.fd))
+        option(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)  # where they are not meant to come they are counted
         option(socket.SOL_CAN_RAW, socket.CAN_RAW_RECV_OWN_MSGS, 0)  # what other programs of this machine send is heard
         option(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, EVERY_ERROR)
         if request.ids is not None and len(request.ids) <= _MOST_FILTERS:
@@ -308,6 +308,8 @@ class SocketCanPort:
                 self.controller = count_error_frame(can_id, data, self._counts, self.controller)
             elif can_id & _REMOTE_FLAG:
                 self._counts.remote += 1
+            elif fd and not self._fd:
+                self._counts.fd_unset += 1
             elif size not in FD_LENGTHS:
                 self._counts.malformed += 1
             else:

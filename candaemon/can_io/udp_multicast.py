@@ -205,13 +205,15 @@ class UdpMulticastPort:
                 and 0 <= can_id <= (_ID_29 if extended else _ID_11)
                 and size in FD_LENGTHS
                 and (size <= _CLASSIC or fd)
-                and (self._fd or not fd)
                 and size == message[b"dlc"]
             )
         except (ValueError, TypeError, LookupError):  # no msgpack, no map, a key that is missing or of another type
             good = False
         if not good:
             self._counts.malformed += 1
+            return None
+        if fd and not self._fd:
+            self._counts.fd_unset += 1
             return None
         return Frame(time_ns, self._index, can_id | EXTENDED if extended else can_id, data, fd)
 

@@ -200,10 +200,22 @@ def _buses_in_log(replayed: Replayed) -> Sheet:
     """Return what became of the frames of each bus in a log."""
     pipeline = replayed.pipeline
     rows = (
-        (bus.name, *map(str, (each.frames, each.used, each.spare, each.spare_short, each.unknown, each.short)))
+        (
+            bus.name,
+            *map(str, (each.frames, each.used, each.spare, each.spare_short, each.unknown, each.short, each.fd_unset)),
+        )
         for bus, each in zip(pipeline.binding.buses, pipeline.counts.buses, strict=True)
     )
-    header = ("", "frames", "used", "not asked for", "of them short", "in no DBC", "too short for own motion")
+    header = (
+        "",
+        "frames",
+        "used",
+        "not asked for",
+        "of them short",
+        "in no DBC",
+        "too short for own motion",
+        "FD without `fd`",
+    )
     return Sheet("buses in the log", tuple(rows), header)
 
 

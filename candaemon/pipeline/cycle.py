@@ -25,6 +25,7 @@ class BusCounts:
         spare_short: those of them that have fewer bytes than the DBC says; nothing that is used is lost by that.
         unknown: in no DBC of this bus.
         short: of ego motion, with fewer bytes than the DBC says; those of sensors are counted with their scans.
+        fd_unset: CAN FD frames among all, where the bus has no `fd: true`: of logs only, live they are not read.
     """
 
     frames: int = 0
@@ -32,6 +33,7 @@ class BusCounts:
     spare_short: int = 0
     unknown: int = 0
     short: int = 0
+    fd_unset: int = 0
 
     @property
     def used(self) -> int:

@@ -102,6 +102,7 @@ class Pipeline:
         self._startup_ns = round(supervision.grace * 1e9)
         self._latency_ns = min(round(sensor.settings.latency * 1e9) for sensor in binding.sensors)
         self._routes = self._make_routes()
+        self._classic = frozenset(bus.index for bus in binding.buses if not bus.settings.fd)
         self._frame_ns = [_least_frame_ns(binding, sensor) for sensor in binding.sensors]
 
     def run(self, items: Iterable[Frame | Tick]) -> Iterator[Cycle]:
@@ -110,16 +111,18 @@ class Pipeline:
         Args:
             items: frames and ticks in order of time.
         """
-        routes, counts, schedule = self._routes, self._counts.buses, self.schedule
+        routes, counts, schedule, classic = self._routes, self._counts.buses, self.schedule, self._classic
         for item in items:
             if item[0] >= schedule.deadline_ns:
                 yield from self.advance(item[0])
             if len(item) == 1:  # a tick
                 continue
-            time_ns, bus, can_id, data, _ = item
+            time_ns, bus, can_id, data, fd = item
             if bus < 0:
                 continue
             counts[bus].frames += 1
+            if fd and bus in classic:
+                counts[bus].fd_unset += 1
             route = routes[bus].get(can_id)
             if route is None:
                 counts[bus].unknown += 1
@@ -148,6 +151,8 @@ class Pipeline:
             for bus, count in enumerate(counts):
                 count.frames += frames[bus]
                 count.unknown += unknown[bus]
+                if bus in self._classic and block.fd.any():
+                    count.fd_unset += int(np.count_nonzero(block.fd & (block.bus == bus)))
             begin = 0
             for time_ns, passed, receive, part, slot, data in events:
                 if time_ns >= self.schedule.deadline_ns:

@@ -49,7 +49,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     `log`               lines by what they are: frames, malformed, remote and error frames, ticks, of other channels,
                         without a frame by their kind; `outside` of the range of time only where there are
     `buses`             per bus: frames, used, spare (not evaluated), of those shorter than their message (spare_short),
-                        unknown (no DBC entry), short (of ego motion: its values are lost)
+                        unknown (no DBC entry), short (of ego motion: its values are lost), CAN FD frames where the bus
+                        has no `fd: true` (fd_unset)
     `sensors`           per sensor: frames by outcome, objects rejected by cause, scans, incomplete and discarded scans,
                         frames missing; under `trust` how often it was found silent, frozen, biased, noisy, and its
                         scans cut off or weighted down
@@ -74,7 +75,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     ==================  ==============================================================================
     """
     pipeline, log, score = replayed.pipeline, replayed.log, replayed.score
-    binding, counts, got = pipeline.binding, pipeline.counts, received(pipeline)
+    counts, got = pipeline.counts, received(pipeline)
     return {
         "log": {
             "frames": log.frames,
@@ -89,9 +90,7 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
             "other_channels": dict(sorted(log.other_channels.items())),
             "truncated": log.truncated,
         },
-        "buses": {
-            bus.name: {**asdict(each), "used": each.used} for bus, each in zip(binding.buses, counts.buses, strict=True)
-        },
+        "buses": got["buses"],
         "sensors": got["sensors"],
         "own_motion": got["own_motion"],
         "clock": {
@@ -124,6 +123,10 @@ def received(pipeline: Pipeline) -> dict[str, dict[str, Any]]:
     counts = pipeline.counts
     tracked = [asdict(tracker.counts) for tracker in pipeline.trackers]
     return {
+        "buses": {
+            bus.name: {**asdict(each), "used": each.used}
+            for bus, each in zip(pipeline.binding.buses, counts.buses, strict=True)
+        },
         "sensors": {
             sensor.name: asdict(assembler.counts) | {"trust": asdict(pipeline.trust.counts(sensor.index))}
             for sensor, assembler in zip(pipeline.binding.sensors, pipeline.assemblers, strict=True)
@@ -164,7 +167,11 @@ def doubts(figures: Mapping[str, Any]) -> list[str]:
     Args:
         figures: of `summarise`, or at least those of `received`.
     """
-    found = []
+    found = [
+        f"bus '{name}': {counts['fd_unset']:,} CAN FD frames, which `run` would not read; give buses.{name} fd: true"
+        for name, counts in figures["buses"].items()
+        if counts["fd_unset"]
+    ]
     for name, counts in figures["sensors"].items():
         if not counts["used"]:
             found.append(f"sensor '{name}': not one usable frame in this log")

@@ -17,7 +17,7 @@ from candaemon.pipeline.cycle import BusCounts
 from candaemon.radar.scan import ScanCounts
 from candaemon.tracking.update import TrackerCounts
 
-LOSS_CAUSES = ("kernel_lost", "queue_full", "malformed", "unread")
+LOSS_CAUSES = ("kernel_lost", "queue_full", "malformed", "fd_unset", "unread")
 """Causes of a live bus's frames being lost before the pipeline."""
 UNSENT_CAUSES = ("send_dropped", "send_failed")
 """Causes of frames not being sent."""
@@ -43,6 +43,7 @@ class Losses:
         kernel_lost: frames that found no room in the kernel's receive buffer.
         queue_full: frames dropped behind a driver because the core loop did not take them in time.
         malformed: messages that no CAN frame can be, datagrams of a multicast bus among them.
+        fd_unset: CAN FD frames on a bus without `fd: true`.
         unread: frames that had come when their bus was closed or left, and that nobody has read.
         short: frames shorter than their message, of which a signal is asked for.
         checksum: frames with a wrong checksum, or another message's data id.
@@ -76,6 +77,7 @@ class Losses:
     kernel_lost: int = 0
     queue_full: int = 0
     malformed: int = 0
+    fd_unset: int = 0
     unread: int = 0
     short: int = 0
     checksum: int = 0

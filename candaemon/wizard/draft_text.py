@@ -128,9 +128,7 @@ def _buses(lines: Lines, proposal: Proposal, path_of: Callable[[Path], str]) -> 
         keys = [f"channel: {quoted(told)}"]
         keys += [f"log_channel: {quoted(log_channel)}"] if log_channel else []
         keys += [f"dbc: [{', '.join(further)}]"] if further else []
-        keys += (
-            ["fd: true"] if any(len(s.payload[0]) > 8 for (c, _), s in traffic.streams.items() if c == channel) else []
-        )
+        keys += ["fd: true"] if any(s.fd for (c, _), s in traffic.streams.items() if c == channel) else []
         lines.add(
             1, f"{name}: {{{', '.join(keys)}}}", f"its messages came on the log's channel {traffic.channels[channel]}"
         )

@@ -75,6 +75,7 @@ def findings(binding: Binding, logs: Sequence[Path]) -> list[LogFinding]:
     traffic = read_traffic(logs, channels)
     found = list(_buses(binding, traffic))
     trial = try_on(binding, logs)
+    found += _fd_frames(trial)
     found += _own_motion(binding, trial)
     for sensor in binding.sensors:
         if (sensor.bus, *_some_id(sensor, traffic)) not in traffic.streams:
@@ -105,6 +106,17 @@ def _buses(binding: Binding, traffic: LogTraffic) -> Iterator[LogFinding]:
             f"no frame came of {' or '.join(bus.settings.names_in_logs)}; "
             f"the log has {names}: set channel or log_channel",
         )
+
+
+def _fd_frames(trial: Trial) -> Iterator[LogFinding]:
+    """Yield buses without `fd` of which CAN FD frames came."""
+    pipeline = trial.pipeline
+    for bus, counts in zip(pipeline.binding.buses, pipeline.counts.buses, strict=True):
+        if counts.fd_unset:
+            yield LogFinding(
+                ("buses", bus.name, "fd"),
+                f"{counts.fd_unset:,} CAN FD frames came, which `run` would not read; set true",
+            )
 
 
 def _absent(binding: Binding, sensor: BoundSensor, traffic: LogTraffic) -> LogFinding:

@@ -33,12 +33,14 @@ class Stream:
         order: (n,) place in the log.
         length: (n,) payload bytes.
         payload: (n, 8 or 64) zeros behind the length.
+        fd: whether a CAN FD frame is among them.
     """
 
     time: Floats
     order: Indices
     length: Bytes
     payload: Bytes
+    fd: bool
 
     def of(self, message: MessageSpec) -> Stream:
         """Return the frames that are as long as a message, its payload cut to it."""
@@ -51,6 +53,7 @@ class Stream:
             self.order[enough],
             self.length[enough],
             np.ascontiguousarray(payload[:, : message.length]),
+            self.fd,
         )
 
 
@@ -145,5 +148,7 @@ def _streams(block: FrameBlock) -> dict[tuple[int, int], Stream]:
     for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         rows = order[begin:end]
         name = int(key[rows[0]])
-        streams[name >> 32, name & 0xFFFF_FFFF] = Stream(time[rows], rows, block.length[rows], block.payload[rows])
+        streams[name >> 32, name & 0xFFFF_FFFF] = Stream(
+            time[rows], rows, block.length[rows], block.payload[rows], bool(block.fd[rows].any())
+        )
     return streams

@@ -20,7 +20,7 @@ from tests.support.live_buses import live, message, peer, read_all, turn_until, 
 
 
 def test_frames_of_two_buses_come_in_order_of_time() -> None:
-    settings = virtual(), virtual()
+    settings = virtual(), virtual(fd=True)
     with live(*settings) as buses, peer(settings[0]) as first, peer(settings[1]) as second:
         buses.open()
         second.send(message(0x200, 1533226488.434433))
@@ -37,6 +37,22 @@ def test_frames_of_two_buses_come_in_order_of_time() -> None:
         counts = buses[0].counts
         assert (counts.received, counts.remote, counts.error_frames) == (1, 1, 1)
         assert buses.read(0.0) == []
+
+
+def test_fd_frames_on_a_bus_without_fd_are_counted_and_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    settings = virtual()
+    with live(settings) as buses, peer(settings) as other:
+        buses.open()
+        for k in range(2):
+            for data in (bytes(12), b"\x02"):
+                other.send(message(0x201, float(k), data, is_fd=True))
+            other.send(message(0x200, float(k)))
+        assert [frame.can_id for frame in read_all(buses, 2)] == [0x200, 0x200]
+        assert turn_until(buses, lambda: bool(caplog.messages))
+        assert not turn_until(buses, lambda: len(caplog.messages) > 1, 1.5)
+        assert (buses[0].counts.fd_unset, buses[0].counts.received) == (4, 2)
+    (told,) = caplog.messages
+    assert told == "bus 'bus0': CAN FD frames come and are not read; give buses.bus0 fd: true, and reload"
 
 
 def test_frames_that_were_stamped_when_they_were_read_stay_before_those_that_came_after_them() -> None:

@@ -190,7 +190,7 @@ def test_what_is_no_data_frame_is_counted(bench: Bench) -> None:
     bench.other.send(message())
     assert len(heard(there, 1)) == 1
     counts = bench.counts
-    assert (counts.remote, counts.error_frames, counts.malformed) == (1, 1, 1)
+    assert (counts.remote, counts.error_frames, counts.fd_unset, counts.malformed) == (1, 1, 1, 0)
 
 
 def test_garbage_is_counted_and_the_rest_goes_on(bench: Bench) -> None:

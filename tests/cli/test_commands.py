@@ -232,6 +232,29 @@ def test_what_is_left_out_in_bulk_is_told(short: Path, tmp_path: Path, capsys: p
     assert doubts(figures)[0] == "sensor 'front': not one usable frame in this log"
 
 
+def test_fd_frames_on_a_bus_without_fd_are_told(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, config = (short / "drive.log").read_text(encoding="utf-8"), tmp_path / "mine.yaml"
+    log, summary = tmp_path / "drive.log", tmp_path / "summary.json"
+    number = len(re.findall(r" can1 [0-9A-F]+#", text))
+    log.write_text(re.sub(r"( can1 [0-9A-F]+#)", r"\1#0", text), encoding="utf-8")
+    assert main(["replay", "esr_ins", str(log), "--summary", str(summary)]) == 0
+    cure = f"bus 'radar': {number:,} CAN FD frames, which `run` would not read; give buses.radar fd: true"
+    assert f"warning: {cure}" in capsys.readouterr().err
+    buses = json.loads(summary.read_text(encoding="utf-8"))["buses"]
+    assert [buses[name]["fd_unset"] for name in ("radar", "ins")] == [number, 0]
+    assert main(["check", "esr_ins", str(log)]) == 0
+    assert cure in capsys.readouterr().out
+    shipped = (ROOT / "config" / "esr_ins.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
+    config.write_text(shipped, encoding="utf-8")
+    assert main(["check", str(config), "--log", str(log)]) == 0
+    assert re.search(r"mine\.yaml:5 +buses\.radar\.fd: [\d,]+ CAN FD frames came", capsys.readouterr().out)
+    config.write_text(shipped.replace("channel: can1", "channel: can1, fd: true"), encoding="utf-8")
+    assert main(["check", str(config), str(log), "--log", str(log)]) == 0
+    assert "CAN FD frames" not in capsys.readouterr().out
+
+
 def test_files_that_are_not_there_or_cannot_be_written(
     short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -372,7 +395,7 @@ def test_check_tells_short_frames_that_nothing_asks_for_from_those_that_are_miss
     out = capsys.readouterr().out
     header = r"frames +used +not asked for +of them short +in no DBC +too short for own motion"
     assert re.search(header, out)
-    assert re.search(r"\n  ins +1727 +1724 +0 +0 +2 +1\n", out), out
+    assert re.search(r"\n  ins +1727 +1724 +0 +0 +2 +1 +0\n", out), out
 
 
 def test_check_says_what_came_of_own_motion(short: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -65,6 +65,7 @@ def fuzz_datagrams(data: bytes) -> Counter[str]:
 def _counted(counts: PortCounts) -> Counter[str]:
     return Counter(
         malformed=counts.malformed,
+        fd_unset=counts.fd_unset,
         remote=counts.remote,
         error_frames=counts.error_frames,
         kernel_lost=counts.kernel_lost,

@@ -15,6 +15,7 @@ import pytest
 from candaemon.config.tracker import TrackerSettings
 from candaemon.ego.pose import EgoStatus
 from candaemon.frames.frame import EXTENDED, Frame, Tick
+from candaemon.frames.frame_block import block_of
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.radar.assembly import BUNCH
@@ -290,6 +291,19 @@ def test_every_frame_is_counted_somewhere() -> None:
         assert pipeline.counts.buses[bus].frames == sum(frame.bus == bus for frame in [*frames, *noise])
     assert pipeline.assemblers[0].counts.frames == pipeline.counts.buses[radar].used
     assert pipeline.drops == 7
+
+
+def test_fd_frames_of_a_bus_without_fd_are_counted_one_by_one_and_in_blocks() -> None:
+    bound = binding("toyota_rav4")
+    frames = drive("toyota_rav4", duration=1.0)
+    odd = [frame._replace(fd=k % 3 == 0) for k, frame in enumerate(frames)]
+    expected = [sum(frame.fd for frame in odd if frame.bus == bus.index) for bus in bound.buses]
+    one_by_one, in_blocks = Pipeline(bound), Pipeline(bound)
+    list(one_by_one.run(odd))
+    list(in_blocks.run_blocks([block_of(odd)]))
+    assert sum(expected) == -(-len(frames) // 3)
+    for pipeline in (one_by_one, in_blocks):
+        assert [each.fd_unset for each in pipeline.counts.buses] == expected
 
 
 @pytest.mark.parametrize("gap", [3600.0, 86_400.0, 30 * 86_400.0])

@@ -15,8 +15,8 @@ from candaemon.frames.frame import Frame
 _numbers = itertools.count()
 
 
-def virtual(**options: str | float) -> BusSettings:
-    return BusSettings(interface="virtual", channel=f"candaemon-test-{next(_numbers)}", options=options)
+def virtual(*, fd: bool = False, **options: str | float) -> BusSettings:
+    return BusSettings(interface="virtual", channel=f"candaemon-test-{next(_numbers)}", fd=fd, options=options)
 
 
 def live(*settings: BusSettings) -> LiveBuses:

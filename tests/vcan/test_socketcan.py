@@ -116,6 +116,7 @@ def test_fd_frames(make_link: Callable[..., Link], listen: Callable[..., Heard])
     assert other.port.send(frames) == 2
     assert [frame[1:] for frame in heard.frames(2)] == [frame[1:] for frame in frames]
     assert [frame[1:] for frame in classic.frames()] == [frames[1][1:]]
+    assert (classic.counts.fd_unset, heard.counts.fd_unset) == (1, 0)
     with raw(link) as odd:
         odd.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
         odd.send(struct.pack("=IBB2x64s", 0x100, 9, 0, bytes(64)))

@@ -110,7 +110,7 @@ def test_a_message_that_comes_alone_is_no_list() -> None:
         """Return the slots of a list with so many frames in each of 100 bursts."""
         time = (np.arange(100)[:, None] * 0.05 + np.arange(burst) * 0.001).ravel()
         count = len(time)
-        stream = Stream(time, np.arange(count), np.full(count, 8, np.uint8), np.ones((count, 8), np.uint8))
+        stream = Stream(time, np.arange(count), np.full(count, 8, np.uint8), np.ones((count, 8), np.uint8), False)
         traffic = LogTraffic((Path("a.log"),), ("can0",), {(0, 513): stream}, 5.0, LogCounts())
         table = object_table(layout, traffic)
         return None if table is None else table.layout.slots

@@ -96,3 +96,10 @@ def test_so_many_scans_are_linked() -> None:
 
     assert scans(MOST_LINKED_SCANS) == MOST_LINKED_SCANS
     assert scans(MOST_LINKED_SCANS + 1) == MOST_LINKED_SCANS
+
+
+def test_a_channel_is_of_can_fd_where_such_a_frame_came_and_no_other(tmp_path: Path) -> None:
+    log = tmp_path / "drive.log"
+    log.write_text("(1.0) can0 100##0112233\n(1.1) can0 101#00\n(1.2) can1 100#112233\n(1.3) can0 100#00\n")
+    streams = read_traffic([log]).streams
+    assert {at: stream.fd for at, stream in streams.items()} == {(0, 0x100): True, (0, 0x101): False, (1, 0x100): False}
