@@ -216,6 +216,10 @@ def _rare(figures: Tree) -> Iterator[Sheet]:
     if steps:
         row = (f"{clock['backward_steps']}", f"{clock['forward_steps']}", f"{clock['offset']:.3f}")
         yield Sheet("steps of the clock", (row,), ("back", "ahead", "made up for, s"))
+    samples = figures["own_motion"]["samples"]
+    if samples.get("direction_assumed"):
+        told = (f"{samples['samples']}", f"{samples['direction_assumed']}")
+        yield Sheet("own motion's signal of reverse", (told,), ("samples", "of them taken for ahead, it being silent"))
     found = {name: count for name, count in figures.get("losses", {}).items() if count}
     if found:
         yield Sheet(

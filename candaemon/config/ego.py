@@ -189,6 +189,13 @@ class OdometrySettings(EgoCommon):
     noise: OdometryNoise = Field(default_factory=OdometryNoise.defaults)
     bias: BiasSettings = Field(default_factory=BiasSettings.defaults)
     smoothing: float = Field(0.1, ge=0, le=2, description="s, time constant of the acceleration derived here")
+    reverse_age_limit: float = Field(
+        3.0,
+        gt=0,
+        le=86_400,
+        description="s without the signal of `reverse`, after which speeds count as ahead; long, where it is sent only "
+        "when it changes",
+    )
 
 
 class StaticSettings(Settings):

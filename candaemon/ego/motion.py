@@ -54,6 +54,7 @@ class SampleCounts:
         heading_from_course: from the direction of the velocity.
         heading_kept: as it was last.
         acceleration_given: not derived: as it came.
+        direction_assumed: taken for ahead, because the signal that tells reverse was silent.
     """
 
     samples: int = 0
@@ -65,6 +66,7 @@ class SampleCounts:
     heading_from_course: int = 0
     heading_kept: int = 0
     acceleration_given: int = 0
+    direction_assumed: int = 0
 
 
 class EgoMotion(Protocol):

@@ -43,7 +43,8 @@ class OdometryState:
         curvature_ns: its time.
         derived: yaw rate of the latest sample for which the sensor was silent, rad/s; None while it comes.
         by_wheels: whether that is the wheels' difference.
-        backwards: whether the vehicle drives backwards, as its gear says.
+        backwards: whether the vehicle drives backwards, as its gear said last.
+        gear_ns: when it did.
         counts: of samples, and what was derived in them.
     """
 
@@ -63,6 +64,7 @@ class OdometryState:
     derived: float | None = None
     by_wheels: bool = False
     backwards: bool = False
+    gear_ns: int = LONG_AGO_NS
     counts: SampleCounts = field(default_factory=SampleCounts)
 
 
@@ -71,7 +73,7 @@ class OdometryMotion:
 
     A sample is made with each speed for which a yaw rate is known: the sensor's, while it comes; else the curvature's,
     the wheels', or none, of a vehicle that stands. The local frame's x axis is the first heading. Wheels and
-    speedometers hardly ever say which way they turn: that is the gear's to tell.
+    speedometers hardly ever say which way they turn: that is the gear's to tell, and ahead where it is silent.
 
     Args:
         settings: of the odometry.
@@ -92,6 +94,7 @@ class OdometryMotion:
         self._latency_ns = round(settings.latency * 1e9)
         self.bias = MotionBias(settings.bias, radians(settings.noise.yaw_rate_deg))
         self._age_limit_ns = round(settings.age_limit * 1e9)
+        self._gear_limit_ns = round(settings.reverse_age_limit * 1e9)
         self.history = MotionHistory(
             age_limit=settings.age_limit,
             dead_reckoning=settings.dead_reckoning,
@@ -138,17 +141,27 @@ class OdometryMotion:
         if "curvature" in mean:
             state.curvature, state.curvature_ns = mean.pop("curvature"), time_ns
         if "reverse" in mean and self._reverse is not None:
-            state.backwards = bool(self._reverse.passes(mean.pop("reverse")))
+            state.backwards, state.gear_ns = bool(self._reverse.passes(mean.pop("reverse"))), time_ns
         speed, difference = mean.pop("speed", None), None
         state.sides.update(mean)
         if len(state.sides) == 2:  # both sides are fresh, be it from one message or from two
             left, right = state.sides["left_wheels"], state.sides["right_wheels"]
             state.sides.clear()
             speed, difference = (left + right) / 2, right - left
-        if state.backwards and speed is not None and speed > 0.0:
+        if speed is not None and speed > 0.0 and self._backs(time_ns):
             speed, difference = -speed, None if difference is None else -difference
         if speed is not None and self._knows_turn(time_ns, speed, difference):
+            state.counts.direction_assumed += self.lacks_gear(time_ns)
             self._add_sample(time_ns, speed)
+
+    def lacks_gear(self, time_ns: int) -> bool:
+        """Return whether the signal that tells reverse is silent at an instant, so that speeds count as ahead."""
+        begun_ns = time_ns if self._state.begun_ns is None else self._state.begun_ns
+        return self._reverse is not None and time_ns - max(self._state.gear_ns, begun_ns) > self._gear_limit_ns
+
+    def _backs(self, time_ns: int) -> bool:
+        """Return whether the gear says that the vehicle drives backwards."""
+        return self._state.backwards and not self.lacks_gear(time_ns)
 
     def _knows_turn(self, time_ns: int, speed: float, difference: float | None) -> bool:
         """Work out the yaw rate at a speed; return whether it is known.

@@ -189,6 +189,12 @@ def doubts(figures: Mapping[str, Any]) -> list[str]:
         return found
     if blind > _BULK * (tracked + blind):
         found.append(f"own motion was not known in {blind:,} of {tracked + blind:,} scans, which were dropped")
+    samples, assumed = figures["ego_samples"]["samples"], figures["ego_samples"]["direction_assumed"]
+    if assumed > _BULK * samples and "reverse" not in _silent_signals(figures):
+        found.append(
+            f"own motion: the signal that tells reverse was silent in {assumed:,} of {samples:,} samples, and speeds "
+            "counted as ahead; where it is sent only when it changes, raise ego.reverse_age_limit"
+        )
     if _silent_signals(figures):
         found.append(f"own motion: {_silence(figures)}")
     return found

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from candaemon.daemon.observer import DaemonView, Observer
+from candaemon.ego.odometry import OdometryMotion
 from candaemon.ego.pose import EgoStatus
 from candaemon.frames.frame import Frame, Tick
 
@@ -72,7 +73,7 @@ class FaultLogger(Observer):
     def on_reload_end(self, daemon: DaemonView, error: str) -> None:
         """Forget what the configuration has no longer."""
         if not error:
-            there = {_named(sensor.name) for sensor in daemon.binding.sensors} | {_MOTION}
+            there = {_named(sensor.name) for sensor in daemon.binding.sensors} | {_MOTION, _GEAR}
             self._begun_ns = {about: ns for about, ns in self._begun_ns.items() if about in there}
             self._lasting = {about: fault for about, fault in self._lasting.items() if about in there}
 
@@ -98,9 +99,12 @@ class FaultLogger(Observer):
             yield _MOTION, "lost, and nothing is tracked without it"
         elif pose.status is EgoStatus.DEAD_RECKONING:
             yield _MOTION, "silent, obstacles are tracked by dead reckoning"
+        if isinstance(pipeline.ego, OdometryMotion) and pipeline.ego.lacks_gear(now_ns):
+            yield _GEAR, "silent, speeds count as ahead"
 
 
 _MOTION: Final = "own motion"
+_GEAR: Final = "own motion's signal of reverse"
 
 
 def _named(sensor: str) -> str:

@@ -70,6 +70,21 @@ def test_in_reverse_speeds_without_a_sign_count_as_below_0(signed: bool) -> None
     assert known(motion.pose(ns(0.2))).ve == pytest.approx(3.0, rel=0.01)
 
 
+def test_a_gear_that_falls_silent_in_reverse_no_longer_counts_after_its_age_limit() -> None:
+    told = {"kind": "odometry", "bus": "b", "dbc": "d", "signals": WHEELS | {"reverse": {"signal": "M.g", "in": [1]}}}
+    limit = {"reverse_age_limit": 2.0}
+    motion = OdometryMotion(OdometrySettings.model_validate(told | limit), CompiledCondition((1.0,), ()))
+    along = []
+    for k in range(60):
+        gear = (("reverse", 1.0),) if k == 0 or k >= 50 else ()
+        names, values = zip(("yaw_rate", 0.0), ("left_wheels", 2.0), ("right_wheels", 2.0), *gear, strict=True)
+        motion.update(ns(0.1 * k), names, values)
+        along.append(round(known(motion.pose(ns(0.1 * k))).ve))
+        assert motion.lacks_gear(ns(0.1 * k)) == (20 < k < 50)
+    assert along == [-2] * 21 + [2] * 29 + [-2] * 10
+    assert (motion.counts.samples, motion.counts.direction_assumed) == (60, 29)
+
+
 def test_in_reverse_the_wheels_difference_turns_the_vehicle_the_other_way() -> None:
     """Backwards and to the rear left: the heading turns to the right, and the right wheels are the slower ones."""
     signals = {name: value for name, value in WHEELS.items() if name != "yaw_rate"}
