@@ -12,7 +12,7 @@ from candaemon.binding.bind_output import bind_output
 from candaemon.binding.bind_sensor import bind_sensor, bind_sensor_writer
 from candaemon.binding.bound import Binding, BoundBus, BoundEgo, BoundOutput, BoundSensor
 from candaemon.binding.bus_load import Traffic, bus_load
-from candaemon.binding.conflicts import check_identifiers, multiplexed_warnings, range_warnings
+from candaemon.binding.conflicts import check_identifiers, misplaced_identifiers, multiplexed_warnings, range_warnings
 from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.binding.oddities import oddities
 from candaemon.config.ego import StaticSettings
@@ -56,7 +56,8 @@ def bind(loaded: LoadedConfig) -> Binding:
         with collected(errors):
             database = databases.load(sensor.dbc, place)
             if database is not None:
-                sensors.append(bind_sensor(sensor, index, name, bus_index[sensor.bus], database, place))
+                own = database.shifted(sensor.id_offset)
+                sensors.append(bind_sensor(sensor, index, name, bus_index[sensor.bus], own, place))
     output: BoundOutput | None = None
     if config.output is not None:
         with collected(errors):
@@ -71,6 +72,7 @@ def bind(loaded: LoadedConfig) -> Binding:
     # The parts together: two owners of one identifier, frames that their bus cannot carry.
     on_output_bus = [] if config.output is None else databases.loaded_of(config.buses[config.output.bus].dbc)
     errors += check_identifiers(location, ego, sensors, output, on_output_bus)
+    errors += misplaced_identifiers(location, sensors)
     errors += _long_frames(location, loaded, ego, sensors, output)
     raise_all(errors)
 

@@ -10,6 +10,7 @@ from candaemon.binding.location import SettingLocation
 from candaemon.dbc.bits import representable_values
 from candaemon.dbc.types import Database, MessageSpec, SignalSpec
 from candaemon.errors import ConfigError
+from candaemon.frames.frame import EXTENDED
 
 
 def check_identifiers(
@@ -41,8 +42,9 @@ def check_identifiers(
             if (sensor.bus, i) in owners and not _shares(sensor, i, sensors)
         ]
         if owned:
-            bus = sensor.settings.bus
-            errors.append(location.at("sensors", sensor.name).error(f"on bus '{bus}' {_owned(owned)}"))
+            bus, alike = sensor.settings.bus, any(_is_alike(sensor, each) for each in sensors)
+            cure = "; where it is another device of the same kind, give its id_offset" if alike else ""
+            errors.append(location.at("sensors", sensor.name).error(f"on bus '{bus}' {_owned(owned)}{cure}"))
         owners.update(((sensor.bus, can_id), f"sensor '{sensor.name}'") for can_id in sensor.can_ids)
     if output is not None:
         known = {(output.bus, can_id): name for can_id, name in _others(ego, sensors, output, on_output_bus)}
@@ -51,6 +53,31 @@ def check_identifiers(
         if owned:
             errors.append(location.at("output").error(f"on bus '{output.settings.bus}' {_owned(owned)}"))
     return errors
+
+
+def misplaced_identifiers(location: SettingLocation, sensors: Iterable[BoundSensor]) -> Iterator[ConfigError]:
+    """Yield an error for each sensor whose `id_offset` leads beyond the identifiers that there are."""
+    for sensor in sensors:
+        offset = sensor.settings.id_offset
+        for can_id in sorted(sensor.can_ids):
+            was = can_id - offset
+            most = 0x1FFF_FFFF if was & EXTENDED else 0x7FF
+            if not 0 <= (was & ~EXTENDED) + offset <= most:
+                yield location.at("sensors", sensor.name, "id_offset").error(
+                    f"found {offset:#x}, with which 0x{was & ~EXTENDED:X} of '{sensor.database.by_id[can_id].name}' "
+                    f"is no identifier any more; they go up to 0x{most:X}"
+                )
+                break
+
+
+def _is_alike(sensor: BoundSensor, other: BoundSensor) -> bool:
+    """Return whether two sensors on a bus are of one kind, as far as DBC and offset say."""
+    return (
+        sensor is not other
+        and sensor.bus == other.bus
+        and sensor.database.path == other.database.path
+        and sensor.settings.id_offset == other.settings.id_offset
+    )
 
 
 def _shares(sensor: BoundSensor, can_id: int, sensors: Iterable[BoundSensor]) -> bool:

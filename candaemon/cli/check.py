@@ -258,7 +258,7 @@ def _sensor(binding: Binding, sensor: BoundSensor) -> Iterator[Sheet]:
     settings, mount = sensor.settings, sensor.settings.mount
     rows = [
         ("bus", settings.bus),
-        ("DBC", settings.dbc),
+        ("DBC", settings.dbc + (f", identifiers {settings.id_offset:+#x}" if settings.id_offset else "")),
         ("mount", f"x {mount.x:g} m, y {mount.y:g} m, yaw {mount.yaw_deg:g}°"),
         ("scans", f"{1 / settings.cycle_time:.4g} Hz, closed {_closing(settings.scan)}"),
         ("time-out", f"{settings.timeout:g} s after a scan's first frame"),

@@ -440,6 +440,12 @@ class SensorSettings(Settings):
     kind: Literal["radar", "lidar", "camera"] = Field("radar", description="what it is; shown to the user")
     bus: Name = Field(description="name of the bus")
     dbc: FilePath = Field(description="DBC file, relative to this YAML")
+    id_offset: int = Field(
+        0,
+        ge=-0x1FFF_FFFF,
+        le=0x1FFF_FFFF,
+        description="what this sensor's identifiers are more than the DBC's: radars of one kind on one bus are told so",
+    )
     mount: Mount = Field(default_factory=Mount.defaults)
     cycle_time: float = Field(ge=0.001, le=2, description="s between scans")
     timeout: float = Field(0.03, gt=0, le=2, description="s after a scan's first frame until it is closed as it is")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -159,6 +159,18 @@ class Database:
             return self.messages[name]
         except KeyError:
             raise ConfigError(f"no message '{name}'; {near_names(name, self.messages)}", file=self.path) from None
+
+    def shifted(self, offset: int) -> Database:
+        """Return the same messages with other identifiers, as another device of the same kind has them.
+
+        Args:
+            offset: what each identifier is more. Whether CAN has such identifiers is not looked at.
+        """
+        if not offset:
+            return self
+        messages = {name: replace(each, can_id=each.can_id + offset) for name, each in self.messages.items()}
+        by_id = {each.can_id + offset: messages[each.name] for each in self.by_id.values()}
+        return replace(self, messages=messages, by_id=by_id)
 
 
 def near_names(name: str, known: Iterable[str]) -> str:

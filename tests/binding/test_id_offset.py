@@ -1,0 +1,67 @@
+"""Two radars of one kind on one bus: one DBC, and identifiers that differ by a number."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from candaemon.binding.bind import bind
+from candaemon.cli.main import main
+from candaemon.config.load import load_config
+from candaemon.errors import ConfigError
+from candaemon.pipeline.pipeline import Pipeline
+from candaemon.simulation.scenario import Scenario
+from candaemon.simulation.simulate import simulate
+from tests.support.small_car import YAML, written
+
+_BEFORE, _FRONT = YAML.split("  front:\n")
+SCENE = {
+    "duration": 4,
+    "ego": {"start": {"speed": 10}},
+    "actors": [
+        {"name": "ahead", "start": {"x": 40, "y": 0, "speed": 10}},
+        {"name": "behind", "start": {"x": -40, "y": 0, "speed": 10}},
+    ],
+}
+
+
+def with_rear(offset: str) -> str:
+    """Return the small car's configuration with a second radar that looks back."""
+    rear = _FRONT.replace("mount: {x: 3.6}", "mount: {x: -1, yaw_deg: 180}")
+    return f"{_BEFORE}  front:\n{_FRONT}  rear:\n{rear.replace('dbc: car.dbc', f'dbc: car.dbc{offset}')}"
+
+
+def test_each_hears_its_own_frames(tmp_path: Path) -> None:
+    bound = bind(load_config(written(tmp_path, with_rear("\n    id_offset: 0x10"))))
+    frames = list(simulate(Scenario.model_validate(SCENE), bound, 1).frames())
+    assert {0x400, 0x401, 0x410, 0x411} < Counter(frame.can_id for frame in frames).keys()
+    pipeline = Pipeline(bound)
+    *_, last = pipeline.run(frames)
+    assert [assembler.counts.scans > 70 for assembler in pipeline.assemblers] == [True, True]
+    assert {-1, 1} <= {round(x / 40) for x in last.obstacles.x.tolist()}
+    (counts,) = pipeline.counts.buses
+    assert (counts.unknown, counts.frames) == (0, len(frames))
+
+
+def test_check_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(written(tmp_path, with_rear("\n    id_offset: 0x10")))]) == 0
+    told = capsys.readouterr().out
+    assert "car.dbc, identifiers +0x10" in told
+    assert "OBJECT, 0x411, 8 bytes" in told
+
+
+@pytest.mark.parametrize(
+    ("offset", "expected"),
+    [
+        ("", r"sensors\.rear: .*belongs to sensor 'front' already; .*device of the same kind, give its id_offset"),
+        ("\n    id_offset: 1", r"rear: on bus 'car' id 0x401 \(and 1 more\) belongs to sensor 'front' already"),
+        ("\n    id_offset: 2", r"sensors\.rear: on bus 'car' id 0x402 \(and 1 more\) belongs to ego already"),
+        ("\n    id_offset: 0x400", r"car\.yaml:27: sensors\.rear\.id_offset: found 0x400, with which 0x400 of"),
+        ("\n    id_offset: -1025", r"sensors\.rear\.id_offset: found -0x401, with which 0x400 of"),
+    ],
+)  # fmt: skip
+def test_identifiers_that_cannot_be_are_refused(tmp_path: Path, offset: str, expected: str) -> None:
+    with pytest.raises(ConfigError, match=expected):
+        bind(load_config(written(tmp_path, with_rear(offset))))
