@@ -443,6 +443,15 @@ def _rate(sensor: BoundSensor, table: ObjectTable) -> Iterator[LogFinding]:
         yield LogFinding(where, f"the distance changes by {slope.value:+.2f} of it: wrong unit, or swapped signals")
 
 
+_STANDING: Final = 0.15
+"""Least share of all objects that stand, where most of what nears should."""
+
+
+def _number(objects: Indices) -> int:
+    """Return how many objects some rows are of, by their numbers; −1 is of none."""
+    return len(np.unique(objects[objects >= 0]))
+
+
 def _approach(
     sensor: BoundSensor, table: ObjectTable, held: Occupancy, own: OwnMotion, key: str
 ) -> Iterator[LogFinding]:
@@ -460,7 +469,10 @@ def _approach(
     best = int(counts.argmax())
     mode = float(edges[best] + 0.01)
     near = int(np.max(counts[(edges[:-1] > 0.94) & (edges[:-1] < 1.04)]))
-    if counts[best] > 0.08 * len(ratio) and near < 0.25 * counts[best] and 0.15 < mode < 2.9:
+    objects = held.chain[fast]
+    alike = objects[(ratio >= edges[best]) & (ratio < edges[best + 1])]
+    several = _number(alike) > _STANDING * _number(objects)  # one car that is followed for long has one ratio, too
+    if several and counts[best] > 0.08 * len(ratio) and near < 0.25 * counts[best] and 0.15 < mode < 2.9:
         yield LogFinding(
             ("ego", "signals"),
             f"what nears the sensor '{sensor.name}' does so with {mode:.2f} of own speed; what stands has 1.00, "

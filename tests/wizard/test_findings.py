@@ -170,6 +170,12 @@ def test_nothing_is_said_of_what_is_right(
     assert findings(shipped(name), [log_of(name, logs, tmp_path_factory)]) == []
 
 
+def test_nothing_is_said_of_own_speed_where_nothing_stands_and_cars_are_followed(tmp_path: Path) -> None:
+    log = tmp_path / "highway.log"
+    assert main(["simulate", "highway", "esr_ins", "-o", str(log)]) == 0
+    assert findings(shipped("esr_ins"), [log]) == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "log"), [("toyota_rav4", "drive.log.gz"), ("toyota_rav4_ins", "drive_with_ins.log.gz")]
