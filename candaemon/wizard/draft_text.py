@@ -147,7 +147,9 @@ def _channel(name: str, number: int) -> tuple[str, str]:
 def _ego(lines: Lines, proposal: Proposal, names: dict[int, str], path_of: Callable[[Path], str]) -> None:
     own = proposal.own
     if own is None or own.dbc is None:
-        lines.add(0, "ego: {kind: static}", "no signals of own motion found: give the car's DBC file too", guess=True)
+        files = ", ".join(printable(path.name) for path in proposal.databases)
+        why = f"no signals of own motion found in {files}: give the DBC file of the car or INS, or write ego by hand"
+        lines.add(0, "ego: {kind: static}", why, guess=True)
         return
     lines.add(0, "ego:")
     lines.add(1, f"kind: {own.kind}")

@@ -121,8 +121,7 @@ class Heard:
     @property
     def dimension(self) -> str:
         """What its unit measures; empty where the DBC names none that is known."""
-        known = UNITS.get(normalised_unit(self.spec.unit)) if self.spec.unit.strip() else None
-        return "" if known is None else known[0]
+        return _dimension_of(self.spec)
 
     @property
     def factor(self) -> float:
@@ -216,13 +215,20 @@ def named_signals(messages: Iterable[tuple[Path, MessageSpec]]) -> list[Heard]:
 
 def _may_be_motion(signal: SignalSpec) -> bool:
     kinds = set(_tokens(signal.name))
-    return signal.length >= 8 and bool(kinds & (_MOTION | _LEFT | _RIGHT))
+    turns = "z" in kinds and _dimension_of(signal) == "rate"
+    return signal.length >= 8 and (bool(kinds & (_MOTION | _LEFT | _RIGHT)) or turns)
+
+
+def _dimension_of(signal: SignalSpec) -> str:
+    """Return what a signal's unit measures; empty where the DBC names none that is known."""
+    known = UNITS.get(normalised_unit(signal.unit)) if signal.unit.strip() else None
+    return "" if known is None else known[0]
 
 
 _MOTION: Final = frozenset(
     (
         *("speed", "spd", "velocity", "vel", "vehspd", "yaw", "heading", "hdg", "curvature", "curv", "latitude"),
-        *("longitude", "north", "east", "wheel", "whl", "ws", "wss", "course"),
+        *("longitude", "north", "east", "wheel", "whl", "ws", "wss", "course", "vn", "ve", "lat", "lon"),
     )
 )
 
@@ -333,8 +339,7 @@ _SPOILT: Final = {
 
 def _ins(heard: Sequence[Heard]) -> OwnMotion | None:
     """Return the motion by an INS: velocity's components, or speed, and the heading."""
-    north = _first(heard, {"north", "vn"}, without=_SPOILT | {"acc", "accel", "pos"})
-    east = _first(heard, {"east", "ve"}, without=_SPOILT | {"acc", "accel", "pos"})
+    north, east = _component(heard, {"north", "vn"}, "n"), _component(heard, {"east", "ve"}, "e")
     heading = _first(heard, {"heading", "hdg"}, without=_SPOILT | {"rate"})
     if north is None or east is None or heading is None or north.channel != heading.channel:
         return None
@@ -353,22 +358,33 @@ def _ins(heard: Sequence[Heard]) -> OwnMotion | None:
         "heading": Choice(heading.name, agrees, guess=not off < 0.35),
     }
     rate = -np.gradient(_smooth(turned, 25), time)  # headings turn clockwise
-    for key, wanted, without in (
-        ("latitude", {"latitude"}, _SPOILT),
-        ("longitude", {"longitude"}, _SPOILT),
-    ):
-        place = _first(same, wanted, without=without)
+    fine = [each for each in same if each.spec.length >= _PLACE_BITS]
+    for key, short in (("latitude", "lat"), ("longitude", "lon")):
+        place = _first(same, {key}, without=_SPOILT) or _first(fine, {short}, without=_SPOILT)
         if place is not None:
             signals[key] = Choice(place.name, "by name")
     if ("latitude" in signals) != ("longitude" in signals):
         signals.pop("latitude", None)
         signals.pop("longitude", None)
-    yaw = _first(same, {"yaw"}, {"rate"}, without=_SPOILT)
+    rates = [each for each in same if each.dimension == "rate"]
+    yaw = _first(same, {"yaw"}, {"rate"}, without=_SPOILT) or _first(rates, {"z"}, without=_SPOILT)
     curvature = _first(same, {"curvature", "curv"}, without=_SPOILT)
     for key, each, factor in (("yaw_rate", yaw, np.ones(len(time))), ("curvature", curvature, speed)):
         if each is not None:
             signals[key] = _turning(each, each.at(time) * factor, rate)
     return OwnMotion("ins", heading.channel, heading.dbc, signals, time, speed, rate, side_known=True, extra={})
+
+
+def _component(heard: Sequence[Heard], whole: set[str], letter: str) -> Heard | None:
+    """Return a component of the velocity over ground, by a word for it, or by a letter beside a word for velocity."""
+    without = _SPOILT | {"acc", "accel", "pos"}
+    return _first(heard, whole, without=without) or _first(
+        heard, {"v", "vel", "velocity", "speed", "spd"}, {letter}, without=without
+    )
+
+
+_PLACE_BITS: Final = 24
+"""Of a latitude; what is called `lat` and has fewer is lateral."""
 
 
 def _turning(signal: Heard, values: Floats, rate: Floats) -> Choice:

@@ -11,11 +11,13 @@ from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.cli.main import main
+from candaemon.config.ego import InsSettings
 from candaemon.config.load import load_config
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.wizard.layouts import find_unnumbered
 from candaemon.wizard.object_table import FEWEST_LISTED, object_table
 from candaemon.wizard.traffic import LogTraffic, Stream
+from tests.support import small_car
 from tests.support.paths import ROOT
 from tests.wizard.drives import survey_log
 
@@ -183,3 +185,55 @@ def test_velocities_over_ground_are_found(tmp_path: Path) -> None:
     )
     same_signals(of, found)
     assert found.sensors[0].settings.rates == "absolute"
+
+
+INS = """VERSION ""
+BU_: INS
+BO_ 2566844672 GNSS_VEL: 8 INS
+ SG_ VelN : 0|16@1- (0.01,0) [-327|327] "m/s" INS
+ SG_ VelE : 16|16@1- (0.01,0) [-327|327] "m/s" INS
+ SG_ VelD : 32|16@1- (0.01,0) [-327|327] "m/s" INS
+BO_ 2566844673 ATTITUDE: 8 INS
+ SG_ Roll : 0|16@1- (0.01,0) [-180|180] "deg" INS
+ SG_ Heading : 32|16@1+ (0.01,0) [0|360] "deg" INS
+BO_ 2566844674 RATES: 8 INS
+ SG_ RateX : 0|16@1- (0.01,0) [-327|327] "deg/s" INS
+ SG_ RateZ : 32|16@1- (0.01,0) [-327|327] "deg/s" INS
+BO_ 2566844675 PLACE: 8 INS
+ SG_ Lat : 0|32@1- (1e-07,0) [-90|90] "deg" INS
+ SG_ Lon : 32|32@1- (1e-07,0) [-180|180] "deg" INS
+"""
+INS_SIGNALS = """ego:
+  kind: ins
+  bus: car
+  dbc: ins.dbc
+  signals:
+    velocity_north: GNSS_VEL.VelN
+    velocity_east: GNSS_VEL.VelE
+    heading: ATTITUDE.Heading
+    latitude: PLACE.Lat
+    longitude: PLACE.Lon
+    yaw_rate: -RATES.RateZ
+"""
+
+
+def test_an_ins_is_found_by_letters_of_its_axes_and_its_rate_by_the_log(tmp_path: Path) -> None:
+    (tmp_path / "ins.dbc").write_text(INS, encoding="utf-8")
+    before, _, after = small_car.YAML.partition("ego:")
+    yaml = before + INS_SIGNALS + after[after.index("sensors:") :]
+    config, log = small_car.written(tmp_path, yaml), tmp_path / "drive.log"
+    assert main(["simulate", "turning_ego", str(config), "-o", str(log)]) == 0
+    out = tmp_path / "found.yaml"
+    dbcs = [str(tmp_path / "car.dbc"), str(tmp_path / "ins.dbc")]
+    assert main(["init", *dbcs, "--log", str(log), "-o", str(out)]) == 0
+    found, expected = load_config(out).config.ego, load_config(config).config.ego
+    assert isinstance(found, InsSettings)
+    assert isinstance(expected, InsSettings)
+    assert found.signals == expected.signals
+
+
+def test_dbc_files_without_own_motion_are_named(tmp_path: Path) -> None:
+    small_car.written(tmp_path, dbc=small_car.DBC.replace("SPEED : 0|16", "V1 : 0|16").replace("YAW_RATE", "V2"))
+    out = tmp_path / "found.yaml"
+    assert main(["init", str(tmp_path / "car.dbc"), "-o", str(out)]) == 0
+    assert "no signals of own motion found in car.dbc: give the DBC file of the car or INS" in out.read_text()
