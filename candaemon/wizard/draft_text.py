@@ -177,7 +177,7 @@ def _sensor(
     lines.choice(2, "cycle_time", sensor.cycle_time)
     if sensor.latency is not None:
         lines.choice(2, "latency", sensor.latency)
-    scans = "" if not closing.scans else f"99 % of the scans took {closing.burst * 1e3:.1f} ms or less"
+    scans = f"99 % of the scans took {closing.burst * 1e3:.1f} ms or less" if closing.scans else "s, 0.7 of the cycle"
     lines.add(2, f"timeout: {closing.timeout:g}", scans, guess=not closing.scans)
     _objects(lines, sensor)
     scan = ", ".join(f"{key}: {value if key == 'used_only' else quoted(value)}" for key, value in closing.keys.items())
@@ -251,7 +251,10 @@ def _objects(lines: Lines, sensor: Sensor) -> None:
     _tests(lines, "valid", mapped.valid)
     _tests(lines, "new", mapped.new)
     if not mapped.valid and not layout.listed:
-        lines.add(3, "valid: []", "nothing in the log tells empty slots from objects", guess=True)
+        why = "no log: nothing tells empty slots from objects"
+        if len(mapped.table):
+            why = "nothing in the log tells empty slots from objects"
+        lines.add(3, "valid: []", why, guess=True)
 
 
 def _tests(lines: Lines, key: str, tests: tuple[Test, ...]) -> None:

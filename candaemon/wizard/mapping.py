@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -27,7 +28,7 @@ from candaemon.wizard.object_motion import (
     white_noise,
 )
 from candaemon.wizard.object_table import ObjectColumn, ObjectTable
-from candaemon.wizard.occupancy import Occupancy, Test, occupancy
+from candaemon.wizard.occupancy import Occupancy, Test, occupancy, tabled_tests
 from candaemon.wizard.own_motion import SLOWEST, OwnMotion
 from candaemon.wizard.vocabulary import role_of, side_of
 
@@ -146,6 +147,8 @@ def map_signals(table: ObjectTable, own: OwnMotion | None) -> Mapping | None:
     _map_lateral(mapped, table, aside, own)
     _line_of_sight(mapped, table, roles, own)
     _map_others(mapped, table, roles)
+    if mapped.identity is None:
+        _map_tabled(mapped, table.columns.values())
     _measure_noise(mapped, table, own)
     return mapped
 
@@ -674,12 +677,22 @@ def map_by_names(layout: Layout) -> Mapping:
     }
     for key in habits.keys() & wanted.keys():
         mapped.noise["azimuth_deg" if key == "azimuth" else key] = Choice(habits[key], "by habit: no log", guess=True)
+    _map_tabled(mapped, columns.values())
     state = roles.get("valid")
-    if state is not None and specs[state].length == 1:
+    if not mapped.valid and state is not None and specs[state].length == 1:
         mapped.valid = (Test(state, "in: [1]", "by name", guess=True),)
-    if "new" in roles:
+    if not mapped.new and "new" in roles:
         mapped.new = (Test(roles["new"], "in: [1]", "by name", guess=True),)
     return mapped
+
+
+def _map_tabled(mapped: Mapping, columns: Iterable[ObjectColumn]) -> None:
+    """Let the DBC's tables of values say which slots hold an object, and a new one, where nothing else does."""
+    valid, new = tabled_tests(columns)
+    if not mapped.valid and valid is not None:
+        mapped.valid = (valid,)
+    if not mapped.new and new is not None:
+        mapped.new = (new,)
 
 
 def _by_name(key: str, column: ObjectColumn) -> Choice:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -32,6 +33,8 @@ _GONE: Final = (
     "not used",
 )
 """What value tables call a slot whose object was not measured."""
+_NOT_KNOWN: Final = ("sna", "not available", "reserved", "error", "fault", "unknown")
+"""What they call a value that says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +120,33 @@ def occupancy(
     left = float(np.mean(dead[occupied])) if occupied.any() else 1.0
     chain = _chains(table, occupied, run, far, velocity)
     return Occupancy(occupied, run, tuple(tests), new, code, left, continuing, chain)
+
+
+def tabled_tests(columns: Iterable[ObjectColumn]) -> tuple[Test | None, Test | None]:
+    """Return what the DBC's tables of values call an object, and a new one: for where no log tells.
+
+    Args:
+        columns: of the objects.
+    """
+    valid = new = None
+    for column in columns:
+        choices = {raw: text.lower() for raw, text in (column.spec.choices or {}).items()}
+        gone = {raw for raw, text in choices.items() if any(word in text for word in _GONE)}
+        unknown = {raw for raw, text in choices.items() if any(word in text for word in _NOT_KNOWN)}
+        held = sorted(choices.keys() - gone - unknown)
+        if valid is None and gone and held:
+            left_out = ", ".join(f"{raw} {(column.spec.choices or {})[raw]}" for raw in sorted(gone | unknown))
+            valid = Test(column.name, _bound(column, held), f"by the DBC's table of values, which has {left_out} too")
+        first = [raw for raw in held if "new" in re.findall(r"[a-z]+", choices[raw])]
+        if new is None and first and len(choices) > len(first):
+            new = Test(column.name, _bound(column, first), "by the DBC's table of values")
+    return valid, new
+
+
+def _bound(column: ObjectColumn, raws: Sequence[int]) -> str:
+    """Return the condition that a signal has one of some raw values, in the DBC's unit."""
+    spec = column.spec
+    return f"in: [{', '.join(f'{raw * spec.scale + spec.offset:g}' for raw in raws)}]"
 
 
 def _chains(table: ObjectTable, occupied: Booleans, run: Indices, far: Floats, velocity: Floats | None) -> Indices:

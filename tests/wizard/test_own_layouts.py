@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -237,3 +238,44 @@ def test_dbc_files_without_own_motion_are_named(tmp_path: Path) -> None:
     out = tmp_path / "found.yaml"
     assert main(["init", str(tmp_path / "car.dbc"), "-o", str(out)]) == 0
     assert "no signals of own motion found in car.dbc: give the DBC file of the car or INS" in out.read_text()
+
+
+def test_a_table_of_values_tells_objects_without_a_log(tmp_path: Path) -> None:
+    table = 'VAL_ 1025 STATUS 0 "No target" 1 "New" 2 "Measured" 3 "Signal not available" ;\n'
+    small_car.written(tmp_path, dbc=small_car.DBC + table)
+    out = tmp_path / "found.yaml"
+    assert main(["init", str(tmp_path / "car.dbc"), "-o", str(out)]) == 0
+    text = out.read_text(encoding="utf-8")
+    assert "- {signal: STATUS, in: [1, 2]} # by the DBC's table of values, which has 0 No target, 3 Signal not" in text
+    assert "new:\n        - {signal: STATUS, in: [1]} # by the DBC's table of values" in text
+    objects = load_config(out).config.sensors["front"].objects
+    assert [condition.values for condition in (*objects.valid, *objects.new)] == [(1.0, 2.0), (1.0,)]
+
+
+def test_a_table_of_values_tells_objects_where_no_slot_of_the_log_is_empty(tmp_path: Path) -> None:
+    tracks = [
+        f"BO_ {1040 + k} TRACK_{k}: 8 CAR\n"
+        ' SG_ STATUS : 0|3@1+ (1,0) [0|7] "" CAR\n'
+        ' SG_ LONG_DIST : 8|12@1+ (0.0625,0) [0|255] "m" CAR\n'
+        ' SG_ LAT_DIST : 20|12@1- (0.03125,0) [-64|63] "m" CAR\n'
+        ' SG_ REL_SPEED : 32|12@1- (0.0625,0) [-128|127] "m/s" CAR\n'
+        ' SG_ COUNT : 48|4@1+ (1,0) [0|15] "" CAR\n'
+        for k in range(4)
+    ]
+    tables = [f'VAL_ {1040 + k} STATUS 0 "empty" 1 "new" 2 "measured" 3 "coasted" ;\n' for k in range(4)]
+    text = small_car.YAML.replace("[{message: OBJECT, id_signal: INDEX}]", '["TRACK_{slot}"]').replace(
+        "slots: 16", "slots: 4"
+    )
+    text = text.replace(
+        "{close: header, message: HEADER, count: COUNT, counter: COUNTER}", "{close: counter, signal: COUNT}"
+    )
+    text = text.replace("DIST_LONG", "LONG_DIST").replace("DIST_LAT", "LAT_DIST")
+    before, _, after = small_car.DBC.partition("BO_ 1024")
+    dbc = before + "".join(tracks) + after[after.index("BO_ 1026") :] + "".join(tables)
+    config, log, out = small_car.written(tmp_path, text, dbc), tmp_path / "drive.log", tmp_path / "found.yaml"
+    scene = (ROOT / "config" / "scenarios" / "traffic_town.yaml").read_text(encoding="utf-8")
+    (tmp_path / "scene.yaml").write_text(re.sub(r"duration: \d+", "duration: 8", scene), encoding="utf-8")
+    assert main(["simulate", str(tmp_path / "scene.yaml"), str(config), "-o", str(log)]) == 0
+    assert main(["init", str(tmp_path / "car.dbc"), "--log", str(log), "-o", str(out)]) == 0
+    objects = load_config(out).config.sensors["front"].objects
+    assert [condition.values for condition in (*objects.valid, *objects.new)] == [(1.0, 2.0), (1.0,)]
