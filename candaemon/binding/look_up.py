@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.binding.numbered_names import numbered_view, selected_view, valued_view
-from candaemon.config.sensors import ObjectFormat, ObjectMessage
+from candaemon.config.sensors import MOST_SLOTS, ObjectFormat, ObjectMessage
 from candaemon.dbc.bits import same_layout, sendable_values
 from candaemon.dbc.types import Database, MessageSpec, SignalSpec, near_names
 from candaemon.errors import ConfigError
@@ -106,7 +106,7 @@ def _layout(
     """Find one of an object's messages, for every place."""
     places = range(1 if form.multiplexed else form.places_on_page)
     numbers = [form.first + form.step * place for place in places]
-    found = [find_message(database, entry.named(number), location) for number in numbers]
+    found = _numbered_messages(database, entry, form, numbers, location)
     id_signal, keys = None, dict[int, int]()
     messages = tuple(numbered_view(message, names, form, place) for place, message in enumerate(found))
     if entry.id_signal is not None and not form.multiplexed:
@@ -144,6 +144,26 @@ def _layout(
     if page is not None:
         check_alike(layout, [page.signal.name], location)
     return layout
+
+
+def _numbered_messages(
+    database: Database, entry: ObjectMessage, form: ObjectFormat, numbers: Sequence[int], location: SettingLocation
+) -> list[MessageSpec]:
+    """Find the message of each number.
+
+    Raises:
+        ConfigError: the DBC has not all of them; the text says which numbers it has, where that is a row without gaps.
+    """
+    absent = next((number for number in numbers if entry.named(number) not in database.messages), None)
+    wide = range(min(numbers[-1] + len(numbers), MOST_SLOTS) + 1)
+    there = [number for number in wide if entry.named(number) in database.messages]
+    row = bool(there) and there == list(range(there[0], there[-1] + 1))
+    if absent is not None and row and not form.multiplexed and form.step == 1 and form.pages is None:
+        raise location.error(
+            f"'{database.path.name}' has no message '{entry.named(absent)}'; it has '{entry.named(there[0])}' to "
+            f"'{entry.named(there[-1])}': set first: {there[0]} and slots: {len(there) * len(form.points)}"
+        )
+    return [find_message(database, entry.named(number), location) for number in numbers]
 
 
 def find_in_layouts(

@@ -205,7 +205,12 @@ class Condition(Settings):
     """
 
     signal: DbcName = Field(description="signal name in one of the object's messages")
-    values: tuple[SignalValue, ...] | None = Field(None, alias="in", min_length=1, description="values that pass")
+    values: tuple[SignalValue, ...] | None = Field(
+        None,
+        alias="in",
+        min_length=1,
+        description="numbers that pass; the DBC's table of values has them beside its texts",
+    )
     min: SignalValue | None = Field(None, description="smallest value that passes")
     max: SignalValue | None = Field(None, description="largest value that passes")
     below: SignalValue | None = Field(None, description="passes under this value")

@@ -175,16 +175,27 @@ def _problems(details: ErrorDetails, lines: Mapping[Location, int]) -> Iterator[
                 + meant(context["tag"], tags),
             )
         case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
-            about = _keys_at(location[:-1]).get(str(location[-1]), "")
-            yield where, f"found {_shown(found)}, {_expected(details)}" + (f" ({about})" if about else "")
+            yield where, f"found {_shown(found)}, {_expected(details)}{_about(location)}"
         case "model_attributes_type":
             key, kinds = _kinds_at(location)
             text = f"found {_shown(found)}, expected a mapping with {key}, one of {', '.join(kinds)}"
             yield where, text + (_meant_kind(found, key, kinds) if isinstance(found, str) else "")
         case "model_type":
             yield where, f"found {_shown(found)}, expected a mapping of {listed_names(sorted(_keys_at(location)))}"
+        case "tuple_type":
+            hint = "; write [a, b], also of one" if isinstance(found, str | int | float | dict) else ""
+            yield where, f"found {_shown(found)}, {_expected(details)}{hint}{_about(location)}"
+        case "float_type" | "int_type" | "dict_type":
+            yield where, f"found {_shown(found)}, {_expected(details)}{_about(location)}"
         case _:
             yield where, f"found {_shown(found)}, {_expected(details)}"
+
+
+def _about(location: Location) -> str:
+    """Return what the value at a location, or the list it is in, is, in parentheses; empty where nothing says so."""
+    keys = location[:-1] if isinstance(location[-1], int) else location
+    about = _keys_at(keys[:-1]).get(str(keys[-1]), "")
+    return f" ({about})" if about else ""
 
 
 def _meant_kind(found: str, key: str, kinds: Sequence[str]) -> str:

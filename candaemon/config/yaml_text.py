@@ -215,6 +215,10 @@ def parse_yaml(text: str, path: Path) -> tuple[dict[str, Any], dict[Location, in
     return builder.build(root, ()), builder.lines
 
 
+_BARE: Final = re.compile(r"""[\w}]\{(slot|point|object)[^}]*\}(?![^"']*["'])""")
+"""A number's place in a name that stands without quotes."""
+
+
 def _composed(text: str, path: Path) -> Node | None:
     """Return the root of a YAML text."""
     try:
@@ -227,8 +231,10 @@ def _composed(text: str, path: Path) -> Node | None:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         problem = printable(error.problem or error.context or "", LONGEST_SHOWN)
-        hint = "; indent with spaces" if "\\t" in problem else ""
         line = None if mark is None else mark.line + 1
+        hint = "; indent with spaces" if "\\t" in problem else ""
+        if line is not None and _BARE.search(text.split("\n")[line - 1]):
+            hint = '; a name with {…} is text in quotes, such as "TRACK_{slot}"'
         raise ConfigError(f"not valid YAML: {problem}{hint}", file=path, line=line) from None
     except (ValueError, OverflowError):  # PyYAML converts the numbers of `\U` and `%YAML` as they are
         raise ConfigError("not valid YAML: a number that is too large", file=path, line=loader.line + 1) from None

@@ -176,7 +176,8 @@ class Database:
 def near_names(name: str, known: Iterable[str]) -> str:
     """List which known names are near a mistyped one, or which there are at all."""
     names = list(known)
-    near = similar_names(name, names, 3)
+    plain = name.rpartition(".")[2]
+    near = [plain] if plain in names else similar_names(name, names, 3)
     if near:
         return "did you mean " + " or ".join(f"'{each}'" for each in near) + "?"
     some = sorted(names)
