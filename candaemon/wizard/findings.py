@@ -9,12 +9,13 @@ from typing import Final
 
 import numpy as np
 
-from candaemon.arrays import Floats, Indices
+from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.binding.bound import Binding, BoundSensor
 from candaemon.config.sensors import CounterScan, HeaderScan
 from candaemon.dbc.batch_codec import BatchDecoder
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.ego.pose import EgoPose
+from candaemon.objects.message_layout import MessageLayout
 from candaemon.radar.scan import Scan
 from candaemon.wizard.frame_checks import steps_of
 from candaemon.wizard.layouts import Layout, Part
@@ -31,7 +32,7 @@ from candaemon.wizard.object_motion import (
 from candaemon.wizard.object_table import ObjectColumn, ObjectTable
 from candaemon.wizard.occupancy import Occupancy, occupancy
 from candaemon.wizard.own_motion import SLOWEST, OwnMotion
-from candaemon.wizard.traffic import LogTraffic, read_traffic
+from candaemon.wizard.traffic import LogTraffic, Stream, read_traffic
 from candaemon.wizard.trial import LEAST_NIS, Trial, try_on
 
 PROVEN: Final = 6.0
@@ -177,7 +178,8 @@ def _frames(sensor: BoundSensor, traffic: LogTraffic, trial: Trial) -> Iterator[
 
 def _more_slots(sensor: BoundSensor, traffic: LogTraffic) -> Iterator[LogFinding]:
     """Yield messages of the objects' family that came and are configured for no slot."""
-    form = sensor.settings.objects
+    form, scan = sensor.settings.objects, sensor.settings.scan
+    are_all_sent = not (isinstance(scan, HeaderScan) and scan.used_only)
     for layout, entry in zip(sensor.reader.layouts, form.messages, strict=True):
         if "{slot" not in entry.message:
             continue
@@ -195,7 +197,7 @@ def _more_slots(sensor: BoundSensor, traffic: LogTraffic) -> Iterator[LogFinding
                 ("sensors", sensor.name, "objects", "slots"),
                 f"{further} further messages such as {entry.message} came that no slot takes; check slots and first",
             )
-        elif silent and not entry.optional:
+        elif silent and are_all_sent and not entry.optional:
             yield LogFinding(
                 ("sensors", sensor.name, "objects", "slots"),
                 f"{silent} of the {len(layout.messages)} messages {entry.message} never came; check slots and first",
@@ -215,7 +217,8 @@ def _closing(sensor: BoundSensor, traffic: LogTraffic) -> Iterator[LogFinding]:
             spec = message.find(scan.signal)
             if stream is None or spec is None or len(stream.time) < 10:
                 continue
-            step, share = steps_of(BatchDecoder(message, [spec.name]).decode(stream.payload)[0], spec.length)
+            values = BatchDecoder(message, [spec.name]).decode(stream.payload)[0][_of_one_slot(layout, message, stream)]
+            step, share = steps_of(values[np.isfinite(values)], spec.length)
             if step == 0 or share < 0.5:
                 yield LogFinding(
                     (*place, "signal"),
@@ -227,14 +230,36 @@ def _closing(sensor: BoundSensor, traffic: LogTraffic) -> Iterator[LogFinding]:
         yield from _header_count(sensor, scan, sensor.header.message, traffic)
 
 
+def _of_layout(layout: MessageLayout, message: MessageSpec, stream: Stream) -> Booleans:
+    """Return which frames of a message are of a layout, where a value in them says so (n,)."""
+    if layout.selector is None:
+        return np.ones(len(stream.time), np.bool_)
+    signal, value = layout.selector
+    values: Floats = BatchDecoder(message, [signal.name]).decode(stream.payload)[0]
+    mine: Booleans = values == value * signal.scale + signal.offset
+    return mine
+
+
+def _of_one_slot(layout: MessageLayout, message: MessageSpec, stream: Stream) -> Booleans:
+    """Return which frames of a message are of one slot, that which came most often (n,)."""
+    rows = _of_layout(layout, message, stream)
+    if layout.id_signal is None or not rows.any():
+        return rows
+    numbers = BatchDecoder(message, [layout.id_signal.name]).decode(stream.payload)[0]
+    known, counts = np.unique(numbers[rows], return_counts=True)
+    mine: Booleans = rows & (numbers == known[counts.argmax()])
+    return mine
+
+
 def _header_count(
     sensor: BoundSensor, scan: HeaderScan, message: MessageSpec, traffic: LogTraffic
 ) -> Iterator[LogFinding]:
     """Yield a header's count that is not the number of objects."""
     stream = traffic.stream(sensor.bus, message)
+    layout = sensor.reader.layouts[0]
     first = [
-        each.order
-        for part in sensor.reader.layouts[0].messages
+        each.order[_of_layout(layout, part, each)]
+        for part in layout.messages
         if (each := traffic.stream(sensor.bus, part)) is not None
     ]
     if (

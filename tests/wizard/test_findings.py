@@ -11,6 +11,7 @@ from candaemon.binding.bind import bind
 from candaemon.cli.main import main
 from candaemon.config.load import load_config
 from candaemon.wizard.findings import findings
+from tests.support import small_car
 from tests.support.bound import binding as shipped
 from tests.support.paths import ROOT
 from tests.wizard.drives import survey_log
@@ -197,3 +198,52 @@ def test_the_command_names_the_line_and_repeats_guesses(tmp_path: Path, capsys: 
     assert f"spoilt.yaml:{line + 1}" in told
     assert "sensors.front.cycle_time: found 0.2 s, but scans came every 0.07" in told
     assert "nobody knows" in told
+
+
+def test_nothing_is_said_of_slots_that_a_header_does_not_count(tmp_path: Path) -> None:
+    log = tmp_path / "drive.log"
+    assert main(["simulate", "turning_ego", "ford_mrr_fd", "-o", str(log)]) == 0
+    assert findings(shipped("ford_mrr_fd"), [log]) == []
+
+
+IN_PARTS = small_car.DBC.replace(
+    ' SG_ DIST_LONG : 8|12@1+ (0.0625,0) [0|255] "m" CAR\n SG_ DIST_LAT : 20|12@1- (0.03125,0) [-64|63] "m" CAR\n',
+    ' SG_ PART M : 6|2@1+ (1,0) [0|3] "" CAR\n'
+    ' SG_ DIST_LONG m0 : 8|12@1+ (0.0625,0) [0|255] "m" CAR\n'
+    ' SG_ DIST_LAT m0 : 20|12@1- (0.03125,0) [-64|63] "m" CAR\n',
+).replace("SG_ REL_SPEED : 32|12", "SG_ REL_SPEED m1 : 32|12")
+BY_NUMBER = "".join(
+    f' SG_ R{k:02d} m{k} : 8|12@1+ (0.0625,0) [0|255] "m" CAR\n'
+    f' SG_ A{k:02d} m{k} : 20|12@1- (0.05,0) [-100|100] "deg" CAR\n'
+    f' SG_ V{k:02d} m{k} : 32|12@1- (0.0625,0) [-128|127] "m/s" CAR\n'
+    f' SG_ C{k:02d} m{k} : 44|4@1+ (1,0) [0|15] "" CAR\n'
+    for k in range(16)
+)
+
+
+def test_nothing_is_said_of_a_count_of_objects_in_parts(tmp_path: Path) -> None:
+    parts = ", ".join(f"{{message: OBJECT, id_signal: INDEX, when: {{PART: {part}}}}}" for part in (0, 1))
+    yaml = small_car.YAML.replace("{message: OBJECT, id_signal: INDEX}", parts)
+    config = small_car.written(tmp_path, yaml, IN_PARTS)
+    assert contradictions(config, tmp_path) == []
+
+
+def test_nothing_is_said_of_a_counter_that_each_slot_has(tmp_path: Path) -> None:
+    before, _, after = small_car.DBC.partition("BO_ 1025")
+    index = 'BO_ 1025 OBJECT: 8 CAR\n SG_ INDEX M : 0|4@1+ (1,0) [0|15] "" CAR\n'
+    dbc = before + index + BY_NUMBER + after[after.index("BO_ 1026") :]
+    yaml = re.sub("scan: .*", 'scan: {close: counter, signal: "C{slot:02d}"}', small_car.YAML)
+    yaml = re.sub(
+        "signals: {x.*", 'signals: {range: "R{slot:02d}", azimuth: "A{slot:02d}", range_rate: "V{slot:02d}"}', yaml
+    )
+    yaml = re.sub("noise: .*", "noise: {range: 0.15, azimuth_deg: 0.5, range_rate: 0.12}", yaml)
+    yaml = re.sub("      (valid|new): .*\n", "", yaml)
+    config = small_car.written(tmp_path, yaml, dbc)
+    assert contradictions(config, tmp_path) == []
+
+
+def contradictions(config: Path, folder: Path) -> list[str]:
+    """Return what is said of a configuration by a log that was simulated by it."""
+    log = folder / "drive.log"
+    assert main(["simulate", "guard_rail", str(config), "-o", str(log)]) == 0
+    return [each.text for each in findings(bind(load_config(config)), [log])]
