@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+from candaemon.can_io.logs.stream import NO_CHANNEL
 from candaemon.config.names import interface_problem, is_log_channel
 from candaemon.printable import printable
 from candaemon.wizard.draft import GUESS, Choice
@@ -60,7 +61,12 @@ def quoted(value: str) -> str:
         "~",
     }:
         return value
-    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return _in_quotes(value)
+
+
+def _in_quotes(text: str) -> str:
+    """Return a text as YAML takes it for nothing else, such as the number that a channel is called by."""
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def draft_text(proposal: Proposal, path_of: Callable[[Path], str], noise_factor: float = 1.0, nis: str = "") -> str:
@@ -126,7 +132,7 @@ def _buses(lines: Lines, proposal: Proposal, path_of: Callable[[Path], str]) -> 
             if path not in used and traffic.channel_of(tuple(database.messages.values())) == channel
         ]
         keys = [f"channel: {quoted(told)}"]
-        keys += [f"log_channel: {quoted(log_channel)}"] if log_channel else []
+        keys += [f"log_channel: {_in_quotes(log_channel)}"] if log_channel else []
         keys += [f"dbc: [{', '.join(further)}]"] if further else []
         keys += ["fd: true"] if any(s.fd for (c, _), s in traffic.streams.items() if c == channel) else []
         lines.add(
@@ -139,7 +145,9 @@ def _channel(name: str, number: int) -> tuple[str, str]:
     """Return an interface for a log's channel, and the name in logs where that is another one."""
     if name.isdigit():
         return f"can{name}", name
-    if not interface_problem(name) and is_log_channel(name) and name != "none":
+    if name == NO_CHANNEL:
+        return f"can{number}", name
+    if not interface_problem(name) and is_log_channel(name):
         return name, ""
     return f"can{number}", ""
 

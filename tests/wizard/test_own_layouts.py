@@ -279,3 +279,15 @@ def test_a_table_of_values_tells_objects_where_no_slot_of_the_log_is_empty(tmp_p
     assert main(["init", str(tmp_path / "car.dbc"), "--log", str(log), "-o", str(out)]) == 0
     objects = load_config(out).config.sensors["front"].objects
     assert [condition.values for condition in (*objects.valid, *objects.new)] == [(1.0, 2.0), (1.0,)]
+
+
+@pytest.mark.parametrize("suffix", ["asc", "blf", "trc", "csv", "pcapng"])
+def test_a_log_of_any_format_is_taken(suffix: str, tmp_path: Path) -> None:
+    config, recorded = small_car.written(tmp_path), tmp_path / "drive.log"
+    log, out = tmp_path / f"drive.{suffix}", tmp_path / "found.yaml"
+    assert main(["simulate", "turning_ego", str(config), "-o", str(recorded)]) == 0
+    assert main(["convert", str(recorded), str(log)]) == 0
+    assert main(["init", str(tmp_path / "car.dbc"), "--log", str(log), "-o", str(out)]) == 0
+    (bus,) = load_config(out).config.buses.values()
+    assert bus.names_in_logs == {"csv": ("can0", "none"), "pcapng": ("can0",)}.get(suffix, ("can0", "0"))
+    assert main(["replay", str(out), str(log)]) == 0
