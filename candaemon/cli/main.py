@@ -11,6 +11,7 @@ import argparse
 import gc
 import logging
 import os
+import re
 import signal
 import sys
 import threading
@@ -25,6 +26,7 @@ from candaemon.cli import console, standard_streams
 from candaemon.daemon.process_signals import ServiceSignals
 from candaemon.errors import CandaemonError
 from candaemon.printable import printable
+from candaemon.similar_names import meant
 
 logger = logging.getLogger(__name__)
 
@@ -100,7 +102,8 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose complaints are safe to print: a shell puts names of files among the arguments."""
 
     def error(self, message: str) -> NoReturn:
-        super().error(printable(message))
+        wrong = re.match(r"argument COMMAND: invalid choice: '([^']*)'", message)
+        super().error(printable(message + (meant(wrong[1], list(COMMANDS)) if wrong else "")))
 
 
 class Ended(KeyboardInterrupt):
@@ -163,11 +166,14 @@ def _parsed(argv: list[str], signals: ServiceSignals | None) -> argparse.Namespa
         epilog="Exit code: 0 done, 1 failed, 2 wrong usage or configuration, 128 + N ended by signal N.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version, and what computes")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True, dest="command")
     for name, about in COMMANDS.items():
         command = commands.add_parser(name, help=about, description=about)
         if name in argv:
             module = import_module(f"candaemon.cli.{name.replace('-', '_')}")
             module.add_arguments(command)
             command.set_defaults(execute=module.execute)
-    return parser.parse_args(argv, argparse.Namespace(signals=signals))
+    arguments, further = parser.parse_known_args(argv, argparse.Namespace(signals=signals))
+    if further:  # the command's own usage says what it takes, and where
+        commands.choices[arguments.command].error(f"unrecognized arguments: {' '.join(further)}")
+    return arguments

@@ -9,7 +9,7 @@ from importlib import import_module
 import pytest
 
 from candaemon.cli import arguments, demo, papers, replay, run
-from candaemon.cli.main import COMMANDS
+from candaemon.cli.main import COMMANDS, main
 from candaemon.simulation.scenario import LONGEST_DRIVE
 
 ABSURD = (
@@ -78,3 +78,20 @@ def test_horizons_have_limits_each_and_together() -> None:
     for beyond in (f"{longest + 0.1}", f"{shortest - 1e-4}", ",".join([*many, "0.5"])):
         with pytest.raises(argparse.ArgumentTypeError, match="expected"):
             replay.horizons(beyond)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["chek", "a.yaml"], "; did you mean 'check'?"),
+        (["convert", "a", "b", "--force"], "usage: candaemon convert [-h]"),
+        (["check", "a", "--log", "b", "c"], "candaemon check: error: unrecognized arguments: c"),
+    ],
+)
+def test_what_is_mistyped_is_told_beside_what_the_command_takes(
+    words: list[str], expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    assert stop.value.code == 2
+    assert expected in capsys.readouterr().err
