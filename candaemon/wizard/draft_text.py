@@ -121,7 +121,9 @@ def _buses(lines: Lines, proposal: Proposal, path_of: Callable[[Path], str]) -> 
             names[own.channel] = "ins" if own.kind == "ins" else "car"
     for number, (channel, name) in enumerate(names.items()):
         if traffic is None:
-            lines.add(1, f"{name}: {{channel: can{number}}}", "no log was given", guess=True)
+            long = any(sensor.channel == channel and _is_fd(sensor) for sensor in proposal.sensors)
+            keys = [f"channel: can{number}", *(["fd: true"] if long else [])]
+            lines.add(1, f"{name}: {{{', '.join(keys)}}}", "no log was given", guess=True)
             continue
         told, log_channel = _channel(traffic.channels[channel], number)
         used = {sensor.dbc for sensor in proposal.sensors if sensor.channel == channel}
@@ -134,11 +136,18 @@ def _buses(lines: Lines, proposal: Proposal, path_of: Callable[[Path], str]) -> 
         keys = [f"channel: {quoted(told)}"]
         keys += [f"log_channel: {_in_quotes(log_channel)}"] if log_channel else []
         keys += [f"dbc: [{', '.join(further)}]"] if further else []
-        keys += ["fd: true"] if any(s.fd for (c, _), s in traffic.streams.items() if c == channel) else []
+        long = any(sensor.channel == channel and _is_fd(sensor) for sensor in proposal.sensors)
+        long |= any(s.fd for (c, _), s in traffic.streams.items() if c == channel)
+        keys += ["fd: true"] if long else []
         lines.add(
             1, f"{name}: {{{', '.join(keys)}}}", f"its messages came on the log's channel {traffic.channels[channel]}"
         )
     return names
+
+
+def _is_fd(sensor: Sensor) -> bool:
+    """Return whether the DBC says that a sensor's objects come in CAN FD frames."""
+    return any(message.is_fd for part in sensor.layout.parts for message in part.messages)
 
 
 def _channel(name: str, number: int) -> tuple[str, str]:

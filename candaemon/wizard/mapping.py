@@ -99,6 +99,8 @@ _DIMENSION_OF: Final = {
     "x": "length", "y": "length", "range": "length", "width": "length", "length": "length", "azimuth": "angle",
     "heading": "angle", "range_rate": "speed", "vx": "speed", "vy": "speed", "ax": "acceleration",
 }  # fmt: skip
+_SI: Final = {"length": "m", "speed": "m/s", "angle": "deg", "acceleration": "m/s^2"}
+"""What is taken for a unit of the DBC that nobody knows."""
 _LEAST_BITS: Final = {"x": 6, "y": 6, "range": 6, "azimuth": 6, "range_rate": 6, "vx": 6, "vy": 5, "ax": 5}
 
 
@@ -277,13 +279,19 @@ def _unit_of(column: ObjectColumn) -> tuple[str, float]:
 
 def _reference(column: ObjectColumn, *, negative: bool = False, unit: str = "", scale: float = 1.0) -> str:
     """Return a signal as a configuration has it."""
-    sign = "-" if negative else ""
+    sign, unit = "-" if negative else "", unit or _unit_instead(column)
     name = f'"{column.name}"' if "{" in column.name else column.name
     if scale != 1.0:
         return f"{{signal: {name}, unit: {unit or '1'}, scale: {sign}{scale:.4g}}}"
     return f"{{signal: {name}, unit: {unit}, scale: -1}}" if unit and negative else (
         f"{{signal: {name}, unit: {unit}}}" if unit else f"{sign}{column.name}"
     )  # fmt: skip
+
+
+def _unit_instead(column: ObjectColumn) -> str:
+    """Return the unit that stands for one of the DBC that nobody knows; empty where it is known, or not needed."""
+    unknown = column.spec.unit.strip() and normalised_unit(column.spec.unit) not in UNITS
+    return _SI.get(_DIMENSION_OF.get(role_of(column.name)[0], ""), "") if unknown else ""
 
 
 def _map_distance(mapped: Mapping, table: ObjectTable, far: str, own: OwnMotion | None) -> None:
@@ -701,7 +709,9 @@ def _by_name(key: str, column: ObjectColumn) -> Choice:
     told = side_of(column.spec.comment)
     top = max(abs(column.spec.minimum or 0.0), abs(column.spec.maximum or 0.0))
     unit = ("rad" if 0 < top < 3.3 else "deg") if key == "azimuth" and not dimension else ""
+    strange = "" if unit or not _unit_instead(column) else column.spec.unit.strip()
     why = "by name" + (f"; the DBC's comment says positive to the {'left' if told > 0 else 'right'}" if told else "")
+    why += f"; the DBC's unit '{strange}' is not known" if strange else ""
     why += f"; {unit} by the DBC's range" if unit else ""
-    sure = key in {"range", "x", "width", "length", "score"}
+    sure = key in {"range", "x", "width", "length", "score"} and not strange
     return Choice(_reference(column, negative=told < 0, unit=unit), why, guess=not sure, ask="sign")

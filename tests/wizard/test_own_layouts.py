@@ -291,3 +291,37 @@ def test_a_log_of_any_format_is_taken(suffix: str, tmp_path: Path) -> None:
     (bus,) = load_config(out).config.buses.values()
     assert bus.names_in_logs == {"csv": ("can0", "none"), "pcapng": ("can0",)}.get(suffix, ("can0", "0"))
     assert main(["replay", str(out), str(log)]) == 0
+
+
+@pytest.mark.parametrize("logged", [False, True])
+@pytest.mark.parametrize(
+    ("length", "speed", "x", "rate"),
+    [
+        ("m", "m/s", 1.0, 1.0),
+        ("ft", "ft/s", 0.3048, 0.3048),
+        ("m", "cm/s", 1.0, 0.01),
+        ("furlong", "furlong/week", 1.0, 1.0),
+    ],
+)
+def test_what_init_writes_of_any_unit_can_be_used(
+    logged: bool, length: str, speed: str, x: float, rate: float, tmp_path: Path
+) -> None:
+    config, log, out = small_car.written(tmp_path), tmp_path / "drive.log", tmp_path / "found.yaml"
+    assert main(["simulate", "turning_ego", str(config), "-o", str(log)]) == 0
+    lines = small_car.DBC.splitlines(keepends=True)
+    ours = [re.sub('"m"', f'"{length}"', line) if "DIST" in line else line for line in lines]
+    ours = [re.sub('"m/s"', f'"{speed}"', line) if "REL_SPEED" in line else line for line in ours]
+    small_car.written(tmp_path, dbc="".join(ours))
+    words = ["--log", str(log)] if logged else []
+    assert main(["init", str(tmp_path / "car.dbc"), *words, "-o", str(out)]) == 0
+    bindings = {each.quantity: each for each in bind(load_config(out)).sensors[0].reader.bindings}
+    if not logged:  # a log shows that the unit is wrong, as it is here
+        assert (bindings["x"].gain, bindings["range_rate"].gain) == pytest.approx((x, rate))
+
+
+def test_a_bus_of_long_messages_is_can_fd_without_a_log(tmp_path: Path) -> None:
+    small_car.written(tmp_path, dbc=small_car.DBC.replace("BO_ 1025 OBJECT: 8", "BO_ 1025 OBJECT: 16"))
+    out = tmp_path / "found.yaml"
+    assert main(["init", str(tmp_path / "car.dbc"), "-o", str(out)]) == 0
+    bound = bind(load_config(out))
+    assert bound.buses[bound.sensors[0].bus].settings.fd
