@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from candaemon.arrays import Floats, Indices, Integers
 from candaemon.dbc.batch_codec import BatchDecoder
-from candaemon.dbc.types import MessageSpec
+from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.wizard.frame_checks import steps_of
 from candaemon.wizard.object_table import ObjectTable
 from candaemon.wizard.traffic import LogTraffic
@@ -201,17 +202,19 @@ def _header(
         edges = np.searchsorted(first_part, stream.order)
         following = np.diff(np.append(edges, len(first_part)))
         occupied = _occupied_following(table, stream.order)
-        for row, spec in enumerate(message.signals):
-            counted = decoded[row]
-            if spec.length < 2 or len(np.unique(counted)) < 2:
+        for counting, counted in _counted(message.signals, decoded):
+            if len(np.unique(counted)) < 2:
                 continue
             sent = float(np.mean(counted[1:-1] == following[1:-1]))
             used = float(np.mean(counted[1:-1] == occupied[1:-1]))
             share = max(sent, used)
             if share > 0.8 and (best is None or share > best[0]):
-                keys = {"close": "header", "message": message.name, "count": spec.name}
+                count = counting[0] if len(counting) == 1 else f"[{', '.join(counting)}]"
+                keys = {"close": "header", "message": message.name, "count": count}
                 names = [
-                    s.name for k, s in enumerate(message.signals) if s is not spec and _counts(decoded[k], s.length)
+                    each.name
+                    for row, each in enumerate(message.signals)
+                    if each.name not in counting and _counts(decoded[row], each.length)
                 ]
                 if names:
                     keys["counter"] = names[0]
@@ -220,8 +223,18 @@ def _header(
                     keys["used_only"] = "false"
                 what = "objects that follow" if sent >= used else "occupied slots that follow"
                 scan = np.searchsorted(stream.order, frames.order)
-                best = (share, keys, f"it says how many: {spec.name} is the number of {what} in {share:.1%}", scan)
+                why = f"it says how many: {' + '.join(counting)} is the number of {what} in {share:.1%}"
+                best = (share, keys, why, scan)
     return None if best is None else best[1:]
+
+
+def _counted(signals: Sequence[SignalSpec], decoded: Floats) -> Iterator[tuple[tuple[str, ...], Floats]]:
+    """Yield what may count objects: each signal of a message, and then each two that add up, by their names."""
+    wide = [(each.name, values) for each, values in zip(signals, decoded, strict=True) if each.length >= 2]
+    for name, values in wide:
+        yield (name,), values
+    for (one, its), (other, theirs) in combinations(wide, 2):
+        yield (one, other), its + theirs
 
 
 def _scan_period(table: ObjectTable, times: Floats) -> float:

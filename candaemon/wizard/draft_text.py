@@ -252,13 +252,13 @@ def _objects(lines: Lines, sensor: Sensor) -> None:
         lines.add(3, f"first: {layout.first}")
     if layout.step != 1:
         lines.add(3, f"step: {layout.step}")
-    if layout.listed and layout.parts[0].id_name in layout.parts[0].names:
-        lines.add(3, f"identity: {quoted(layout.parts[0].id_name)}", "the number in each frame")
-    elif layout.unnumbered:
+    if layout.unnumbered:
         lines.add(3, "identity: false", "the order in which they come is no identity")
     elif mapped.identity is not None:
         name = mapped.identity.value
         lines.add(3, f"identity: {name if name == 'false' else quoted(name)}", mapped.identity.why)
+    elif layout.listed and layout.parts[0].id_name in layout.parts[0].names:
+        lines.add(3, f"identity: {quoted(layout.parts[0].id_name)}", "the number in each frame")
     if sensor.pair:
         lines.add(
             3,

@@ -14,6 +14,7 @@ from candaemon.can_io.logs.stream import LogCounts
 from candaemon.cli.main import main
 from candaemon.config.ego import InsSettings
 from candaemon.config.load import load_config
+from candaemon.config.sensors import HeaderScan
 from candaemon.dbc.types import MessageSpec, SignalSpec
 from candaemon.wizard.layouts import find_unnumbered
 from candaemon.wizard.object_table import FEWEST_LISTED, object_table
@@ -325,3 +326,16 @@ def test_a_bus_of_long_messages_is_can_fd_without_a_log(tmp_path: Path) -> None:
     assert main(["init", str(tmp_path / "car.dbc"), "-o", str(out)]) == 0
     bound = bind(load_config(out))
     assert bound.buses[bound.sensors[0].bus].settings.fd
+
+
+def test_a_list_whose_numbers_are_places_is_closed_by_counts_that_add_up(tmp_path: Path) -> None:
+    """ARS408 in cluster mode: the header counts near and far ones, and a cluster's number is its place in the list."""
+    log, out = tmp_path / "drive.log", tmp_path / "found.yaml"
+    assert main(["simulate", "traffic_town", "ars408_clusters", "-o", str(log)]) == 0
+    dbcs = [str(ROOT / "dbc" / name) for name in ("ars408_clusters.dbc", "oxts.dbc")]
+    assert main(["init", *dbcs, "--log", str(log), "-o", str(out)]) == 0
+    sensor = load_config(out).config.sensors["front"]
+    assert sensor.objects.identity is False
+    assert isinstance(sensor.scan, HeaderScan)
+    assert sensor.scan.count == ("Cluster_NofClustersNear", "Cluster_NofClustersFar")
+    assert sensor.scan.counter == "Cluster_MeasCounter"
