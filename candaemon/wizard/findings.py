@@ -83,6 +83,7 @@ def findings(binding: Binding, logs: Sequence[Path]) -> list[LogFinding]:
             if not any(each.where[:2] == ("buses", binding.buses[sensor.bus].name) for each in found):
                 found.append(_absent(binding, sensor, traffic))
             continue
+        found += _twin(binding, sensor, traffic)
         found += _frames(sensor, traffic, trial)
         found += _scans(sensor, trial)
         found += _motion(binding, sensor, trial)
@@ -125,6 +126,33 @@ def _absent(binding: Binding, sensor: BoundSensor, traffic: LogTraffic) -> LogFi
     elsewhere = sorted({binding.buses[bus].name for bus, can_id in traffic.streams if can_id in ids})
     cure = f"they came on bus {', '.join(elsewhere)}: set bus" if elsewhere else "check the DBC file and the channel"
     return LogFinding(("sensors", sensor.name, "bus"), f"not one of its objects' messages came on this bus; {cure}")
+
+
+_FARTHEST_TWIN: Final = 0xFF
+"""Most by which the identifiers of two devices of one kind differ."""
+
+
+def _twin(binding: Binding, sensor: BoundSensor, traffic: LogTraffic) -> Iterator[LogFinding]:
+    """Yield what seems to be a second device of a sensor's kind: unknown identifiers, a number beside the sensor's."""
+    known = {can_id for database in binding.buses[sensor.bus].databases for can_id in database.by_id}
+    came = {can_id: stream for (bus, can_id), stream in traffic.streams.items() if bus == sensor.bus}
+    own = [can_id for can_id in sorted(sensor.can_ids) if can_id in came]
+    strange = came.keys() - known
+    offsets = range(-_FARTHEST_TWIN, _FARTHEST_TWIN + 1) if len(own) > 1 else range(0)
+    for offset in offsets:
+        beside = [each + offset for each in own]
+        if strange.issuperset(beside) and all(_is_alike(came[a], came[b]) for a, b in zip(own, beside, strict=True)):
+            yield LogFinding(
+                ("sensors", sensor.name),
+                f"identifiers {offset:+#x} beside its own came too, of the same lengths and in no DBC: of another "
+                f"device of its kind? Give that a sensor with id_offset: {sensor.settings.id_offset + offset:#x}",
+            )
+            return
+
+
+def _is_alike(one: Stream, other: Stream) -> bool:
+    """Return whether two streams have frames of the same lengths, about as often."""
+    return set(one.length.tolist()) == set(other.length.tolist()) and 1 / 3 < len(one.time) / len(other.time) < 3
 
 
 def _own_motion(binding: Binding, trial: Trial) -> Iterator[LogFinding]:

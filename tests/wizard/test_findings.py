@@ -247,3 +247,17 @@ def contradictions(config: Path, folder: Path) -> list[str]:
     log = folder / "drive.log"
     assert main(["simulate", "guard_rail", str(config), "-o", str(log)]) == 0
     return [each.text for each in findings(bind(load_config(config)), [log])]
+
+
+def test_a_second_device_of_a_kind_is_told_until_it_has_a_sensor(tmp_path: Path) -> None:
+    before, front = small_car.YAML.split("  front:\n")
+    rear = front.replace("mount: {x: 3.6}", "mount: {x: -1, yaw_deg: 180}\n    id_offset: 0x10")
+    both = small_car.written(tmp_path, f"{before}  front:\n{front}  rear:\n{rear}")
+    log = tmp_path / "drive.log"
+    assert main(["simulate", "traffic_town", str(both), "-o", str(log)]) == 0
+    assert not any("id_offset" in each.text for each in findings(bind(load_config(both)), [log]))
+    (told,) = (
+        each for each in findings(bind(load_config(small_car.written(tmp_path))), [log]) if "id_offset" in each.text
+    )
+    assert told.where == ("sensors", "front")
+    assert told.text.endswith("Give that a sensor with id_offset: 0x10")
