@@ -18,6 +18,7 @@ STAGES: Final = (
     "trust",
     "predict",
     "associate",
+    "weigh existence",
     "update",
     "initiate, confirm, delete",
     "merge and split",

@@ -106,8 +106,13 @@ class VehicleTracker:
     STAGES: ClassVar[Mapping[str, str]] = {
         "_predict": "predict",
         "_associate": "associate",
+        "_observe_existence": "weigh existence",
         "_update": "update",
+        "_record": "update",
         "_observe_noise": "update",
+        "_turn_axes": "update",
+        "_return_references": "update",
+        "_face": "update",
         "_initiate": "initiate, confirm, delete",
         "_confirm_and_delete": "initiate, confirm, delete",
         "_hand_over": "merge and split",
@@ -222,7 +227,7 @@ class VehicleTracker:
         if detections is not None:
             detections = self._as_noisy(detections)
             association = self._associate(detections)
-            self._existence.observe(self._bodies, association, detections, pose)
+            self._observe_existence(association, detections, pose)
             self._update(association, detections, pose)
             self._initiate(association, detections, pose)
             self._record(association, detections)
@@ -231,11 +236,9 @@ class VehicleTracker:
         self._confirm_and_delete(pose, detections)
         if detections is not None and self.settings.reflections.merge and len(self):
             self._hand_over()
-            patience_ns = int(self.settings.reflections.patience * 1e9)
-            self._bodies.return_reference(self._state.time_ns, self._places.return_time, patience_ns)
+            self._return_references()
             self._merge_and_split()
-        self._bodies.obstacles.facing = box.facing_offsets(self._bodies, pose)
-        self._bodies.forget_turning()
+        self._face(pose)
         if link is not None:
             state, covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])
             swing = self._bodies.swing()
@@ -466,6 +469,10 @@ class VehicleTracker:
         found = associate(bodies, detections, association, extent, vague, detecting)
         self.counts.slot_jumps += found.slot_jumps
         return found
+
+    def _observe_existence(self, association: Association, detections: Detections, pose: EgoPose) -> None:
+        """Weigh by what a scan shows whether bodies exist."""
+        self._existence.observe(self._bodies, association, detections, pose)
 
     def _update(self, association: Association, detections: Detections, pose: EgoPose) -> None:
         """Update the bodies with all their detections, then the places of their reflections."""
@@ -774,6 +781,16 @@ class VehicleTracker:
         rows = np.flatnonzero(silent & (successor >= 0))
         if len(rows):
             bodies.lead(rows, successor[rows])
+
+    def _return_references(self) -> None:
+        """Let the reference points return to what is seen of the bodies."""
+        patience_ns = int(self.settings.reflections.patience * 1e9)
+        self._bodies.return_reference(self._state.time_ns, self._places.return_time, patience_ns)
+
+    def _face(self, pose: EgoPose) -> None:
+        """Find where the reference points lie on the boxes, which face us."""
+        self._bodies.obstacles.facing = box.facing_offsets(self._bodies, pose)
+        self._bodies.forget_turning()
 
     def _merge_and_split(self) -> None:
         """Split off reflections that move apart, merge bodies that move together."""
