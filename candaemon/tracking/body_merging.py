@@ -40,14 +40,21 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         Rows (k,), and the time alongside that is needed (k,), s.
     """
     found, needed = _alongside(bodies, settings, time_ns)
-    obstacles, place = bodies.obstacles, bodies.moments().shown[:, :2]
-    found_small = (obstacles.alone > 1.0) | (obstacles.length_variance > TOLD_LENGTH)  # what a sensor tells is a part
-    person = found_small & (obstacles.length < NARROW)
-    young = np.flatnonzero(person & (found >= 0) & person[found])
+    young = (found >= 0).nonzero()[0]
     if len(young):
+        young = young[_are_people(bodies, young) & _are_people(bodies, found[young])]
+    if len(young):
+        place = bodies.moments().shown[:, :2]
         apart = place[young] - place[found[young]]
         found[young[(apart * apart).sum(axis=1) > WALKER[0] * WALKER[0]]] = -1
     return found, needed
+
+
+def _are_people(bodies: Bodies, rows: Indices) -> Booleans:
+    """Return which bodies (m,) were found to be a person; what a sensor tells to be as small may be a part of a car."""
+    obstacles = bodies.obstacles
+    found_small = (obstacles.alone[rows] > 1.0) | (obstacles.length_variance[rows] > TOLD_LENGTH)
+    return found_small & (obstacles.length[rows] < NARROW)
 
 
 def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tuple[Integers, Floats]:
