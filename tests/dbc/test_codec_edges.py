@@ -62,6 +62,13 @@ def test_signals_not_given_are_zero_and_order_is_the_callers() -> None:
     assert BatchDecoder(spec, ["rate", "distance"]).decode(payload).tolist() == [[-0.25], [0.0]]
 
 
+def test_no_sign_of_zero_is_lost_beside_a_signal_with_an_offset() -> None:
+    """An angle of minus zero is half a turn from one of zero, where x is negative."""
+    spec = message(replace(DISTANCE, scale=-0.1), replace(RATE, offset=5.0))
+    assert [math.copysign(1.0, value) for value in compile_decoder(spec)(bytes(8)) or ()] == [-1.0, 1.0]
+    assert np.copysign(1.0, BatchDecoder(spec).decode(bytes(8))).tolist() == [[-1.0], [1.0]]
+
+
 def test_overlapping_signals_read_their_common_bits_twice() -> None:
     spec = message(SignalSpec("word", 0, 16), SignalSpec("high", 8, 8), length=2)
     assert compile_decoder(spec)(b"\x34\x12") == (0x1234, 0x12)
