@@ -118,11 +118,11 @@ class StraySettings(Settings):
     still: float = Field(0.5, gt=0, le=60, description="… has stood for s; or the other way round")
     fastest: float = Field(2.5, gt=0, le=30, description="m/s, what was ever faster is a vehicle")
     abreast: float = Field(
-        3.2,
-        gt=0,
-        le=50,
-        description="m that all reflections of an obstacle walk without a stop, after which those side by side are "
-        "several people",
+        8.0,
+        ge=1,
+        le=100,
+        description="times as far as tells that one walks: so far all reflections of an obstacle walk without a stop "
+        "until those side by side are several people",
     )
 
 

@@ -58,7 +58,7 @@ def _are_people(bodies: Bodies, rows: Indices) -> Booleans:
 
 
 def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tuple[Integers, Floats]:
-    """Return what `merge_candidates` does; of people, too."""
+    """Return for each obstacle an older one that it is alongside of, as `merge_candidates`: of two people, too."""
     obstacles, reflections, moments = bodies.obstacles, bodies.reflections, bodies.moments()
     course, standing = settings.course, settings.stood
     since_ns = time_ns - round(settings.patience * 1e9)

@@ -703,6 +703,23 @@ class Bodies:
         reflections.rate_difference[splitting] = 0.0
         self.changed()
 
+    def split_together(self, splitting: Indices) -> Indices:
+        """Give reflections (m,), none of them leading, bodies of their own: those of one body together.
+
+        Returns:
+            The reflections that lead the new bodies, the first of each of the old ones.
+        """
+        reflections, place = self.reflections, self.offsets(splitting)
+        _, begin, group = np.unique(reflections.body[splitting], return_index=True, return_inverse=True)
+        first = begin[group]
+        self.split(splitting[begin])
+        mates = (first != np.arange(len(splitting))).nonzero()[0]
+        body = reflections.body[splitting[first[mates]]]
+        reflections.body[splitting[mates]] = body
+        apart = place[mates] - place[first[mates]]
+        reflections.offset[splitting[mates]] = to_travel_axes(apart, self.obstacles.axis[body])
+        return splitting[begin]
+
     def delete(self, lost: Booleans, ended: Booleans) -> Indices:
         """Delete reflections (n,) and bodies (k,), all reflections of an ended body among the lost.
 

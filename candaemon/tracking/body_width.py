@@ -89,15 +89,3 @@ def is_wide(place: Floats, variance: Floats, widest: float) -> bool:
     first, last = across.argmin(), across.argmax()
     error = np.sqrt(variance[first] + variance[last]) + _AXIS_ERROR * np.ptp(along)
     return bool(across[last] - across[first] - error > widest)
-
-
-def part_beside(bodies: Bodies, rows: Indices) -> None:
-    """Give reflections (m,) that `beside_widest` returned bodies of their own, those of one body together."""
-    reflections, place = bodies.reflections, bodies.offsets(rows)
-    _, begin, group = np.unique(reflections.body[rows], return_index=True, return_inverse=True)
-    first = begin[group]
-    bodies.split(rows[begin])
-    mates = (first != np.arange(len(rows))).nonzero()[0]
-    body = reflections.body[rows[first[mates]]]
-    reflections.body[rows[mates]] = body
-    reflections.offset[rows[mates]] = to_travel_axes(place[mates] - place[first[mates]], bodies.obstacles.axis[body])

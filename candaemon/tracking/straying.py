@@ -166,7 +166,7 @@ def abreast(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indic
         time_ns: of the cycle.
     """
     reflections, obstacles, stray = bodies.reflections, bodies.obstacles, settings.stray
-    walk = reflections.walked * stray.distance >= stray.abreast
+    walk = reflections.walked >= stray.abreast
     if np.count_nonzero(walk) < 2:
         return None
     body, place = reflections.body, bodies.offsets()
@@ -192,13 +192,13 @@ def part_abreast(bodies: Bodies, rows: Indices, settings: ReflectionSettings) ->
         settings: as there.
     """
     reflections, obstacles, known = bodies.reflections, bodies.obstacles, len(bodies)
-    place, owner = bodies.offsets(), reflections.body[rows]
-    farthest = rows[np.lexsort((-_distance(place[rows] - place[obstacles.leader[owner]]), owner))]
-    farthest = farthest[np.unique(reflections.body[farthest], return_index=True)[1]]
-    own = np.full(len(bodies), -1, dtype=np.intp)
-    own[reflections.body[farthest]] = farthest
-    part(bodies, rows[_distance(place[rows] - place[own[owner]]) < WALKER[0]], settings)
-    people = np.concatenate([np.unique(owner), np.arange(known, len(bodies))])
+    owner, place = reflections.body[rows], bodies.offsets()
+    order = np.lexsort((-_distance(place[rows] - place[obstacles.leader[owner]]), owner))
+    rows, owner = rows[order], owner[order]  # the farthest of each body first
+    left, begin, group = np.unique(owner, return_index=True, return_inverse=True)
+    own = _distance(place[rows] - place[rows[begin[group]]]) < WALKER[0]
+    _go_on(bodies, known, left, bodies.split_together(rows[own]), settings)
+    people = np.concatenate([left, np.arange(known, len(bodies))])
     obstacles.length[people], obstacles.width[people] = WALKER
     obstacles.alone[people] = _SURELY_ALONE
 
@@ -211,16 +211,28 @@ def _distance(apart: Floats) -> Floats:
 def part(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
     """Give reflections bodies of their own; these, and what is left, move as the trails of what leads them tell.
 
-    What stands while its leader walks stays together, and so does what walks as close together as one person shows.
-    Trails of vehicles tell nothing.
+    What stands while its leader walks stays together. Trails of vehicles tell nothing.
 
     Args:
         bodies: of which some become two.
         rows: of the reflections, none of them leads (m,).
         settings: for how long one stands.
     """
-    reflections, obstacles, known = bodies.reflections, bodies.obstacles, len(bodies)
-    left, lead = np.unique(reflections.body[rows]), _split_off(bodies, rows, settings.stray.still)
+    known, left = len(bodies), np.unique(bodies.reflections.body[rows])
+    _go_on(bodies, known, left, _split_off(bodies, rows, settings.stray.still), settings)
+
+
+def _go_on(bodies: Bodies, known: int, left: Indices, lead: Indices, settings: ReflectionSettings) -> None:
+    """Let bodies that were parted go on as the trails of what leads them tell.
+
+    Args:
+        bodies: with those that are new.
+        known: number of those before.
+        left: rows of those whose reflections were taken (k,).
+        lead: reflections that lead the new ones, in their order.
+        settings: for how long one stands.
+    """
+    reflections, obstacles = bodies.reflections, bodies.obstacles
     parted = np.concatenate([np.arange(known, len(bodies)), left])
     lead = np.concatenate([lead, obstacles.leader[left]])
     walks, stands = reflections.walked[lead] >= 1.0, reflections.stood[lead] >= settings.stray.still
@@ -232,12 +244,10 @@ def _split_off(bodies: Bodies, rows: Indices, still: float) -> Indices:
     """Split off reflections (m,), together those that stand while their leader walks; return what leads new bodies."""
     reflections, obstacles = bodies.reflections, bodies.obstacles
     owner, place, first = reflections.body[rows], bodies.offsets(rows), np.arange(len(rows))
-    leader_walks = reflections.walked[obstacles.leader[owner]] >= 1.0
-    stands, walks = reflections.stood[rows] >= still, reflections.walked[rows] >= 1.0
-    for body in np.unique(owner[leader_walks & (stands | walks)]).tolist():
-        for together in (stands, walks):
-            mates = np.flatnonzero(together & leader_walks & (owner == body))
-            first[mates] = mates[:1]  # nothing where there are none
+    together = (reflections.stood[rows] >= still) & (reflections.walked[obstacles.leader[owner]] >= 1.0)
+    for body in np.unique(owner[together]).tolist():
+        mates = np.flatnonzero(together & (owner == body))
+        first[mates] = mates[0]
     leads = first == np.arange(len(rows))
     bodies.split(rows[leads])
     mates = np.flatnonzero(~leads)

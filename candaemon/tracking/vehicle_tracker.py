@@ -35,7 +35,7 @@ from candaemon.tracking.body_merging import alongside_long, merge_candidates, sp
 from candaemon.tracking.body_modes import MANOEUVRING
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import Bodies, BodiesState
-from candaemon.tracking.body_width import beside_widest, part_beside, wide_together
+from candaemon.tracking.body_width import beside_widest, wide_together
 from candaemon.tracking.columns import longer_ago
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.innovation_correlation import InnovationCorrelation, InnovationCorrelationState
@@ -459,7 +459,7 @@ class VehicleTracker:
     def _associate(self, detections: Detections) -> Association:
         """Return which body and reflection each detection belongs to."""
         bodies, lifecycle = self._bodies, self.settings.lifecycle
-        away = self._silent(bodies.obstacles.last_ns, self._tentative_coast)
+        away = longer_ago(bodies.obstacles.last_ns, self._state.time_ns, self._tentative_coast)
         if away is None:
             vague = np.zeros(len(bodies), dtype=np.bool_)
         else:
@@ -611,7 +611,7 @@ class VehicleTracker:
         if self._by_existence and detections is not None:
             clutter = ended & ~obstacles.confirmed if some else _NONE
             self._existence.learn_clutter(detections.sensor, obstacles.history[clutter])
-        silent = self._silent(reflections.last_ns, lifecycle.reflection_coast)
+        silent = longer_ago(reflections.last_ns, self._state.time_ns, lifecycle.reflection_coast)
         if silent is not None:
             silent[obstacles.leader] = False
         if some or (silent is not None and silent.any()):
@@ -647,10 +647,6 @@ class VehicleTracker:
         alongside = candidates[young & (obstacles.alongside_ns[candidates] > 0)]
         return alongside[~np.isfinite(self._continuations(alongside)[1]).any(axis=1)]
 
-    def _silent(self, last_ns: Integers, longest: float) -> Booleans | None:
-        """Return of what the latest detection (n,) is longer ago than a time, s; None: of nothing."""
-        return longer_ago(last_ns, self._state.time_ns, longest)
-
     def _images(self, candidates: Indices, detections: Detections) -> Indices:
         """Return those of some young obstacles that are held for images of others, for a while: they may be real."""
         age = (self._state.time_ns - self._bodies.obstacles.first_ns[candidates]) * 1e-9
@@ -662,7 +658,7 @@ class VehicleTracker:
     def _ended_by_hits(self, pose: EgoPose) -> Booleans | None:
         """Return which obstacles not detected are to be deleted, by the time without a detection; None: none is."""
         obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
-        missed = self._silent(obstacles.last_ns, self._tentative_coast)
+        missed = longer_ago(obstacles.last_ns, self._state.time_ns, self._tentative_coast)
         if missed is None:
             return None
         coasted = (self._state.time_ns - obstacles.last_ns) * 1e-9
@@ -681,7 +677,7 @@ class VehicleTracker:
             return compiled.kernels.bodies_to_forget(
                 first_ns, last_ns, obstacles.confirmed, covariance, time_ns, coast, longest, most
             )
-        missed = self._silent(last_ns, self._tentative_coast)
+        missed = longer_ago(last_ns, self._state.time_ns, self._tentative_coast)
         if missed is None:
             return None
         away, tracked = (time_ns - last_ns) * 1e-9, (last_ns - first_ns) * 1e-9
@@ -700,7 +696,7 @@ class VehicleTracker:
         coast in sight, and within a field of view.
         """
         obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
-        coasting = self._silent(obstacles.last_ns, self._tentative_coast)
+        coasting = longer_ago(obstacles.last_ns, self._state.time_ns, self._tentative_coast)
         if not self._by_existence or coasting is None:
             return None
         in_view = self._in_view(pose)
@@ -815,7 +811,7 @@ class VehicleTracker:
         if (people := abreast(bodies, settings, time_ns)) is not None:
             part_abreast(bodies, people, settings)
         if (beside := beside_widest(bodies, settings, time_ns)) is not None:
-            part_beside(bodies, beside)
+            bodies.split_together(beside)
         self.counts.obstacles += len(bodies) - before
 
     def _merge(self) -> None:

@@ -57,6 +57,7 @@ from candaemon.tracking.body_merging import alongside_long, merge_candidates, sp
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_store import UNUSED, Bodies
+from candaemon.tracking.columns import longer_ago
 from candaemon.tracking.estimator_factory import make_estimator
 from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
@@ -732,8 +733,9 @@ def test_what_leads_is_confirmed_forgotten_and_stands(monkeypatch: pytest.Monkey
         before = obstacles.leader.copy()
         tracker._hand_over()
         assert 0 < np.count_nonzero(obstacles.leader != before) < 9
-        silent, forgotten, promoted = tracker._silent(last, 1.05), tracker._forgotten(), tracker._promoted(None)
-        assert tracker._silent(last, 2.5) is None
+        now_ns = tracker.state.time_ns
+        silent, forgotten, promoted = longer_ago(last, now_ns, 1.05), tracker._forgotten(), tracker._promoted(None)
+        assert longer_ago(last, now_ns, 2.5) is None
         assert silent is not None
         assert forgotten is not None
         assert 0 < np.count_nonzero(forgotten) < np.count_nonzero(last < 3 * 10**9)

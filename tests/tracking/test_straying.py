@@ -176,6 +176,22 @@ def test_people_who_walk_side_by_side_are_an_obstacle_each(apart: float, shown: 
     assert np.ptp(told.x if across else told.y) == pytest.approx(apart + 0.1 * (shown - 1), abs=0.25)
 
 
+@pytest.mark.parametrize("since", [1.9, 2.6, 3.3])
+def test_another_reflection_of_one_of_them_is_no_third_person(since: float) -> None:
+    """It appears shortly before they are told apart, and has not walked far by then."""
+
+    def people(t: float) -> list[Seen]:
+        later = [Seen(2, 10.0 + WALKS * t, 1.3, WALKS)] if t > since else []
+        return [*side_by_side(t, 1.1, 1), *later]
+
+    fed, rng, most = HandFedVehicles(), np.random.default_rng(3), 0
+    for t in times(1, 160):
+        noise = rng.normal(size=(3, 2)) * 0.03
+        seen = [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(people(t), noise, strict=False)]
+        most = max(most, len(fed.scan(t, seen)))
+    assert most == 2
+
+
 def test_both_sides_of_a_car_that_creeps_are_one_where_it_shows_others_too() -> None:
     """Each of its reflections is another one, elsewhere, after two seconds."""
 
