@@ -12,11 +12,18 @@ from candaemon.binding.bind_output import bind_output
 from candaemon.binding.bind_sensor import bind_sensor, bind_sensor_writer
 from candaemon.binding.bound import Binding, BoundBus, BoundEgo, BoundOutput, BoundSensor
 from candaemon.binding.bus_load import Traffic, bus_load
-from candaemon.binding.conflicts import check_identifiers, misplaced_identifiers, multiplexed_warnings, range_warnings
+from candaemon.binding.conflicts import (
+    check_identifiers,
+    misplaced_error,
+    misplaced_identifiers,
+    multiplexed_warnings,
+    range_warnings,
+)
 from candaemon.binding.location import SettingLocation, collected, raise_all
 from candaemon.binding.oddities import oddities
 from candaemon.config.ego import StaticSettings
 from candaemon.config.load import LoadedConfig
+from candaemon.config.sensors import SensorSettings
 from candaemon.config.settings import Config
 from candaemon.config.shipped import shared_folder
 from candaemon.dbc.database_cache import load_cached
@@ -56,8 +63,7 @@ def bind(loaded: LoadedConfig) -> Binding:
         with collected(errors):
             database = databases.load(sensor.dbc, place)
             if database is not None:
-                own = database.shifted(sensor.id_offset)
-                sensors.append(bind_sensor(sensor, index, name, bus_index[sensor.bus], own, place))
+                sensors.append(_bind_shifted(sensor, index, name, bus_index[sensor.bus], database, place))
     output: BoundOutput | None = None
     if config.output is not None:
         with collected(errors):
@@ -72,7 +78,6 @@ def bind(loaded: LoadedConfig) -> Binding:
     # The parts together: two owners of one identifier, frames that their bus cannot carry.
     on_output_bus = [] if config.output is None else databases.loaded_of(config.buses[config.output.bus].dbc)
     errors += check_identifiers(location, ego, sensors, output, on_output_bus)
-    errors += misplaced_identifiers(location, sensors)
     errors += _long_frames(location, loaded, ego, sensors, output)
     raise_all(errors)
 
@@ -89,6 +94,25 @@ def bind(loaded: LoadedConfig) -> Binding:
     )
     by_path = {str(path): database for path, database in databases.by_path.items()}
     return Binding(loaded, buses, tuple(sensors), ego, output, by_path, warnings)
+
+
+def _bind_shifted(
+    settings: SensorSettings, index: int, name: str, bus: int, database: Database, location: SettingLocation
+) -> BoundSensor:
+    """Bind a sensor to its DBC with the identifiers of its `id_offset`; the arguments are `bind_sensor`'s.
+
+    Which of them it needs, the DBC as it is tells: nothing is made of an identifier that cannot be.
+
+    Raises:
+        ConfigError: as for `bind_sensor`, and one of the sensor's messages would have no identifier any more.
+    """
+    misplaced = misplaced_identifiers(database.by_id, settings.id_offset)
+    if misplaced:
+        needed = bind_sensor(settings, index, name, bus, database, location).can_ids
+        wrong = next((can_id for can_id in misplaced if can_id in needed), None)
+        if wrong is not None:
+            raise misplaced_error(database.by_id[wrong], settings.id_offset, location.at("id_offset"))
+    return bind_sensor(settings, index, name, bus, database.shifted(settings.id_offset), location)
 
 
 @dataclass(slots=True)

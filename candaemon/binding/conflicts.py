@@ -55,19 +55,29 @@ def check_identifiers(
     return errors
 
 
-def misplaced_identifiers(location: SettingLocation, sensors: Iterable[BoundSensor]) -> Iterator[ConfigError]:
-    """Yield an error for each sensor whose `id_offset` leads beyond the identifiers that there are."""
-    for sensor in sensors:
-        offset = sensor.settings.id_offset
-        for can_id in sorted(sensor.can_ids):
-            was = can_id - offset
-            most = 0x1FFF_FFFF if was & EXTENDED else 0x7FF
-            if not 0 <= (was & ~EXTENDED) + offset <= most:
-                yield location.at("sensors", sensor.name, "id_offset").error(
-                    f"found {offset:#x}, with which 0x{was & ~EXTENDED:X} of '{sensor.database.by_id[can_id].name}' "
-                    f"is no identifier any more; they go up to 0x{most:X}"
-                )
-                break
+def misplaced_identifiers(can_ids: Iterable[int], offset: int) -> list[int]:
+    """Return those of a DBC's identifiers, in order, that an `id_offset` leads beyond what identifiers can be."""
+    return [can_id for can_id in sorted(can_ids) if not 0 <= (can_id & ~EXTENDED) + offset <= _most(can_id)]
+
+
+def misplaced_error(message: MessageSpec, offset: int, location: SettingLocation) -> ConfigError:
+    """Return the error for a message that an `id_offset` leads beyond what identifiers can be.
+
+    Args:
+        message: as the DBC has it.
+        offset: the `id_offset`.
+        location: its place.
+    """
+    most = _most(message.can_id)
+    identifier = f"0x{message.can_id & ~EXTENDED:X} of '{message.name}'"
+    return location.error(
+        f"found {offset:#x}, with which {identifier} is no identifier any more; they go up to 0x{most:X}"
+    )
+
+
+def _most(can_id: int) -> int:
+    """Return the largest identifier of the same length."""
+    return 0x1FFF_FFFF if can_id & EXTENDED else 0x7FF
 
 
 def _is_alike(sensor: BoundSensor, other: BoundSensor) -> bool:

@@ -14,6 +14,7 @@ from candaemon.errors import ConfigError
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.simulate import simulate
+from tests.support.paths import ROOT
 from tests.support.small_car import YAML, written
 
 _BEFORE, _FRONT = YAML.split("  front:\n")
@@ -65,3 +66,34 @@ def test_check_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
 def test_identifiers_that_cannot_be_are_refused(tmp_path: Path, offset: str, expected: str) -> None:
     with pytest.raises(ConfigError, match=expected):
         bind(load_config(written(tmp_path, with_rear(offset))))
+
+
+def toyota_shifted(folder: Path, offset: int) -> Path:
+    """Write toyota_rav4.yaml, whose frames' checksums count their identifiers, with an offset for its radar."""
+    text = (ROOT / "config" / "toyota_rav4.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
+    dbc = f"    dbc: {ROOT}/dbc/toyota_rav4_radar.dbc\n"
+    assert text.count(dbc) == 1
+    path = folder / "shifted.yaml"
+    path.write_text(text.replace(dbc, f"{dbc}    id_offset: {offset}\n"), encoding="utf-8")
+    return path
+
+
+def test_an_offset_below_0_of_checksums_that_count_identifiers_is_refused(tmp_path: Path) -> None:
+    path = toyota_shifted(tmp_path, -2047)
+    line = path.read_text(encoding="utf-8").splitlines().index("    id_offset: -2047") + 1
+    with pytest.raises(ConfigError) as caught:
+        bind(load_config(path))
+    assert str(caught.value) == (
+        f"{path}:{line}: sensors.front.id_offset: found -0x7ff, with which 0x210 of 'TRACK_A_0' is no identifier any "
+        "more; they go up to 0x7FF"
+    )
+
+
+def test_messages_that_the_sensor_does_not_need_may_lead_beyond(tmp_path: Path) -> None:
+    spare = 'BO_ 5 SPARE: 8 Radar\n SG_ Value : 0|8@1+ (1,0) [0|0] "" Vector__XXX\n\n'
+    path = written(tmp_path, with_rear("\n    id_offset: -16"))
+    dbc = tmp_path / "car.dbc"
+    text = dbc.read_text(encoding="utf-8")
+    dbc.write_text(text[: text.index("BO_ ")] + spare + text[text.index("BO_ ") :], encoding="utf-8")
+    _, rear = bind(load_config(path)).sensors
+    assert rear.can_ids == {0x3F0, 0x3F1}
