@@ -1,6 +1,7 @@
 """Reads YAML text into plain values and records the line of every key and item.
 
 Scalars are read as YAML 1.2 does: `on`, `no` and `12:30` are text, `1e-3` is a number. A key is always text.
+Beyond it, hexadecimal numbers may have a sign, as differences of identifiers do: `-0x10`.
 
 A text of a few lines can stand for more values than a memory holds, by aliases and merges, and for more levels than a
 program can follow. So values and levels are counted as they come, those that an alias repeats as often as it does.
@@ -78,7 +79,7 @@ _CoreLoader.yaml_implicit_resolvers = {}
 for _tag, _pattern, _first in (
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
     ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
-    ("int", r"[-+]?[0-9]+|0x[0-9a-fA-F]+|0o[0-7]+", list("-+0123456789")),
+    ("int", r"[-+]?[0-9]+|[-+]?0x[0-9a-fA-F]+|0o[0-7]+", list("-+0123456789")),
     ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", list("-+.0123456789")),
     ("float", r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", list("-+.")),
     ("merge", "<<", ["<"]),
@@ -161,7 +162,7 @@ class _Builder:
                 case "bool":
                     return text.lower() == "true"
                 case "int":
-                    return int(text, 0) if text.lower().startswith(("0x", "0o")) else int(text)
+                    return int(text, 0) if text.lower().lstrip("-+").startswith(("0x", "0o")) else int(text)
                 case "float":
                     return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
         except ValueError:

@@ -191,10 +191,14 @@ def test_what_is_not_a_plain_mapping_is_told(tmp_path: Path, text: str, line: in
 
 def test_scalars_are_read_as_yaml_1_2(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
-    path.write_text("on: no\nrate: 1e-3\ntime: 12:30\nid: 010\nhex: 0x1F\nflag: true\nnone: ~\ntext: '5'\n")
+    path.write_text(
+        "on: no\nrate: 1e-3\ntime: 12:30\nid: 010\nhex: 0x1F\nless: -0x10\nmore: +0xa\nnot: -0x2g\n"
+        "flag: true\nnone: ~\ntext: '5'\n"
+    )
     values, lines = read_yaml(path)
     assert values == {
-        "on": "no", "rate": 1e-3, "time": "12:30", "id": 10, "hex": 31, "flag": True, "none": None, "text": "5"
+        "on": "no", "rate": 1e-3, "time": "12:30", "id": 10, "hex": 31, "less": -16, "more": 10, "not": "-0x2g",
+        "flag": True, "none": None, "text": "5"
     }  # fmt: skip
     assert lines["hex",] == 5
 
