@@ -444,7 +444,8 @@ class SensorSettings(Settings):
         0,
         ge=-0x1FFF_FFFF,
         le=0x1FFF_FFFF,
-        description="what this sensor's identifiers are more than the DBC's: radars of one kind on one bus are told so",
+        description="what this sensor's identifiers are more than the DBC's, such as 0x20 or -32: "
+        "radars of one kind on one bus are told so",
     )
     mount: Mount = Field(default_factory=Mount.defaults)
     cycle_time: float = Field(ge=0.001, le=2, description="s between scans")

@@ -68,6 +68,17 @@ def test_identifiers_that_cannot_be_are_refused(tmp_path: Path, offset: str, exp
         bind(load_config(written(tmp_path, with_rear(offset))))
 
 
+def test_an_offset_is_hexadecimal_with_a_sign_too(tmp_path: Path) -> None:
+    _, rear = bind(load_config(written(tmp_path, with_rear("\n    id_offset: -0x10")))).sensors
+    assert rear.can_ids == {0x3F0, 0x3F1}
+
+
+@pytest.mark.parametrize("offset", ["0x2g", '"0x20"', "1.5"])
+def test_what_is_no_offset_is_told_with_an_example(tmp_path: Path, offset: str) -> None:
+    with pytest.raises(ConfigError, match=r"id_offset: found .*, expected a valid integer \(.*such as 0x20 or -32"):
+        load_config(written(tmp_path, with_rear(f"\n    id_offset: {offset}")))
+
+
 def toyota_shifted(folder: Path, offset: int) -> Path:
     """Write toyota_rav4.yaml, whose frames' checksums count their identifiers, with an offset for its radar."""
     text = (ROOT / "config" / "toyota_rav4.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
