@@ -216,6 +216,8 @@ def parse_yaml(text: str, path: Path) -> tuple[dict[str, Any], dict[Location, in
     return builder.build(root, ()), builder.lines
 
 
+_LINE_END: Final = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
+"""What ends a line for PyYAML, which counts them."""
 _BARE: Final = re.compile(r"""[\w}]\{(slot|point|object)[^}]*\}(?![^"']*["'])""")
 """A number's place in a name that stands without quotes."""
 
@@ -225,7 +227,7 @@ def _composed(text: str, path: Path) -> Node | None:
     try:
         loader = _CoreLoader(text)
     except ReaderError as error:
-        line: int | None = text.count("\n", 0, error.position) + 1
+        line: int | None = len(_LINE_END.split(text[: error.position]))
         raise ConfigError(f"not valid YAML: the character U+{error.character:04X}", file=path, line=line) from None
     try:
         return loader.get_single_node()
@@ -234,7 +236,7 @@ def _composed(text: str, path: Path) -> Node | None:
         problem = printable(error.problem or error.context or "", LONGEST_SHOWN)
         line = None if mark is None else mark.line + 1
         hint = "; indent with spaces" if "\\t" in problem else ""
-        if line is not None and _BARE.search(text.split("\n")[line - 1]):
+        if line is not None and _BARE.search(_LINE_END.split(text)[line - 1]):
             hint = '; a name with {…} is text in quotes, such as "TRACK_{slot}"'
         raise ConfigError(f"not valid YAML: {problem}{hint}", file=path, line=line) from None
     except (ValueError, OverflowError):  # PyYAML converts the numbers of `\U` and `%YAML` as they are

@@ -178,6 +178,16 @@ def test_a_character_that_yaml_does_not_know_is_told_with_its_line(tmp_path: Pat
     assert refused(tmp_path / "bell.yaml", "a: 1\nb: \a\n").endswith(":2: not valid YAML: the character U+0007")
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\x85", "\u2028", "\u2029"])
+def test_lines_end_as_they_may_in_yaml(tmp_path: Path, end: str) -> None:
+    path = tmp_path / "ends.yaml"
+    assert ":4: not valid YAML" in refused(path, end.join(["a: 1", "b: [", "c: d", "e: }", ""]))
+    told = refused(path, end.join(["a: 1", "b: {x: TRACK_{slot}", "c: ]"]))
+    assert ":2: not valid YAML" in told
+    assert told.endswith('; a name with {…} is text in quotes, such as "TRACK_{slot}"')
+    assert refused(path, end.join(["a: 1", "b: \a"])).endswith(":2: not valid YAML: the character U+0007")
+
+
 @pytest.mark.parametrize("count", [MOST_PROBLEMS, MOST_PROBLEMS + 1])
 def test_so_many_problems_are_told(tmp_path: Path, count: int) -> None:
     path = tmp_path / "wrong.yaml"
