@@ -155,15 +155,23 @@ def _numbered_messages(
         ConfigError: the DBC has not all of them; the text says which numbers it has, where that is a row without gaps.
     """
     absent = next((number for number in numbers if entry.named(number) not in database.messages), None)
-    wide = range(min(numbers[-1] + len(numbers), MOST_SLOTS) + 1)
-    there = [number for number in wide if entry.named(number) in database.messages]
-    row = bool(there) and there == list(range(there[0], there[-1] + 1))
-    if absent is not None and row and not form.multiplexed and form.step == 1 and form.pages is None:
-        raise location.error(
-            f"'{database.path.name}' has no message '{entry.named(absent)}'; it has '{entry.named(there[0])}' to "
-            f"'{entry.named(there[-1])}': set first: {there[0]} and slots: {len(there) * len(form.points)}"
-        )
+    if absent is not None and not form.multiplexed and form.step == 1 and form.pages is None:
+        row = _row(database, entry)
+        if row and all(number in row for number in numbers if entry.named(number) in database.messages):
+            raise location.error(
+                f"'{database.path.name}' has no message '{entry.named(absent)}'; it has '{entry.named(row[0])}' to "
+                f"'{entry.named(row[-1])}': set first: {row[0]} and slots: {len(row) * len(form.points)}"
+            )
     return [find_message(database, entry.named(number), location) for number in numbers]
+
+
+def _row(database: Database, entry: ObjectMessage) -> range:
+    """Return the first numbers without a gap that the DBC has messages of; empty where it has none up to MOST_SLOTS."""
+    there = (number for number in range(MOST_SLOTS + 1) if entry.named(number) in database.messages)
+    first = end = next(there, 0)
+    while end - first < MOST_SLOTS and entry.named(end) in database.messages:
+        end += 1
+    return range(first, end)
 
 
 def find_in_layouts(

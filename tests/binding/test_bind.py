@@ -69,6 +69,8 @@ def test_a_dbc_that_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
         ("esr_ins", "Target{slot}", "Targt{slot}", "has no message 'Targt1'; did you mean 'Target1'"),
         ("esr_ins", "slots: 64", "slots: 65", "no message 'Target65'; it has 'Target1' to 'Target64': set first: 1"),
         ("esr_ins", "      first: 1\n", "", "it has 'Target1' to 'Target64': set first: 1 and slots: 64"),
+        ("esr_ins", "slots: 64\n      first: 1\n", "slots: 4\n", "'Target1' to 'Target64': set first: 1 and slots: 64"),
+        ("esr_ins", "      first: 1\n", "      first: 900\n", "'Target1' to 'Target64': set first: 1 and slots: 64"),
         ("esr_ins", "CAN_TX_TRACK_ROLLING_COUNT", "Target1.CAN_TX_TRACK_ROLLING_COUNT", "mean 'CAN_TX_TRACK_ROLLING_"),
         ("esr_ins", "Velocity.VelNorth", "Velocity.VelNort", "did you mean 'VelNorth'"),
         ("esr_ins", "Velocity.VelNorth", "VelNorth", "expected MESSAGE.SIGNAL; did you mean 'Velocity.VelNorth'?"),
