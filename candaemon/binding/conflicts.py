@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from itertools import chain
 
 from candaemon.binding.bound import BoundEgo, BoundOutput, BoundSensor
@@ -106,17 +106,27 @@ def _owned(owned: list[tuple[int, str]]) -> str:
 def _others(
     ego: BoundEgo | None, sensors: Iterable[BoundSensor], output: BoundOutput, on_output_bus: Iterable[Database]
 ) -> Iterator[tuple[int, str]]:
-    """Yield every message that the DBC files of the output's bus know, bar the output's own."""
+    """Yield every message that the DBC files of the output's bus know, bar the output's own.
+
+    A DBC of which both read and send is no stranger, unless the identifiers of those who read are others.
+    """
     own = {output.database.by_id[can_id].name for can_id in output.can_ids}
-    databases = [sensor.database for sensor in sensors if sensor.bus == output.bus]
+    read = [(sensor.database, sensor.settings.id_offset) for sensor in sensors if sensor.bus == output.bus]
     if ego is not None and ego.bus == output.bus:
-        databases.append(ego.database)
-    for database in (*databases, *on_output_bus):
-        for can_id, message in database.by_id.items():
-            # the file of a whole bus may well list what we send
-            listed = message.name in own and database not in databases
-            if database.path != output.database.path and not listed:
-                yield can_id, f"message '{message.name}' of '{database.path.name}'"
+        read.append((ego.database, 0))
+    for database, offset in read:
+        if database.path != output.database.path or offset:
+            yield from _messages(database, ())
+    for database in on_output_bus:
+        if database.path != output.database.path:
+            yield from _messages(database, own)  # the file of a whole bus may well list what we send
+
+
+def _messages(database: Database, bar: Collection[str]) -> Iterator[tuple[int, str]]:
+    """Yield the identifiers of a DBC and whose they are, bar the messages of some names."""
+    for can_id, message in database.by_id.items():
+        if message.name not in bar:
+            yield can_id, f"message '{message.name}' of '{database.path.name}'"
 
 
 def range_warnings(ego: BoundEgo | None, sensors: Iterable[BoundSensor], output: BoundOutput | None) -> list[str]:

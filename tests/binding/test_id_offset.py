@@ -79,6 +79,24 @@ def test_what_is_no_offset_is_told_with_an_example(tmp_path: Path, offset: str) 
         load_config(written(tmp_path, with_rear(f"\n    id_offset: {offset}")))
 
 
+OUTPUT = """output:
+  bus: car
+  dbc: car.dbc
+  objects: {messages: [{message: OBJECT, id_signal: INDEX}], slots: 16}
+  signals: {x: DIST_LONG, y: DIST_LAT}
+"""
+
+
+@pytest.mark.parametrize(("offset", "owner"), [(0x10, ""), (-1, "message 'MOTION' of 'car.dbc'")])
+def test_what_the_same_dbc_shifted_has_is_anothers_to_the_output(tmp_path: Path, offset: int, owner: str) -> None:
+    yaml = YAML.replace("    dbc: car.dbc\n", f"    dbc: car.dbc\n    id_offset: {offset}\n") + OUTPUT
+    if not owner:
+        bind(load_config(written(tmp_path, yaml)))
+        return
+    with pytest.raises(ConfigError, match=rf"output: on bus 'car' id 0x401 belongs to {owner} already"):
+        bind(load_config(written(tmp_path, yaml)))
+
+
 def toyota_shifted(folder: Path, offset: int) -> Path:
     """Write toyota_rav4.yaml, whose frames' checksums count their identifiers, with an offset for its radar."""
     text = (ROOT / "config" / "toyota_rav4.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
