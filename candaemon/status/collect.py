@@ -164,8 +164,7 @@ def _bus(daemon: DaemonView, bus: BoundBus, rate: float) -> BusStatus:
             name: count
             for name, count in counts.items()
             if name not in {"received", "sent", *LOSS_CAUSES, *UNSENT_CAUSES}
-        }
-        | {"spare_short": taken.spare_short},
+        },
     )
 
 

@@ -67,8 +67,7 @@ class BusStatus:
         taken: frames by their receiver: `used` by sensors and ego motion, `spare` known but not asked for, `unknown`.
         dropped: frames lost or unusable, by cause.
         unsent: frames not sent, by cause.
-        events: what else happened on it: reconnections, error frames, bus-off …; `spare_short` of the spare frames have
-            fewer bytes than the DBC says, by which nothing is lost.
+        events: what else happened on it: reconnections, error frames, bus-off …
     """
 
     up: bool

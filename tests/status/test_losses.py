@@ -143,14 +143,18 @@ def test_a_loss_is_the_same_number_everywhere(kind: str, caplog: pytest.LogCaptu
         assert f", {frames} lost" in watched.summary.brief(watched.daemon)
 
 
-def test_short_frames_that_nothing_asks_for_are_told_and_are_no_loss() -> None:
+def test_short_frames_that_nothing_asks_for_are_spare_and_neither_a_loss_nor_an_event() -> None:
     watched = Watched()
     spare = SpareFrames(8, watched.daemon.pipeline.counts.buses[0])
     for data in (bytes(8), bytes(5), b""):
         spare.receive(0, 0, data, 0)
     snapshot = watched.meter.snapshot(watched.daemon)
     (bus, *_) = snapshot.buses.values()
-    assert (bus.taken["spare"], bus.events["spare_short"]) == (3, 2)
+    assert (bus.taken["spare"], watched.daemon.pipeline.counts.buses[0].spare_short) == (3, 2)
+    assert not any(bus.events.values())
+    registry = CollectorRegistry()
+    registry.register(SnapshotCollector(snapshot))
+    assert "spare_short" not in generate_latest(registry).decode()
     assert not any(bus.dropped.values())
     assert watched.meter.losses(watched.daemon).frames == 0
 
