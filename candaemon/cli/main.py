@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from candaemon._version import __version__
 from candaemon.cli import console, standard_streams
@@ -99,7 +99,14 @@ def _execute(argv: list[str], parsed: Callable[[list[str], ServiceSignals | None
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose complaints are safe to print: a shell puts names of files among the arguments."""
+    """A parser whose complaints are safe to print: a shell puts names of files among the arguments.
+
+    The arguments have, as `parser`, the one that read the last of them: where a command has commands, that one's.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.set_defaults(parser=self)
 
     def error(self, message: str) -> NoReturn:
         wrong = re.match(r"argument COMMAND: invalid choice: '([^']*)'", message)
@@ -175,5 +182,5 @@ def _parsed(argv: list[str], signals: ServiceSignals | None) -> argparse.Namespa
             command.set_defaults(execute=module.execute)
     arguments, further = parser.parse_known_args(argv, argparse.Namespace(signals=signals))
     if further:  # the command's own usage says what it takes, and where
-        commands.choices[arguments.command].error(f"unrecognized arguments: {' '.join(further)}")
+        arguments.parser.error(f"unrecognized arguments: {' '.join(further)}")
     return arguments

@@ -86,6 +86,8 @@ def test_horizons_have_limits_each_and_together() -> None:
         (["chek", "a.yaml"], "; did you mean 'check'?"),
         (["convert", "a", "b", "--force"], "usage: candaemon convert [-h]"),
         (["check", "a", "--log", "b", "c"], "candaemon check: error: unrecognized arguments: c"),
+        (["fleet", "compare", "a", "b", "--zz"], "candaemon fleet compare: error: unrecognized arguments: --zz"),
+        (["fleet", "compare", "a", "b", "--zz"], "usage: candaemon fleet compare [-h]"),
     ],
 )
 def test_what_is_mistyped_is_told_beside_what_the_command_takes(
