@@ -87,13 +87,14 @@ class SystemdObserver(Observer):
     def on_iteration(self, daemon: DaemonView) -> None:
         """Feed the watchdog when half of its period has passed; send the status when it has changed.
 
-        What found the manager's queue full is sent again: the status within 1 s, all else in the next iteration.
+        What found the manager's queue full is sent again: the status within 1 s, all else in the next iteration. No
+        status overtakes an answer that is owed, whose older one would then stay.
         """
         now_s = self._clock()
         if self._feed_s and now_s - self._fed_s >= self._feed_s and self._notifier.notify(WATCHDOG=1):
             self._fed_s = now_s
         self._pay()
-        if now_s - self._status_s >= _STATUS_S:
+        if not self._owed and now_s - self._status_s >= _STATUS_S:
             self._status_s = now_s
             status = self._vitals.brief(daemon)
             if status != self._status and self._notifier.notify(STATUS=status):

@@ -151,6 +151,28 @@ def test_a_reload_that_finds_the_managers_queue_full_is_told_in_order(
     assert not manager.heard()
 
 
+def test_no_status_overtakes_an_answer_that_is_owed(manager: Manager, notifier: SystemdNotifier) -> None:
+    class Full(SystemdNotifier):
+        """A queue that has room for what is short."""
+
+        full = True
+
+        def notify(self, **fields: str | int) -> bool:
+            return not (self.full and fields.keys() - {"STATUS", "WATCHDOG"}) and notifier.notify(**fields)
+
+    full = Full()
+    steps = Steps(full)
+    steps.supervision.on_reload_begin(steps.daemon)
+    steps.supervision.on_reload_end(steps.daemon, "found 'x'")
+    steps.turn(1.5)
+    assert not manager.heard()
+    full.full = False
+    steps.turn(0.01)
+    *_, ready, status = manager.heard()
+    assert (ready["READY"], ready["STATUS"].endswith("reload refused: found 'x'")) == ("1", True)
+    assert status.keys() == {"STATUS"}
+
+
 def test_a_missing_bus_does_not_hold_ready_back_but_is_told(manager: Manager, notifier: SystemdNotifier) -> None:
     steps = Steps(notifier)
     steps.supervision.on_start(steps.daemon)  # whose buses nobody has opened
