@@ -89,14 +89,13 @@ def _average(size: Floats, variance: Floats, body: Indices, told: Floats, interv
 
 
 def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
-    """Turn axes towards the headings that a sensor tells: at once where nothing is known of them."""
+    """Turn axes towards the headings that a sensor tells."""
     known = np.isfinite(heading)
-    axis, directed, body = bodies.obstacles.axis, bodies.obstacles.directed, body[known]
+    axis = bodies.obstacles.axis
     told = np.stack([np.cos(heading[known]), np.sin(heading[known])], axis=1)
-    share = np.where(directed[body], _HEADING_SHARE, 1.0)
-    turned = axis[body] + share[:, None] * (told - axis[body])
-    axis[body] = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-6)[:, None]
-    directed[body] = True
+    turned = axis[body[known]] + _HEADING_SHARE * (told - axis[body[known]])
+    axis[body[known]] = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-6)[:, None]
+    bodies.obstacles.directed[body[known]] = True
 
 
 def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices, settings: AloneSettings) -> None:

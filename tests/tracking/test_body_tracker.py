@@ -508,15 +508,6 @@ def test_the_axis_is_the_course_of_what_drives(course: float) -> None:
     assert abs(turned) < 0.05
 
 
-def test_the_first_heading_that_a_sensor_tells_is_taken_as_it_is() -> None:
-    """Of what crosses, the course is known later; the ones after it are averaged."""
-    vehicles = HandFedVehicles()
-    told = vehicles.scan(0.0, [Seen(0, 12.0, 6.0, vy=-8.0)], heading=np.array([-pi / 2]))
-    for t, heading in zip(times(1, 3), (-1.6, -1.0), strict=True):
-        told = vehicles.scan(t, [Seen(0, 12.0, 6.0 - 8.0 * t, vy=-8.0)], heading=np.array([heading]))
-    assert told.heading[0] == pytest.approx(-1.54, abs=0.02)
-
-
 def test_what_stops_keeps_its_heading() -> None:
     fed, rng = HandFedVehicles(), np.random.default_rng(10)
     x, speed = 40.0, 10.0
