@@ -20,20 +20,12 @@ JUMP: Final = 3.0
 """m between two scans, beyond what the object's speed explains, that is another object."""
 REUNION: Final = 0.6
 """s for which an object may be missed."""
-_GONE: Final = (
-    "invalid",
-    "empty",
-    "no target",
-    "no object",
-    "not valid",
-    "deleted",
-    "predict",
-    "coast",
-    "unused",
-    "not used",
+_GONE: Final = re.compile(
+    r"\b(?:invalid|no targets?|no objects?|not valid|deleted?|predict(?:ed|ion)?|coast(?:ed|ing)?|not used)\b"
+    r"|\b(?:empty|unused)$"
 )
-"""What value tables call a slot whose object was not measured."""
-_NOT_KNOWN: Final = ("sna", "not available", "reserved", "error", "fault", "unknown")
+"""What value tables call a slot whose object was not measured: an empty trailer is no empty slot."""
+_NOT_KNOWN: Final = re.compile(r"\b(?:sna|not available|reserved|error|fault|unknown)\b")
 """What they call a value that says nothing."""
 
 
@@ -130,9 +122,9 @@ def tabled_tests(columns: Iterable[ObjectColumn]) -> tuple[Test | None, Test | N
     """
     valid = new = None
     for column in columns:
-        choices = {raw: text.lower() for raw, text in (column.spec.choices or {}).items()}
-        gone = {raw for raw, text in choices.items() if any(word in text for word in _GONE)}
-        unknown = {raw for raw, text in choices.items() if any(word in text for word in _NOT_KNOWN)}
+        choices = {raw: _plain(text) for raw, text in (column.spec.choices or {}).items()}
+        gone = {raw for raw, text in choices.items() if _GONE.search(text)}
+        unknown = {raw for raw, text in choices.items() if _NOT_KNOWN.search(text)}
         held = sorted(choices.keys() - gone - unknown)
         if valid is None and gone and held:
             left_out = ", ".join(f"{raw} {(column.spec.choices or {})[raw]}" for raw in sorted(gone | unknown))
@@ -141,6 +133,11 @@ def tabled_tests(columns: Iterable[ObjectColumn]) -> tuple[Test | None, Test | N
         if new is None and first and len(choices) > len(first):
             new = Test(column.name, _bound(column, first), "by the DBC's table of values")
     return valid, new
+
+
+def _plain(text: str) -> str:
+    """Return a text of a table of values as words in lower case, a blank between them."""
+    return " ".join(text.replace("_", " ").lower().split())
 
 
 def _bound(column: ObjectColumn, raws: Sequence[int]) -> str:
@@ -218,7 +215,7 @@ def _conditions(table: ObjectTable, dead: Booleans) -> Iterable[tuple[Test, Bool
             rows = column.values == value
             share = float(np.mean(dead[rows]))
             text = (column.spec.choices or {}).get(int(value), "")
-            gone = any(word in text.lower() for word in _GONE)
+            gone = _GONE.search(_plain(text)) is not None
             notes.append(f"{value:g}: {1 - share:.0%}" + (f" ({text})" if text else ""))
             if not gone and share < (0.4 if role == "valid" else 0.1):
                 good.append(value)

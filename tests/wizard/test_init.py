@@ -165,6 +165,15 @@ def test_an_edited_configuration_is_not_written_over(tmp_path: Path, capsys: pyt
     assert GUESS in (tmp_path / "printed.yaml").read_text(encoding="utf-8")
 
 
+def test_words_of_a_table_of_values_are_taken_whole(tmp_path: Path) -> None:
+    """An ESR's slots are empty by `no_target`, and predicted ones are in three ways."""
+    found, _ = made([ROOT / "dbc" / "esr.dbc"], None, tmp_path)
+    (valid,) = found.sensors[0].settings.objects.valid
+    (right,) = shipped("esr_ins").sensors[0].settings.objects.valid
+    assert (valid.signal, valid.values) == (right.signal, right.values)
+    assert valid.values == (1.0, 2.0, 3.0, 5.0)
+
+
 def test_names_alone_give_guesses_that_are_marked(tmp_path: Path) -> None:
     found, text = made([ROOT / "dbc" / "esr.dbc", ROOT / "dbc" / "oxts.dbc"], None, tmp_path)
     assert mapping(found.sensors[0])["azimuth"][0] == "CAN_TX_TRACK_ANGLE"
