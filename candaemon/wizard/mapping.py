@@ -696,7 +696,9 @@ def map_by_names(layout: Layout) -> Mapping:
 
 def _map_tabled(mapped: Mapping, columns: Iterable[ObjectColumn]) -> None:
     """Let the DBC's tables of values say which slots hold an object, and a new one, where nothing else does."""
-    valid, new = tabled_tests(columns)
+    roles = names_by_role(mapped.table.layout)
+    taken = {*mapped.columns.values(), *(roles[key] for key in (*_DIMENSION_OF, "score") if key in roles)}
+    valid, new = tabled_tests(columns, taken)
     if not mapped.valid and valid is not None:
         mapped.valid = (valid,)
     if not mapped.new and new is not None:

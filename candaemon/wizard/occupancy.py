@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.wizard.object_table import ObjectColumn, ObjectTable
-from candaemon.wizard.vocabulary import role_of
+from candaemon.wizard.vocabulary import role_of, words
 
 MOST_VALUES: Final = 16
 """Values of a signal that may say whether a slot holds an object."""
@@ -27,6 +27,12 @@ _GONE: Final = re.compile(
 """What value tables call a slot whose object was not measured: an empty trailer is no empty slot."""
 _NOT_KNOWN: Final = re.compile(r"\b(?:sna|not available|reserved|error|fault|unknown)\b")
 """What they call a value that says nothing."""
+_STATE_BITS: Final = 4
+"""Most bits of a signal whose table of values is one of states: what is longer is measured, and has special values."""
+_STATES: Final = frozenset(("state", "status", "stat", "valid", "validity", "meas", "measured", "flag", "lifecycle"))
+"""Words of the names of signals that say what became of an object."""
+_DEVIATIONS: Final = frozenset(("rms", "std", "stddev", "sigma", "dev", "deviation", "var", "variance", "uncertainty"))
+"""Words of the names of signals whose tables are of standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,25 +120,76 @@ def occupancy(
     return Occupancy(occupied, run, tuple(tests), new, code, left, continuing, chain)
 
 
-def tabled_tests(columns: Iterable[ObjectColumn]) -> tuple[Test | None, Test | None]:
+@dataclass(frozen=True, slots=True)
+class _States:
+    """A table of values that may say what became of an object.
+
+    Attributes:
+        column: the signal.
+        texts: by raw value.
+        gone, unknown: raw values that stand for no object, and for nothing known.
+        rank: the lower, the likelier.
+    """
+
+    column: ObjectColumn
+    texts: Mapping[int, str]
+    gone: frozenset[int]
+    unknown: frozenset[int]
+    rank: tuple[bool, int]
+
+    @property
+    def held(self) -> list[int]:
+        """Raw values of a slot that holds an object."""
+        return sorted(self.texts.keys() - self.gone - self.unknown)
+
+    @property
+    def first(self) -> list[int]:
+        """Raw values of an object that is new in its slot."""
+        return [raw for raw in self.held if "new" in self.texts[raw].split()]
+
+
+def tabled_tests(columns: Iterable[ObjectColumn], taken: Collection[str] = ()) -> tuple[Test | None, Test | None]:
     """Return what the DBC's tables of values call an object, and a new one: for where no log tells.
 
     Args:
         columns: of the objects.
+        taken: names of those that are quantities.
     """
-    valid = new = None
-    for column in columns:
-        choices = {raw: _plain(text) for raw, text in (column.spec.choices or {}).items()}
-        gone = {raw for raw, text in choices.items() if _GONE.search(text)}
-        unknown = {raw for raw, text in choices.items() if _NOT_KNOWN.search(text)}
-        held = sorted(choices.keys() - gone - unknown)
-        if valid is None and gone and held:
-            left_out = ", ".join(f"{raw} {(column.spec.choices or {})[raw]}" for raw in sorted(gone | unknown))
-            valid = Test(column.name, _bound(column, held), f"by the DBC's table of values, which has {left_out} too")
-        first = [raw for raw in held if "new" in re.findall(r"[a-z]+", choices[raw])]
-        if new is None and first and len(choices) > len(first):
-            new = Test(column.name, _bound(column, first), "by the DBC's table of values")
+    found = [_states(column) for column in columns if column.name not in taken and _may_be_state(column)]
+    found.sort(key=lambda each: each.rank)
+    valid = next((_valid_by(each) for each in found if each.gone and each.held), None)
+    new = next((_new_by(each) for each in found if each.first and len(each.texts) > len(each.first)), None)
     return valid, new
+
+
+def _may_be_state(column: ObjectColumn) -> bool:
+    """Return whether a table of values is one of states: it names most of what a short signal can be."""
+    spec = column.spec
+    named = 2 * len(spec.choices or {}) >= 1 << spec.length
+    return spec.length <= _STATE_BITS and named and not _DEVIATIONS & set(words(column.name))
+
+
+def _states(column: ObjectColumn) -> _States:
+    """Return a signal's table of values; names of states go first, then those with more words for no object."""
+    texts = {raw: _plain(text) for raw, text in (column.spec.choices or {}).items()}
+    gone = {raw: match[0] for raw, text in texts.items() if (match := _GONE.search(text))}
+    unknown = frozenset(raw for raw, text in texts.items() if _NOT_KNOWN.search(text))
+    rank = (not _STATES & set(words(column.name)), -len(set(gone.values())))
+    return _States(column, texts, frozenset(gone), unknown, rank)
+
+
+def _valid_by(states: _States) -> Test:
+    """Return the condition of an object by a table of values."""
+    column = states.column
+    left_out = ", ".join(f"{raw} {(column.spec.choices or {})[raw]}" for raw in sorted(states.gone | states.unknown))
+    why = f"by the DBC's table of values, which has {left_out} too"
+    return Test(column.name, _bound(column, states.held), why, guess=True)
+
+
+def _new_by(states: _States) -> Test:
+    """Return the condition of a new object by a table of values."""
+    bound = _bound(states.column, states.first)
+    return Test(states.column.name, bound, "by the DBC's table of values", guess=True)
 
 
 def _plain(text: str) -> str:

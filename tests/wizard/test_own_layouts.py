@@ -247,10 +247,40 @@ def test_a_table_of_values_tells_objects_without_a_log(tmp_path: Path) -> None:
     out = tmp_path / "found.yaml"
     assert main(["init", str(tmp_path / "car.dbc"), "-o", str(out)]) == 0
     text = out.read_text(encoding="utf-8")
-    assert "- {signal: STATUS, in: [1, 2]} # by the DBC's table of values, which has 0 No target, 3 Signal not" in text
-    assert "new:\n        - {signal: STATUS, in: [1]} # by the DBC's table of values" in text
+    assert (
+        "- {signal: STATUS, in: [1, 2]} # guess: by the DBC's table of values, which has 0 No target, 3 Signal not"
+        in text
+    )
+    assert "new:\n        - {signal: STATUS, in: [1]} # guess: by the DBC's table of values" in text
     objects = load_config(out).config.sensors["front"].objects
     assert [condition.values for condition in (*objects.valid, *objects.new)] == [(1.0, 2.0), (1.0,)]
+
+
+def test_a_table_of_special_values_tells_nothing_of_slots(tmp_path: Path) -> None:
+    table = 'VAL_ 1025 DIST_LONG 4095 "invalid" 4094 "init" ;\n'
+    small_car.written(tmp_path, dbc=small_car.DBC + table)
+    out = tmp_path / "found.yaml"
+    assert main(["init", str(tmp_path / "car.dbc"), "-o", str(out)]) == 0
+    objects = load_config(out).config.sensors["front"].objects
+    assert not objects.valid
+    assert not objects.new
+
+
+@pytest.mark.parametrize("logged", [False, True])
+def test_a_state_is_taken_and_no_deviation_or_probability(logged: bool, tmp_path: Path) -> None:
+    """ARS408: deviations and the probability of existence have the value `invalid`, too."""
+    log, out = tmp_path / "drive.log", tmp_path / "found.yaml"
+    if logged:
+        assert main(["simulate", "turning_ego", "ars408", "-o", str(log)]) == 0
+    dbcs = [str(ROOT / "dbc" / name) for name in ("ars408.dbc", "oxts.dbc")]
+    assert main(["init", *dbcs, *(["--log", str(log)] if logged else []), "-o", str(out)]) == 0
+    objects = load_config(out).config.sensors["front"].objects
+    (valid,) = objects.valid
+    assert valid.signal == "Obj_MeasState"
+    assert set(valid.values or ()) <= {1.0, 2.0, 5.0}
+    assert valid.values
+    assert {each.signal for each in objects.new} <= {"Obj_MeasState"}
+    assert "Obj_DistLong_rms" not in out.read_text(encoding="utf-8")
 
 
 def test_a_table_of_values_tells_objects_where_no_slot_of_the_log_is_empty(tmp_path: Path) -> None:

@@ -35,3 +35,41 @@ def column(
 def test_words_that_tell_of_no_object(text: str, gone: bool) -> None:
     valid, _ = tabled_tests([column("State", 1, {0: text, 1: "measured"})])
     assert (valid is not None) == gone
+
+
+STATE = {0: "no_target", 1: "new", 2: "measured", 3: "predicted"}
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        column("Range", 12, {4095: "invalid", 4094: "init"}),
+        column("Dist", 4, {15: "invalid", 14: "init"}),
+        column("Range_rms", 2, STATE),
+        column("Class", 2, {0: "invalid", 1: "car", 2: "truck", 3: "walker"}),
+        column("Kind_Meas", 2, {0: "invalid", 1: "car", 2: "truck", 3: "walker"}),
+        column("Score", 1, {0: "invalid", 1: "new"}),
+    ],
+    ids=lambda each: each.name,
+)
+def test_the_likeliest_table_is_taken_as_a_guess(other: ObjectColumn) -> None:
+    for columns in ([other, column("Obj_State", 2, STATE)], [column("Obj_State", 2, STATE), other]):
+        valid, new = tabled_tests(columns, {"Score"})
+        assert valid is not None
+        assert new is not None
+        assert (valid.signal, valid.bound, valid.guess) == ("Obj_State", "in: [1, 2]", True)
+        assert (new.signal, new.bound, new.guess) == ("Obj_State", "in: [1]", True)
+
+
+@pytest.mark.parametrize(
+    "alone",
+    [
+        column("Range", 12, {4095: "invalid", 4094: "init"}),
+        column("Dist", 4, {15: "invalid", 14: "init"}),
+        column("State_rms", 2, STATE),
+        column("Score", 2, STATE),
+    ],
+    ids=lambda each: each.name,
+)
+def test_what_is_no_table_of_states_tells_nothing(alone: ObjectColumn) -> None:
+    assert tabled_tests([alone], {"Score"}) == (None, None)
