@@ -101,7 +101,7 @@ def occupancy(
     if code is not None and np.any(far[occupied] == code):
         highest = code >= np.nanmax(far)
         share = np.mean(far == code)
-        bound = f"below: {code:.10g}" if highest else f"above: {code:.10g}"
+        bound = f"below: {code:.15g}" if highest else f"above: {code:.15g}"
         tests.append(Test(distance, bound, f"{code:.10g} in {share:.0%} of the frames, and constant there"))
         occupied &= far < code if highest else far > code
     starts, jumps = _starts(table, occupied, far, velocity)
@@ -200,7 +200,7 @@ def _plain(text: str) -> str:
 def _bound(column: ObjectColumn, raws: Sequence[int]) -> str:
     """Return the condition that a signal has one of some raw values, in the DBC's unit."""
     spec = column.spec
-    return f"in: [{', '.join(f'{raw * spec.scale + spec.offset:g}' for raw in raws)}]"
+    return f"in: [{', '.join(f'{raw * spec.scale + spec.offset:.15g}' for raw in raws)}]"
 
 
 def _chains(table: ObjectTable, occupied: Booleans, run: Indices, far: Floats, velocity: Floats | None) -> Indices:
@@ -288,7 +288,7 @@ def _conditions(table: ObjectTable, dead: Booleans) -> Iterable[tuple[Test, Bool
         if best is None or merit > best[0]:
             why = f"objects that move, by its value: {', '.join(notes)}"
             unseen = _unseen(column, np.unique(column.values[known]))
-            bound = f"in: [{', '.join(f'{value:g}' for value in good)}]"
+            bound = f"in: [{', '.join(f'{value:.15g}' for value in good)}]"
             best = (merit, Test(column.name, bound, why + unseen, guess=False), passes)
     return [] if best is None else [best[1:]]
 
@@ -340,5 +340,5 @@ def _new(table: ObjectTable, occupied: Booleans, starts: Booleans, jumps: Boolea
                 why = f"{value:g} in {at_starts:.0%} of first scans, {of_rows:.0%} of its rows are such"
                 merit = at_starts + of_rows + named
                 if best is None or merit > best[0]:
-                    best = (merit, Test(column.name, f"in: [{value:g}]", why, guess=not named and of_rows < 0.9))
+                    best = (merit, Test(column.name, f"in: [{value:.15g}]", why, guess=not named and of_rows < 0.9))
     return [] if best is None else [best[1]]

@@ -280,7 +280,7 @@ def with_gear(
             raws = [raw for raw, text in (signal.choices or {}).items() if text.strip().lower() in _BACKWARDS]
             if len(raws) == 1 and set(_tokens(signal.name)) & _GEARS:
                 value = raws[0] * signal.scale + signal.offset
-                told.append(f"{{signal: {message.name}.{signal.name}, in: [{value:g}]}}")
+                told.append(f"{{signal: {message.name}.{signal.name}, in: [{value:.15g}]}}")
     if not told:
         return own
     why = "by the DBC's table of values; wheels do not tell which way they turn"

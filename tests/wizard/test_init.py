@@ -92,6 +92,13 @@ def test_a_gear_with_a_table_of_values_tells_reverse(logged: bool, tmp_path: Pat
     assert guessed(text, "reverse") != logged
 
 
+def test_the_value_of_a_gear_is_written_with_all_its_digits(tmp_path: Path) -> None:
+    wide = small_car.DBC.replace("BO_ 1027 GEAR_BOX: 2", "BO_ 1027 GEAR_BOX: 4").replace("GEAR : 0|4", "GEAR : 0|24")
+    small_car.written(tmp_path, dbc=f'{wide}VAL_ 1027 GEAR 8388609 "R" 3 "D" ;\n')
+    _, text = made([tmp_path / "car.dbc"], None, tmp_path)
+    assert "reverse: {signal: GEAR_BOX.GEAR, in: [8388609]}" in text
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["multiplexed_radar", "ford_mrr_fd", "ford_mrr"])
 def test_stranger_layouts_are_found_from_a_log(name: str, tmp_path: Path) -> None:

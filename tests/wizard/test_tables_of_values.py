@@ -73,3 +73,17 @@ def test_the_likeliest_table_is_taken_as_a_guess(other: ObjectColumn) -> None:
 )
 def test_what_is_no_table_of_states_tells_nothing(alone: ObjectColumn) -> None:
     assert tabled_tests([alone], {"Score"}) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("scale", "offset", "bound"),
+    [
+        (1.0, 8_388_607.0, "in: [8388608, 8388609]"),
+        (1_234_567.0, 0.0, "in: [1234567, 2469134]"),
+        (0.1, 0.2, "in: [0.3, 0.4]"),
+    ],
+)
+def test_values_are_written_with_all_their_digits(scale: float, offset: float, bound: str) -> None:
+    valid, _ = tabled_tests([column("Obj_State", 2, STATE, scale=scale, offset=offset)])
+    assert valid is not None
+    assert valid.bound == bound
