@@ -266,7 +266,8 @@ def _objects(lines: Lines, sensor: Sensor) -> None:
             "equal in the messages of one scan, another in the next",
         )
     _tests(lines, "valid", mapped.valid)
-    _tests(lines, "new", mapped.new)
+    if not (layout.unnumbered or (mapped.identity is not None and mapped.identity.value == "false")):
+        _tests(lines, "new", mapped.new)  # no slot keeps an object else, so that none is new in it
     if not mapped.valid and not layout.listed:
         why = "no log: nothing tells empty slots from objects"
         if len(mapped.table):

@@ -105,6 +105,26 @@ BO_ 513 ECHO: 8 RADAR
     assert "guess: half as many again" in text
 
 
+UNNUMBERED = """BO_ 513 ECHO: 8 RADAR
+ SG_ RANGE : 0|14@1+ (0.02,0) [0|327] "m" CAR
+ SG_ ANGLE : 14|12@1- (0.05,0) [-102|102] "deg" CAR
+ SG_ DOPPLER : 26|13@1- (0.02,0) [-81|81] "m/s" CAR
+ SG_ STATE : 39|2@1+ (1,0) [0|3] "" CAR
+VAL_ 513 STATE 0 "invalid" 1 "new" 2 "measured" 3 "predicted" ;
+"""
+
+
+def test_nothing_is_new_in_a_list_without_numbers(tmp_path: Path) -> None:
+    (tmp_path / "own.dbc").write_text(HEAD + UNNUMBERED, encoding="utf-8")
+    out = tmp_path / "found.yaml"
+    assert main(["init", str(tmp_path / "own.dbc"), "-o", str(out)]) == 0
+    assert main(["check", str(out)]) == 0
+    objects = load_config(out).config.sensors["front"].objects
+    assert objects.identity is False
+    assert [condition.values for condition in objects.valid] == [(1.0, 2.0)]
+    assert not objects.new
+
+
 def test_a_message_that_comes_alone_is_no_list() -> None:
     message = MessageSpec("ECHO", 513, 8, (SignalSpec("RANGE", 0, 14), SignalSpec("ANGLE", 14, 12)))
     (layout,) = find_unnumbered([message])
