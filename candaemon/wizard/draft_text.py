@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
 from candaemon.can_io.logs.stream import NO_CHANNEL
 from candaemon.config.names import interface_problem, is_log_channel
+from candaemon.dbc.types import MessageSpec
 from candaemon.printable import printable
 from candaemon.wizard.draft import GUESS, Choice
 from candaemon.wizard.occupancy import Test
@@ -19,6 +20,8 @@ from candaemon.wizard.proposal import Proposal, Sensor
 LONGEST_WHY: Final = 300
 """Characters of a comment."""
 _PLAIN: Final = re.compile(r"-?[A-Za-z_][A-Za-z0-9_.]*|-?\d+(\.\d+)?([eE][-+]?\d+)?|[\[{].*[\]}]", re.DOTALL)
+_MESSAGE_OF: Final = re.compile(r"([A-Za-z_]\w*)\.")
+"""The messages in a reference to signals, as a configuration has it."""
 _FILTERED: Final = 3.2
 """Times the scatter from scan to scan: what a filter must expect of places that a radar has filtered itself."""
 _FILTERED_RATE: Final = 2.0
@@ -121,7 +124,7 @@ def _buses(lines: Lines, proposal: Proposal, path_of: Callable[[Path], str]) -> 
             names[own.channel] = "ins" if own.kind == "ins" else "car"
     for number, (channel, name) in enumerate(names.items()):
         if traffic is None:
-            long = any(sensor.channel == channel and _is_fd(sensor) for sensor in proposal.sensors)
+            long = any(message.is_fd for message in _read_messages(proposal, channel))
             keys = [f"channel: can{number}", *(["fd: true"] if long else [])]
             lines.add(1, f"{name}: {{{', '.join(keys)}}}", "no log was given", guess=True)
             continue
@@ -136,7 +139,7 @@ def _buses(lines: Lines, proposal: Proposal, path_of: Callable[[Path], str]) -> 
         keys = [f"channel: {quoted(told)}"]
         keys += [f"log_channel: {_in_quotes(log_channel)}"] if log_channel else []
         keys += [f"dbc: [{', '.join(further)}]"] if further else []
-        long = any(sensor.channel == channel and _is_fd(sensor) for sensor in proposal.sensors)
+        long = any(message.is_fd for message in _read_messages(proposal, channel))
         long |= any(s.fd for (c, _), s in traffic.streams.items() if c == channel)
         keys += ["fd: true"] if long else []
         lines.add(
@@ -145,9 +148,22 @@ def _buses(lines: Lines, proposal: Proposal, path_of: Callable[[Path], str]) -> 
     return names
 
 
-def _is_fd(sensor: Sensor) -> bool:
-    """Return whether the DBC says that a sensor's objects come in CAN FD frames."""
-    return any(message.is_fd for part in sensor.layout.parts for message in part.messages)
+def _read_messages(proposal: Proposal, channel: int) -> Iterator[MessageSpec]:
+    """Yield the messages that are read of a channel: objects, what closes scans, and own motion."""
+    for sensor in proposal.sensors:
+        if sensor.channel != channel:
+            continue
+        for part in sensor.layout.parts:
+            yield from part.messages
+        closes = proposal.databases[sensor.dbc].messages.get(sensor.closing.keys.get("message", ""))
+        yield from () if closes is None else (closes,)
+    own = proposal.own
+    if own is None or own.dbc is None or channel != (-2 if proposal.traffic is None else own.channel):
+        return
+    named = {name for choice in own.signals.values() for name in _MESSAGE_OF.findall(choice.value)}
+    for name, message in proposal.databases[own.dbc].messages.items():
+        if name in named:
+            yield message
 
 
 def _channel(name: str, number: int) -> tuple[str, str]:

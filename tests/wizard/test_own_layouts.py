@@ -370,12 +370,19 @@ def test_what_init_writes_of_any_unit_can_be_used(
         assert (bindings["x"].gain, bindings["range_rate"].gain) == pytest.approx((x, rate))
 
 
-def test_a_bus_of_long_messages_is_can_fd_without_a_log(tmp_path: Path) -> None:
-    small_car.written(tmp_path, dbc=small_car.DBC.replace("BO_ 1025 OBJECT: 8", "BO_ 1025 OBJECT: 16"))
+@pytest.mark.parametrize("long", ["1024 HEADER", "1025 OBJECT", "1026 MOTION"])
+def test_a_bus_of_long_messages_is_can_fd_without_a_log(long: str, tmp_path: Path) -> None:
+    header = small_car.DBC.replace(" SG_ COUNT :", " SG_ ROLLING_COUNT_OF_OBJECTS :")
+    dbc = header.replace(f"BO_ {long}: 8", f"BO_ {long}: 16")
+    assert dbc != header
+    small_car.written(tmp_path, dbc=dbc)
     out = tmp_path / "found.yaml"
     assert main(["init", str(tmp_path / "car.dbc"), "-o", str(out)]) == 0
     bound = bind(load_config(out))
-    assert bound.buses[bound.sensors[0].bus].settings.fd
+    assert isinstance(bound.sensors[0].settings.scan, HeaderScan)
+    assert bound.ego is not None
+    assert bound.buses[bound.sensors[0].bus].settings.fd == ("MOTION" not in long)
+    assert bound.buses[bound.ego.bus].settings.fd == ("MOTION" in long)
 
 
 def test_a_list_whose_numbers_are_places_is_closed_by_counts_that_add_up(tmp_path: Path) -> None:
