@@ -130,6 +130,8 @@ def _absent(binding: Binding, sensor: BoundSensor, traffic: LogTraffic) -> LogFi
 
 _FARTHEST_TWIN: Final = 0xFF
 """Most by which the identifiers of two devices of one kind differ."""
+_RATE_OF_TWIN: Final = 0.2
+"""Share by which the scans of two devices of one kind may differ in number."""
 
 
 def _twin(binding: Binding, sensor: BoundSensor, traffic: LogTraffic) -> Iterator[LogFinding]:
@@ -138,21 +140,33 @@ def _twin(binding: Binding, sensor: BoundSensor, traffic: LogTraffic) -> Iterato
     came = {can_id: stream for (bus, can_id), stream in traffic.streams.items() if bus == sensor.bus}
     own = [can_id for can_id in sorted(sensor.can_ids) if can_id in came]
     strange = came.keys() - known
+    cycle = sensor.settings.cycle_time
     offsets = range(-_FARTHEST_TWIN, _FARTHEST_TWIN + 1) if len(own) > 1 else range(0)
     for offset in offsets:
         beside = [each + offset for each in own]
-        if strange.issuperset(beside) and all(_is_alike(came[a], came[b]) for a, b in zip(own, beside, strict=True)):
+        if strange.issuperset(beside) and all(
+            _is_alike(came[a], came[b], cycle) for a, b in zip(own, beside, strict=True)
+        ):
             yield LogFinding(
                 ("sensors", sensor.name),
                 f"identifiers {offset:+#x} beside its own came too, of the same lengths and in no DBC: of another "
-                f"device of its kind? Give that a sensor with id_offset: {sensor.settings.id_offset + offset:#x}",
+                "device of its kind? Give that a sensor with "
+                f"id_offset: {sensor.settings.id_offset + offset:#x}",
             )
             return
 
 
-def _is_alike(one: Stream, other: Stream) -> bool:
-    """Return whether two streams have frames of the same lengths, about as often."""
-    return set(one.length.tolist()) == set(other.length.tolist()) and 1 / 3 < len(one.time) / len(other.time) < 3
+def _is_alike(one: Stream, other: Stream, cycle_time: float) -> bool:
+    """Return whether two streams have frames of the same lengths in about as many scans."""
+    if set(one.length.tolist()) != set(other.length.tolist()):
+        return False
+    ours, theirs = _scans_of(one, cycle_time), _scans_of(other, cycle_time)
+    return abs(theirs - ours) <= _RATE_OF_TWIN * ours
+
+
+def _scans_of(stream: Stream, cycle_time: float) -> int:
+    """Return in how many scans a stream has frames: a list has as many in each as the radar sees objects."""
+    return 1 + int(np.count_nonzero(np.diff(stream.time) > 0.5 * cycle_time))
 
 
 def _own_motion(binding: Binding, trial: Trial) -> Iterator[LogFinding]:

@@ -10,7 +10,7 @@ import pytest
 from candaemon.binding.bind import bind
 from candaemon.cli.main import main
 from candaemon.config.load import load_config
-from candaemon.wizard.findings import findings
+from candaemon.wizard.findings import LogFinding, findings
 from tests.support import small_car
 from tests.support.bound import binding as shipped
 from tests.support.paths import ROOT
@@ -249,15 +249,67 @@ def contradictions(config: Path, folder: Path) -> list[str]:
     return [each.text for each in findings(bind(load_config(config)), [log])]
 
 
-def test_a_second_device_of_a_kind_is_told_until_it_has_a_sensor(tmp_path: Path) -> None:
+def short_town(folder: Path) -> str:
+    """Write the first seconds of traffic in a town; return the scenario's path."""
+    text = (ROOT / "config" / "scenarios" / "traffic_town.yaml").read_text(encoding="utf-8")
+    path = folder / "scene.yaml"
+    path.write_text(re.sub(r"duration: \d+", "duration: 6", text, count=1), encoding="utf-8")
+    return str(path)
+
+
+def two_radars(offsets: tuple[int, int], folder: Path) -> Path:
+    """Simulate a drive with two radars of one kind; return the log."""
     before, front = small_car.YAML.split("  front:\n")
-    rear = front.replace("mount: {x: 3.6}", "mount: {x: -1, yaw_deg: 180}\n    id_offset: 0x10")
-    both = small_car.written(tmp_path, f"{before}  front:\n{front}  rear:\n{rear}")
-    log = tmp_path / "drive.log"
-    assert main(["simulate", "traffic_town", str(both), "-o", str(log)]) == 0
-    assert not any("id_offset" in each.text for each in findings(bind(load_config(both)), [log]))
-    (told,) = (
-        each for each in findings(bind(load_config(small_car.written(tmp_path))), [log]) if "id_offset" in each.text
-    )
+    mounts = "mount: {x: 3.6}", "mount: {x: -1, yaw_deg: 180}"
+    radars = [
+        front.replace("mount: {x: 3.6}", f"{mount}\n    id_offset: {offset}")
+        for mount, offset in zip(mounts, offsets, strict=True)
+    ]
+    both = small_car.written(folder, f"{before}  front:\n{radars[0]}  rear:\n{radars[1]}")
+    log = folder / "drive.log"
+    assert main(["simulate", short_town(folder), str(both), "-o", str(log)]) == 0
+    assert not twins(both, log)
+    return log
+
+
+def twins(config: Path, log: Path) -> list[LogFinding]:
+    """Return what is said of further devices."""
+    return [each for each in findings(bind(load_config(config)), [log]) if "id_offset" in each.text]
+
+
+@pytest.mark.parametrize(
+    ("of", "other", "written"),
+    [(0, 0x10, "0x10"), (0x30, 0x10, "0x10")],
+)
+def test_a_second_device_of_a_kind_is_told_until_it_has_a_sensor(
+    of: int, other: int, written: str, tmp_path: Path
+) -> None:
+    log = two_radars((of, other), tmp_path)
+    mount = "mount: {x: 3.6}"
+    of_one = small_car.YAML.replace(mount, f"{mount}\n    id_offset: {of}")
+    (told,) = twins(small_car.written(tmp_path, of_one), log)
     assert told.where == ("sensors", "front")
-    assert told.text.endswith("Give that a sensor with id_offset: 0x10")
+    before, _, cure = told.text.partition("Give that a sensor with ")
+    assert before
+    assert cure == f"id_offset: {written}"
+    cured = small_car.written(tmp_path, small_car.YAML.replace(mount, f"{mount}\n    {cure}"))
+    assert load_config(cured).config.sensors["front"].id_offset == other
+
+
+@pytest.mark.parametrize(("slower", "told"), [(1.1, True), (1.4, False), (2.5, False), (0.7, False), (0.4, False)])
+def test_what_comes_at_another_rate_is_no_second_device(slower: float, told: bool, tmp_path: Path) -> None:
+    """Strange messages of the same lengths, as far apart as the radar's: by chance, where a bus is full."""
+    config, log = small_car.written(tmp_path), tmp_path / "drive.log"
+    assert main(["simulate", short_town(tmp_path), str(config), "-o", str(log)]) == 0
+    frames = [(float(line[1 : line.index(")")]), line) for line in log.read_text(encoding="utf-8").splitlines()]
+    (begun, _), (over, _) = frames[0], frames[-1]
+    strange = [
+        ((time - begun + again * (over - begun)) * slower + begun, line.replace(" 40", " 48"))
+        for again in range(3)
+        for time, line in frames
+        if " 400#" in line or " 401#" in line
+    ]
+    ordered = sorted([*frames, *(each for each in strange if each[0] < over)])
+    lines = [f"({time:.6f}) {line.partition(') ')[2]}" for time, line in ordered]
+    log.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert bool(twins(config, log)) == told
