@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -260,6 +261,12 @@ _BACKWARDS: Final = frozenset(("r", "rev", "reverse", "backward", "backwards"))
 _GEARS: Final = frozenset(("gear", "prnd", "prndl", "shift", "shifter", "selector", "direction", "transmission"))
 
 
+_LONG_GAP: Final = 1.0
+"""s between two frames that tell reverse, from which on the default of `reverse_age_limit` is too short."""
+_MOST_AGE: Final = 86_400.0
+"""s: the largest `reverse_age_limit`."""
+
+
 def with_gear(
     own: OwnMotion | None, messages: Iterable[tuple[Path, MessageSpec]], traffic: LogTraffic | None
 ) -> OwnMotion | None:
@@ -286,6 +293,31 @@ def with_gear(
     why = "by the DBC's table of values; wheels do not tell which way they turn"
     choice = Choice(told[0], why, guess=len(told) > 1, ask="which tells reverse", options=tuple(told))
     return replace(own, signals={**own.signals, "reverse": choice})
+
+
+def with_gear_age(
+    own: OwnMotion | None, messages: Iterable[tuple[Path, MessageSpec]], traffic: LogTraffic
+) -> OwnMotion | None:
+    """Return own motion with how old what tells reverse may be, where a log shows that it comes seldom.
+
+    Args:
+        own: what was found; without `reverse` it is returned as it is.
+        messages: of no radar, with their files.
+        traffic: the log.
+    """
+    reverse = None if own is None else own.signals.get("reverse")
+    if own is None or reverse is None:
+        return own
+    for dbc, message in messages:
+        stream = traffic.stream(own.channel, message)
+        if dbc != own.dbc or f"signal: {message.name}." not in reverse.value or stream is None or len(stream.time) < 2:
+            continue
+        gap = float(np.max(np.diff(stream.time)))
+        if gap > _LONG_GAP:
+            limit = min(math.ceil(round(30 * gap, 6)) / 10, _MOST_AGE)
+            why = f"s; {message.name} came {gap:.2f} s after the one before at the longest, three times that"
+            return replace(own, extra={**own.extra, "reverse_age_limit": Choice(f"{limit:.15g}", why)})
+    return own
 
 
 def outside_share(spec: SignalSpec, values: Floats) -> float:

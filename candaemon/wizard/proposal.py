@@ -20,7 +20,15 @@ from candaemon.wizard.frame_checks import Checksum, find_checksum
 from candaemon.wizard.layouts import MOST_LAYOUTS, Layout, find_layouts, find_unnumbered
 from candaemon.wizard.mapping import Mapping, has_place, map_by_names, map_signals
 from candaemon.wizard.object_table import ObjectTable, object_table
-from candaemon.wizard.own_motion import Heard, OwnMotion, find_own_motion, heard_signals, named_signals, with_gear
+from candaemon.wizard.own_motion import (
+    Heard,
+    OwnMotion,
+    find_own_motion,
+    heard_signals,
+    named_signals,
+    with_gear,
+    with_gear_age,
+)
 from candaemon.wizard.traffic import LogTraffic
 from candaemon.wizard.vocabulary import role_of
 
@@ -131,7 +139,7 @@ def _by_log(
     others = _others(databases, [layout for _, layout in found])
     first = [(path, mapped) for path, table in tables if (mapped := map_signals(table, None)) is not None]
     own = find_own_motion(heard_signals(others, traffic), _rates([mapped for _, mapped in first]))
-    own = _asked_own(with_gear(own, others, traffic), ask)
+    own = with_gear_age(_asked_own(with_gear(own, others, traffic), ask), others, traffic)
     sensors: list[Sensor] = []
     for path, table in tables:
         mapped = map_signals(table, own)

@@ -13,6 +13,7 @@ import pytest
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding, BoundSensor
 from candaemon.cli.main import main
+from candaemon.config.ego import OdometrySettings
 from candaemon.config.load import load_config
 from candaemon.wizard.draft import GUESS
 from candaemon.wizard.trial import try_on
@@ -90,6 +91,29 @@ def test_a_gear_with_a_table_of_values_tells_reverse(logged: bool, tmp_path: Pat
     assert found.ego is not None
     assert found.ego.reverse is not None
     assert guessed(text, "reverse") != logged
+
+
+@pytest.mark.parametrize(("every", "limit"), [(0.5, None), (0.98, None), (1.5, 4.5), (2.02, 6.1), (5.0, 15.0)], ids=str)
+def test_a_gear_that_comes_seldom_is_believed_for_longer(every: float, limit: float | None, tmp_path: Path) -> None:
+    config = small_car.written(tmp_path, dbc=f'{small_car.DBC}VAL_ 1027 GEAR 0 "P" 7 "R" 3 "D" ;\n')
+    log = tmp_path / "drive.log"
+    assert main(["simulate", "turning_ego", str(config), "-o", str(log)]) == 0
+    frames = [
+        (float(line[1 : line.index(")")]), line)
+        for line in log.read_text(encoding="utf-8").splitlines()
+        if " 403#" not in line
+    ]
+    (begun, _), (over, _) = frames[0], frames[-1]
+    times = [begun + k * every for k in range(round((over - begun) / every))]
+    frames += [(time, f"({time:.6f}) can0 403#0300") for time in times]
+    log.write_text("".join(f"{line}\n" for _, line in sorted(frames)), encoding="utf-8")
+    found, text = made([tmp_path / "car.dbc"], log, tmp_path)
+    assert found.ego is not None
+    settings = found.ego.settings
+    assert isinstance(settings, OdometrySettings)
+    default = OdometrySettings.model_fields["reverse_age_limit"].default
+    assert settings.reverse_age_limit == pytest.approx(default if limit is None else limit)
+    assert (f"# s; GEAR_BOX came {every:.2f} s after the one before" in text) == (limit is not None)
 
 
 def test_the_value_of_a_gear_is_written_with_all_its_digits(tmp_path: Path) -> None:
