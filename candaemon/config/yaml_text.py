@@ -220,6 +220,8 @@ _LINE_END: Final = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
 """What ends a line for PyYAML, which counts them."""
 _BARE: Final = re.compile(r"""[\w}]\{(slot|point|object)[^}]*\}(?![^"']*["'])""")
 """A number's place in a name that stands without quotes."""
+_MOST_LOOKED_AT: Final = 1000
+"""Characters of a line in which that is looked for: the time grows with their square."""
 
 
 def _composed(text: str, path: Path) -> Node | None:
@@ -236,7 +238,7 @@ def _composed(text: str, path: Path) -> Node | None:
         problem = printable(error.problem or error.context or "", LONGEST_SHOWN)
         line = None if mark is None else mark.line + 1
         hint = "; indent with spaces" if "\\t" in problem else ""
-        if line is not None and _BARE.search(_LINE_END.split(text)[line - 1]):
+        if line is not None and _BARE.search(_LINE_END.split(text)[line - 1][:_MOST_LOOKED_AT]):
             hint = '; a name with {…} is text in quotes, such as "TRACK_{slot}"'
         raise ConfigError(f"not valid YAML: {problem}{hint}", file=path, line=line) from None
     except (ValueError, OverflowError):  # PyYAML converts the numbers of `\U` and `%YAML` as they are

@@ -65,9 +65,7 @@ class BatchDecoder:
         right = whole_column(64 - s.length for s in rows)
         mask = whole_column(-1 if s.signed or s.length == 64 else (1 << s.length) - 1 for s in rows)
         self._to_raw = RepeatedColumns(self._windows.left, right, mask)
-        self._to_value = RepeatedColumns(
-            real_column(s.scale for s in wanted), real_column(s.offset or -0.0 for s in wanted)
-        )
+        self._to_value = RepeatedColumns(real_column(s.scale for s in wanted), real_column(map(_addend, wanted)))
         self._scaled = any(s.scale != 1 for s in wanted)
         self._shifted = any(s.offset != 0 for s in wanted)
         self._special = bool(slow or self._never or self._floats or selectors)
@@ -127,9 +125,7 @@ class BatchDecoder:
         with np.errstate(invalid="ignore", over="ignore"):  # random bits make signalling NaN
             for row, signal in self._floats:
                 bits, real = FLOAT_TYPES[signal.length]
-                values[row] = raw[row].astype(bits).view(real).astype(np.float64) * signal.scale + (
-                    signal.offset or -0.0
-                )
+                values[row] = raw[row].astype(bits).view(real).astype(np.float64) * signal.scale + _addend(signal)
         rows, decoder = self._slow
         if rows:
             values[rows] = (
@@ -262,6 +258,11 @@ class BatchEncoder:
 
 _NOTHING: Final = SignalSpec(name="", start=0, length=1)
 """Stands in a row that is filled in otherwise."""
+
+
+def _addend(signal: SignalSpec) -> float:
+    """Return a signal's offset; minus zero where it has none, for plus zero would make a minus zero plus."""
+    return signal.offset or -0.0
 
 
 def _by_chain(chains: Sequence[tuple[Gate, ...] | None]) -> list[tuple[tuple[Gate, ...], list[int]]]:

@@ -184,8 +184,8 @@ class BlockRouter:
         mine = (message >= 0).nonzero()[0]
         if self._steady is None or not len(mine):
             return rows, []
-        times_ns = block.time_ns[rows[mine]]
         heard = rows[mine]
+        times_ns = block.time_ns[heard]
         sure = self._steady.judged(times_ns, message[mine], block.payload[heard], block.length[heard])
         taken = mine[sure]
         ends = (np.diff(taken, append=-1) != 1).nonzero()[0]

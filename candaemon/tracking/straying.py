@@ -171,9 +171,7 @@ def abreast(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indic
         return None
     body, place = reflections.body, bodies.offsets()
     people = (np.bincount(body[walk], minlength=len(bodies)) > 1) & (obstacles.fastest < stray.fastest)
-    others, far = np.flatnonzero(~walk & people[body]), np.flatnonzero(walk & people[body])
-    same = (body[others, None] == body[far]) & (_distance(place[others, None] - place[far]) < WALKER[0])
-    people[body[others[~same.any(axis=1)]]] = False
+    people[_with_others(body, place, walk, people)] = False
     lead, since_ns = obstacles.leader[body], time_ns - round(settings.patience * 1e9)
     velocity = reflections.trail[lead, 2:]
     course = velocity / np.maximum(_distance(velocity), _LEAST_SPEED)[:, None]
@@ -181,6 +179,21 @@ def abreast(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indic
     seen = (reflections.last_ns >= since_ns) & (reflections.last_ns[lead] >= since_ns)
     found = np.flatnonzero(people[body] & seen & (aside > WALKER[0]))
     return found if len(found) else None
+
+
+def _with_others(body: Indices, place: Floats, walk: Booleans, people: Booleans) -> Indices:
+    """Return which of the bodies that may be people show something apart from all that walks of them.
+
+    Args:
+        body: row of each reflection's body (n,).
+        place: of the reflections (n, 2), m from their bodies' reference points.
+        walk: which have walked far (n,).
+        people: which bodies may be people (k,).
+    """
+    others, far = np.flatnonzero(~walk & people[body]), np.flatnonzero(walk & people[body])
+    close = (body[others, None] == body[far]) & (_distance(place[others, None] - place[far]) < WALKER[0])
+    apart: Indices = body[others[~close.any(axis=1)]]
+    return apart
 
 
 def part_abreast(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:

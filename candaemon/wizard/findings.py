@@ -151,14 +151,9 @@ def _twin(binding: Binding, sensor: BoundSensor, traffic: LogTraffic) -> Iterato
                 ("sensors", sensor.name),
                 f"identifiers {offset:+#x} beside its own came too, of the same lengths and in no DBC: of another "
                 "device of its kind? Give that a sensor with "
-                f"id_offset: {_yaml_offset(sensor.settings.id_offset + offset)}",
+                f"id_offset: {sensor.settings.id_offset + offset:#x}",
             )
             return
-
-
-def _yaml_offset(offset: int) -> str:
-    """Return an offset as YAML takes it for a number: hexadecimal ones have no sign there."""
-    return f"{offset:#x}" if offset >= 0 else f"{offset}"
 
 
 def _is_alike(one: Stream, other: Stream, cycle_time: float) -> bool:

@@ -78,6 +78,7 @@ BOMBS = {
         + "".join(f"  s{number}: {{<<: *front, bus: x{number:040d}}}\n" for number in range(100)),
         "and 970 more",
     ),
+    "names without quotes": ("a: [" + "a{slot}" * 37_000 + "'", "not valid YAML"),
     "size": ("# long\n" * 50_000, "longer than 262,144 bytes"),
 }
 """What a file holds, and a part of what is said of it."""

@@ -279,7 +279,7 @@ def twins(config: Path, log: Path) -> list[LogFinding]:
 
 @pytest.mark.parametrize(
     ("of", "other", "written"),
-    [(0, 0x10, "0x10"), (0x30, 0x10, "0x10"), (0x10, -0x10, "-16"), (0, -0x80, "-128"), (-0x80, -0xA0, "-160")],
+    [(0, 0x10, "0x10"), (0x30, 0x10, "0x10"), (0x10, -0x10, "-0x10"), (0, -0x80, "-0x80"), (-0x80, -0xA0, "-0xa0")],
 )
 def test_a_second_device_of_a_kind_is_told_until_it_has_a_sensor(
     of: int, other: int, written: str, tmp_path: Path
