@@ -40,6 +40,7 @@ from candaemon.tracking.columns import longer_ago
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.innovation_correlation import InnovationCorrelation, InnovationCorrelationState
 from candaemon.tracking.obstacles import Obstacles
+from candaemon.tracking.own_outline import OwnOutline
 from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoiseState, growing, stated_white
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.sensor_visibility import VisibilityState
@@ -137,6 +138,7 @@ class VehicleTracker:
         self._places, self._memory = estimator.reflections, estimator.memory
         self._tentative_coast = max(settings.lifecycle.tentative_coast, MISSED_SCAN * cycle_time)
         self._views, self._slack_ns = views, slack_ns
+        self._outline = OwnOutline.around(views)
         self._bodies = Bodies(estimator, identities or Identities())
         self._initiation = BodyInitiation(settings, estimator)
         self._noise = ReflectionNoise(sensors)
@@ -237,7 +239,7 @@ class VehicleTracker:
         if detections is not None and self.settings.reflections.merge and len(self):
             self._hand_over()
             self._return_references()
-            self._merge_and_split()
+            self._merge_and_split(pose)
         self._face(pose)
         if link is not None:
             state, covariance = reported(self._bodies.moments().mean, self._bodies.filter.combined()[1])
@@ -788,7 +790,7 @@ class VehicleTracker:
         self._bodies.obstacles.facing = box.facing_offsets(self._bodies, pose)
         self._bodies.forget_turning()
 
-    def _merge_and_split(self) -> None:
+    def _merge_and_split(self, pose: EgoPose) -> None:
         """Split off reflections that move apart, merge bodies that move together."""
         bodies, settings = self._bodies, self.settings.reflections
         before = len(bodies)
@@ -800,7 +802,7 @@ class VehicleTracker:
             self._delete(splitting & ~detected, np.zeros(len(bodies), dtype=np.bool_))
         if len(bodies.reflections) > len(bodies):
             self._part()
-        self._merge()
+        self._merge(pose)
 
     def _part(self) -> None:
         """Let several be several: who walks away from what stands, who walk abreast, and vehicles side by side."""
@@ -814,7 +816,7 @@ class VehicleTracker:
             bodies.split_together(beside)
         self.counts.obstacles += len(bodies) - before
 
-    def _merge(self) -> None:
+    def _merge(self, pose: EgoPose) -> None:
         """Merge the younger of two obstacles that stay alongside each other into the older."""
         bodies, settings = self._bodies, self.settings.reflections
         obstacles = bodies.obstacles
@@ -824,12 +826,21 @@ class VehicleTracker:
             return
         merged = np.zeros(len(obstacles), dtype=np.bool_)
         for young, old in zip(merging, older[merging].tolist(), strict=True):
-            if not merged[old] and not wide_together(bodies, young, old, settings, self._state.time_ns):
+            if merged[old] or wide_together(bodies, young, old, settings, self._state.time_ns):
+                continue
+            if not self._are_astride(young, old, pose):
                 bodies.merge(young, old)
                 merged[young] = True
         if merged.any():
             self.counts.merged += int(merged.sum())
             self._delete(np.zeros(len(bodies.reflections), dtype=np.bool_), merged)
+
+    def _are_astride(self, young: int, old: int, pose: EgoPose) -> bool:
+        """Return whether two bodies lie on either side of our own vehicle: cars that we are parked between are two."""
+        if self._outline is None:
+            return False
+        one, other = pose.to_vehicle(self._bodies.moments().shown[[young, old], :2])
+        return self._outline.lies_between(one, other)
 
     def _delete(self, lost: Booleans, ended: Booleans) -> None:
         """Delete reflections and obstacles; the latest update keeps the rows that are left."""

@@ -125,7 +125,7 @@ class OracleTracker(VehicleTracker):
             self._obstacle_of[source] = int(self._bodies.obstacles.id[association.body[row]])
         self.counts.obstacles += len(self) - before
 
-    def _merge_and_split(self) -> None:
+    def _merge_and_split(self, pose: EgoPose) -> None:
         """Leave the obstacles as they are."""
 
     def _body_of(self, source: int) -> int:
