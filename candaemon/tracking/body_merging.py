@@ -129,7 +129,7 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
         & (faster[:, 0] < course.faster)
         & (faster[:, 1] < course.drift)
     )
-    stands = _stands(bodies, standing.speed, standing.moved)
+    stands = stand_without_course(bodies, standing.speed, standing.moved)
     along = 0.5 * (obstacles.length[young] + obstacles.length[old]) + settings.edge
     across = np.minimum(lane, 0.5 * (obstacles.width[young] + obstacles.width[old]) + settings.edge)
     near = (apart[:, 0] < np.minimum(settings.along, along)) & (apart[:, 1] < np.minimum(settings.across, across))
@@ -195,7 +195,7 @@ def _close_by(bodies: Bodies, stands: Booleans, young: Indices, old: Indices, re
     return close & (several[young] | several[old])
 
 
-def _stands(bodies: Bodies, slow: float, moved: float) -> Booleans:
+def stand_without_course(bodies: Bodies, slow: float, moved: float) -> Booleans:
     """Return which bodies stand and never showed a course (k,): their reflections may lie in any direction.
 
     Args:
@@ -250,7 +250,7 @@ def split_candidates(bodies: Bodies, settings: ReflectionSettings) -> Booleans |
             settings.stood.moved,
         )
     far = np.abs(reflections.offset[:, 0]) > settings.course.along
-    around = _stands(bodies, 2 * settings.stood.speed, settings.stood.moved)[reflections.body]
+    around = stand_without_course(bodies, 2 * settings.stood.speed, settings.stood.moved)[reflections.body]
     around &= (reflections.offset * reflections.offset).sum(axis=1) < (settings.along + settings.across) ** 2
     away = (
         (np.abs(reflections.offset[:, 0]) > settings.extent)

@@ -2,6 +2,10 @@
 
 Two cars in a queue may be taken for one from the start: the rear corner of the one ahead and the front corner of the
 one beside it lie as close together as those of a car, and move as fast. Sooner or later they show how wide both are.
+
+So do two that stood side by side when they were seen first, far away. What stood all the time may be parked across:
+its axis is only our own heading. But where one scan shows it so far apart, and nothing between, it is two cars more
+often than one: in drives whose truth is known, of 18 that seemed one, 15 were two.
 """
 
 from __future__ import annotations
@@ -10,6 +14,7 @@ import numpy as np
 
 from candaemon.arrays import Floats, Indices
 from candaemon.config.tracker import ReflectionSettings
+from candaemon.tracking.body_merging import stand_without_course
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import to_travel_axes
 
@@ -19,7 +24,8 @@ _AXIS_ERROR = 0.1  # rad, by which an axis may be wrong: so much of what lies al
 def beside_widest(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indices | None:
     """Return of bodies wider than any vehicle the reflections on the other side of the widest gap than the leading one.
 
-    Of a body whose axis is not known nobody knows how wide it is.
+    Of a body that moves, and whose axis is not known, nobody knows how wide it is. What stood all the time is looked at
+    once it has for long, and as one scan shows it.
 
     Args:
         bodies: with their reflections.
@@ -33,25 +39,35 @@ def beside_widest(bodies: Bodies, settings: ReflectionSettings, time_ns: int) ->
     across = reflections.offset[:, 1]
     if np.ptp(across) < settings.widest:  # of all bodies together, which takes less time
         return None
-    seen = (reflections.last_ns >= time_ns - round(settings.patience * 1e9)).nonzero()[0]
+    obstacles, stood = bodies.obstacles, settings.stood
+    stands = stand_without_course(bodies, 2 * stood.speed, stood.moved)
+    stands &= time_ns - obstacles.first_ns > round(stood.time * 1e9)
+    since_ns = np.where(stands, time_ns, time_ns - round(settings.patience * 1e9))
+    seen = (reflections.last_ns >= since_ns[reflections.body]).nonzero()[0]
     body = reflections.body[seen]
     low, high = np.full(len(bodies), np.inf), np.full(len(bodies), -np.inf)
     np.minimum.at(low, body, across[seen])
     np.maximum.at(high, body, across[seen])
-    wide = ((high - low > settings.widest) & bodies.obstacles.directed).nonzero()[0]
-    found = [_beside(bodies, each, seen[body == each], settings.widest) for each in wide.tolist()]
+    wide = ((high - low > settings.widest) & (obstacles.directed | stands)).nonzero()[0]
+    least = np.where(stands, stood.apart, 0.0)
+    found = [_beside(bodies, each, seen[body == each], settings.widest, least[each]) for each in wide.tolist()]
     beside = [rows for rows in found if len(rows)]
     return np.concatenate(beside) if beside else None
 
 
-def _beside(bodies: Bodies, body: int, rows: Indices, widest: float) -> Indices:
-    """Return which of a body's reflections (m,) lie beside it, as `beside_widest` does: none of one not too wide."""
+def _beside(bodies: Bodies, body: int, rows: Indices, widest: float, least: float) -> Indices:
+    """Return which of a body's reflections (m,) lie beside it, as `beside_widest` does: none of one not too wide.
+
+    Nor of one without a gap of so many m at least.
+    """
     reflections = bodies.reflections
     rows = rows[reflections.offset[rows, 1].argsort(kind="stable")]
     if not is_wide(reflections.offset[rows], reflections.variance[rows], widest):
         return rows[:0]
     across = reflections.offset[rows, 1]
     gap = int(np.diff(across).argmax())
+    if across[gap + 1] - across[gap] < least:
+        return rows[:0]
     middle = 0.5 * (across[gap] + across[gap + 1])
     leader = bodies.obstacles.leader[body]
     return rows[gap + 1 :] if reflections.offset[leader, 1] < middle else rows[: gap + 1]

@@ -9,7 +9,7 @@ from candaemon.tracking.body_width import is_wide
 from candaemon.tracking.obstacles import CONFIRMED, Obstacles
 from tests.support.builders import HandFedVehicles, Seen, times
 
-SPEED, STEADY, WANDERED = 8.0, 1.5, 3.0
+SPEED, STEADY, WANDERED, NEAR_BY = 8.0, 1.5, 3.0, 8.0
 
 
 def corners(t: float, left: float, right: float) -> list[Seen]:
@@ -59,3 +59,29 @@ def test_what_lies_along_a_wrong_axis_seems_to_lie_across() -> None:
     assert is_wide(short, np.zeros(2), 2.5)
     assert not is_wide(long, np.zeros(2), 2.5)
     assert not is_wide(short, np.full(2, 0.1), 2.5)
+
+
+def side_by_side(t: float, apart: float, between: bool) -> list[Seen]:
+    """Return what a queue that stands shows of two lanes: from far away as near to one another as parts of a car.
+
+    Args:
+        t: s.
+        apart: m from one to the other, as is seen from near by.
+        between: whether something shows between the two, as of a car that is parked across.
+    """
+    share = min(t / NEAR_BY, 1.0)
+    right = 3.0 - (1.0 - share) * 1.0 - share * apart
+    found = [Seen(1, 40.0, 3.0), Seen(2, 40.5, right)]
+    return [*found, Seen(3, 40.2, 0.5 * (3.0 + right))] if between else found
+
+
+@pytest.mark.parametrize(
+    ("apart", "between", "obstacles"),
+    [(3.4, False, 2), (3.4, True, 1), (2.3, False, 1)],
+    ids=["two lanes", "parked across", "one lane"],
+)
+def test_two_that_stand_and_seemed_one_from_afar_are_two(apart: float, between: bool, obstacles: int) -> None:
+    vehicles = HandFedVehicles()
+    for t in times(0, 200):
+        told = vehicles.scan(t, side_by_side(t, apart, between))
+    assert len(told) == obstacles
