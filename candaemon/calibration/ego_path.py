@@ -13,6 +13,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from candaemon import compiled
 from candaemon.arrays import ComplexPlane, Floats
 
 STEP_NS: Final = 50_000_000
@@ -78,29 +79,22 @@ class EgoPath:
             scale: of the speed, 1 where it is right.
             bias: of the yaw rate, rad/s.
         """
-        middle_time = _STEP * (np.arange(len(self.distance)) + 0.5)
-        unit = np.exp(1j * ((self.heading[1:] + self.heading[:-1]) / 2 - bias * middle_time))
-        steps = self.distance * unit
-        summed = np.zeros((3, len(self.heading)), np.complex128)
-        np.cumsum([steps, _STEP * unit, (-1j * scale) * middle_time * steps], axis=1, out=summed[:, 1:])
-        driven = np.zeros((2, len(self.heading)))
-        np.cumsum(self.distance, out=driven[0, 1:])
-        driven[1] = self.heading
-        rates = _rate(driven)
         t = times_ns * 1e-9
-        ahead, offset, turned = _between(t, summed)
-        heading, speed, turn, acceleration, turn_change = _between(t, np.concatenate([driven[1:], rates, _rate(rates)]))
-        heading = heading - bias * t
+        middle = (self.heading[1:] + self.heading[:-1]) / 2 - bias * _middle_times(len(self.distance))
+        unit = np.exp(1j * middle)
+        points, rates = _moments(self.distance, self.heading, unit, t, scale, bias)
+        position, per_scale, per_offset, per_bias = points
+        heading, speed, turn, acceleration, turn_change = rates
         return EgoMoments(
-            scale * ahead,
+            position,
             heading,
-            scale * speed,
-            turn - bias,
-            scale * acceleration,
+            speed,
+            turn,
+            acceleration,
             turn_change,
-            ahead,
-            offset,
-            turned,
+            per_scale,
+            per_offset,
+            per_bias,
             t,
             np.exp(1j * heading),
         )
@@ -134,6 +128,43 @@ def ego_path(
     distance = distance / np.interp(grid, *scales)
     undone = np.concatenate([[0.0], np.cumsum(_STEP * np.interp(grid, *biases))])
     return EgoPath(begin_ns, distance, heading - heading[0] + undone)
+
+
+def _middle_times(count: int) -> Floats:
+    """Return the instants between so many steps and the next, s since the first (count,)."""
+    return np.asarray(_STEP * (np.arange(count) + 0.5))
+
+
+def _moments(
+    distance: Floats, heading: Floats, unit: ComplexPlane, t: Floats, scale: float, bias: float
+) -> tuple[ComplexPlane, Floats]:
+    """Return what `EgoMoments` holds of n instants, in its order, less its last two.
+
+    Args:
+        distance: as in `EgoPath` (k - 1,).
+        heading: likewise (k,).
+        unit: direction between the steps (k - 1,).
+        t: the instants, s since the first step (n,).
+        scale: as for `EgoPath.at`.
+        bias: likewise.
+
+    Returns:
+        Positions and their derivatives (4, n); headings and what else is real (5, n).
+    """
+    if compiled.in_use:
+        return compiled.kernels.moments_of_path(distance, heading, unit, t, scale, bias, _STEP)
+    steps = distance * unit
+    summed = np.zeros((3, len(heading)), np.complex128)
+    turned = (-1j * scale) * _middle_times(len(distance)) * steps
+    np.cumsum([steps, _STEP * unit, turned], axis=1, out=summed[:, 1:])
+    driven = np.zeros((2, len(heading)))
+    np.cumsum(distance, out=driven[0, 1:])
+    driven[1] = heading
+    rates = _rate(driven)
+    ahead, offset, turning = _between(t, summed)
+    angle, speed, turn, acceleration, turn_change = _between(t, np.concatenate([driven[1:], rates, _rate(rates)]))
+    told = np.array([angle - bias * t, scale * speed, turn - bias, scale * acceleration, turn_change])
+    return np.array([scale * ahead, ahead, offset, turning]), told
 
 
 def _rate(values: Floats) -> Floats:

@@ -5,7 +5,7 @@ from typing import Any, Final, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from candaemon.arrays import Booleans, Bytes, Floats, Indices, Integers
+from candaemon.arrays import Booleans, Bytes, ComplexPlane, Floats, Indices, Integers
 
 REVISION: Final[int]
 _Heard: TypeAlias = tuple[float, int, int] | None
@@ -747,6 +747,12 @@ def within_field(
     half_turn: float,
 ) -> Booleans: ...
 def drive_modes(driven: Floats, standing: Floats, turning: Floats, times: list[float]) -> Floats: ...
+def course(
+    samples: Sequence[tuple[float, ...]], after: int, begin_ns: int, step_ns: int, count: int, limit_ns: float
+) -> tuple[ComplexPlane, Floats] | None: ...
+def moments_of_path(
+    distance: Floats, heading: Floats, unit: ComplexPlane, t: Floats, scale: float, bias: float, step: float
+) -> tuple[ComplexPlane, Floats]: ...
 
 class InsEpochs:
     def __init__(self, roles: tuple[int, ...], waits: int, limits: tuple[float, ...]) -> None: ...

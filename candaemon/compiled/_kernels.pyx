@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 120
+REVISION = 121
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -4675,6 +4675,114 @@ def drive_modes(
         out[2, i, 0] = out[2, i, 0] + standing[i, 0]
         out[4, i, 0] = turning[i, 0]
     return out_array
+
+
+def course(
+    list samples, Py_ssize_t after, long long begin_ns, long long step_ns, Py_ssize_t count, double limit_ns
+):
+    """Return places, east + i north, and headings at even steps (count,); None where one is not between two samples that
+    were heard, no further apart than a limit.
+
+    A sample is its time, ns, east, north, heading, velocity east and north, yaw rate, two accelerations, and when it was
+    heard, ns; the first that is later than the first step is at `after`.
+    """
+    cdef Py_ssize_t k, newest = len(samples) - 1
+    cdef long long time_ns = begin_ns, earlier_ns = 0, later_ns = begin_ns
+    cdef double dt, share, east = 0.0, north = 0.0, heading = 0.0, turned = 0.0
+    cdef double ve = 0.0, vn = 0.0, faster_east = 0.0, faster_north = 0.0
+    cdef tuple a, b
+    places_array, headings_array = np.empty(count, np.complex128), np.empty(count)
+    cdef double[:, ::1] places = places_array.view(float).reshape(count, 2)
+    cdef double[::1] headings = headings_array
+    for k in range(count):
+        if time_ns >= later_ns:
+            while after <= newest and <long long>(<tuple>samples[after])[0] <= time_ns:
+                after += 1
+            if not 0 < after <= newest:
+                return None
+            a, b = <tuple>samples[after - 1], <tuple>samples[after]
+            earlier_ns, later_ns = a[0], b[0]
+            if a[9] != a[0] or b[9] != b[0] or later_ns - earlier_ns > limit_ns:
+                return None
+            east, north, heading, ve, vn = a[1], a[2], a[3], a[4], a[5]
+            turned, faster_east, faster_north = b[3] - heading, b[4] - ve, b[5] - vn
+        dt = (time_ns - earlier_ns) * 1e-9
+        share = dt / ((later_ns - earlier_ns) * 1e-9)
+        places[k, 0] = east + dt * (ve + (ve + share * faster_east)) / 2.0
+        places[k, 1] = north + dt * (vn + (vn + share * faster_north)) / 2.0
+        headings[k] = heading + share * turned
+        time_ns += step_ns
+    return places_array, headings_array
+
+
+def moments_of_path(
+    const double[::1] distance,
+    const double[::1] heading,
+    const double complex[::1] unit,
+    const double[::1] t,
+    double scale,
+    double bias,
+    double step,
+):
+    """Return positions along a path at times (n,) and their derivatives with respect to the speed's scale, its offset and
+    the yaw rate's bias (4, n); heading, speed, yaw rate and the rates of these two (5, n).
+
+    Args:
+        distance: between the path's steps (k - 1,).
+        heading: at each (k,).
+        unit: direction between them (k - 1,).
+        t: s since the first step (n,).
+        scale: of the speed.
+        bias: of the yaw rate.
+        step: s.
+    """
+    cdef Py_ssize_t k = heading.shape[0], n = t.shape[0], i, j, row
+    cdef double middle, c, s, x, y, left, steps, share
+    points_array, rates_array = np.empty((4, n), np.complex128), np.empty((5, n))
+    cdef double[:, :, ::1] points = points_array.view(float).reshape(4, n, 2)
+    cdef double[:, ::1] rates = rates_array
+    summed_array, driven_array = np.zeros((6, k)), np.zeros((6, k))
+    cdef double[:, ::1] summed = summed_array  # ahead, offset and turned, x and y of each
+    cdef double[:, ::1] driven = driven_array  # distance, heading, and twice their rates
+    with nogil:
+        for i in range(k - 1):
+            middle, c, s = step * (i + 0.5), unit[i].real, unit[i].imag
+            x, y = distance[i] * c, distance[i] * s
+            left = -scale * middle
+            summed[0, i + 1], summed[1, i + 1] = summed[0, i] + x, summed[1, i] + y
+            summed[2, i + 1], summed[3, i + 1] = summed[2, i] + step * c, summed[3, i] + step * s
+            summed[4, i + 1], summed[5, i + 1] = summed[4, i] - left * y, summed[5, i] + left * x
+            driven[0, i + 1] = driven[0, i] + distance[i]
+        driven[1, :] = heading
+        for row in range(2, 6):
+            central_rates(driven[row - 2], 4 * step, driven[row])
+        for i in range(n):
+            steps = t[i] / step
+            j = min(max(<Py_ssize_t>steps, 0), k - 2)
+            share = steps - j
+            for row in range(3):
+                points[row + 1, i, 0] = between(summed[2 * row], j, share)
+                points[row + 1, i, 1] = between(summed[2 * row + 1], j, share)
+            points[0, i, 0], points[0, i, 1] = scale * points[1, i, 0], scale * points[1, i, 1]
+            rates[0, i] = between(driven[1], j, share) - bias * t[i]
+            rates[1, i] = scale * between(driven[2], j, share)
+            rates[2, i] = between(driven[3], j, share) - bias
+            rates[3, i] = scale * between(driven[4], j, share)
+            rates[4, i] = between(driven[5], j, share)
+    return points_array, rates_array
+
+
+cdef inline void central_rates(const double[:] values, double time, double[:] rates) noexcept nogil:
+    """Rates over two steps to each side, which take a time together, held at the ends."""
+    cdef Py_ssize_t k = values.shape[0], i
+    for i in range(2, k - 2):
+        rates[i] = (values[i + 2] - values[i - 2]) / time
+    rates[0] = rates[1] = rates[2]
+    rates[k - 1] = rates[k - 2] = rates[k - 3]
+
+
+cdef inline double between(const double[:] values, Py_ssize_t before, double share) noexcept nogil:
+    return values[before] + share * (values[before + 1] - values[before])
 
 
 cdef enum:

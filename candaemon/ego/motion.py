@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import ComplexPlane, Floats
 from candaemon.config.ego import BiasSettings
 from candaemon.ego.pose import EgoPose, EgoStatus
@@ -305,8 +306,12 @@ class MotionHistory:
         samples, limit_ns = self.state.samples, self._age_limit * 1e9
         if not samples:
             return None
-        places, headings = [], []
         after, newest = bisect_right(samples, (begin_ns, inf)), len(samples) - 1
+        if compiled.in_use:
+            known = compiled.kernels.course(samples, after, begin_ns, step_ns, count, limit_ns)
+            if known is not None:
+                return known
+        places, headings = [], []
         for time_ns in range(begin_ns, begin_ns + count * step_ns, step_ns):
             while after < newest and samples[after].time_ns <= time_ns:
                 after += 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ import pytest
 from candaemon import compiled
 from candaemon.arrays import Floats, Indices, Integers
 from candaemon.binding.bound import Binding
+from candaemon.calibration.ego_path import ego_path
 from candaemon.can_io.logs.candump import ChunkDecoder, candump_text
 from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.config.ego import InsSettings
@@ -26,6 +27,7 @@ from candaemon.config.tracker import (
 )
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.ego.ins import InsMotion
+from candaemon.ego.motion import MotionHistory
 from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.estimation.axis_filter import AxisFilter, WhiteAxis
 from candaemon.estimation.body_filter import BIAS, SEEN, TURN, BodyFilter, BodyFilterState, BodyMode, motion, shown
@@ -924,6 +926,26 @@ def test_what_hides_what(azimuth: float, monkeypatch: pytest.MonkeyPatch) -> Non
         seen = sensor_views(settings)[-1].sees(np.concatenate([centre, 4.0 * centre]))
         assert 0 < np.count_nonzero(seen) < 80
         return [share, distance, learnt.expected, learnt.detected, probability, seen.astype(np.float64)]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("gap_ns", [0, 40_000_000], ids=["even", "with a gap"])
+def test_ego_motion_over_a_window(gap_ns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    limits = {"age_limit": 0.03, "dead_reckoning": 3.0, "unseen_acceleration": 1.0}
+    history = MotionHistory(**limits, speed_variance=0.01, smoothing=0.1)
+    motion = np.random.default_rng(8).normal([15.0, 8.0, 0.2], [0.5, 0.5, 0.05], (200, 3))
+    for k, (ve, vn, turn) in enumerate(motion.tolist()):
+        history.add(k * 10**7 + (gap_ns if k > 100 else 0), 0.002 * k + turn, ve, vn, turn)
+    scales, biases = np.array([[0.0, 0.4, 1.0], [1.0, 1.01, 1.02]]), np.array([[0.0, 0.4, 1.0], [0.0, 0.002, 0.001]])
+
+    def computed() -> list[Floats]:
+        assert history.course(100 * 10**7, 10**7, 200) is None
+        path = ego_path(history.course, 4 * 10**8, 14 * 10**8, scales, biases)
+        assert path is not None
+        moments = path.at(np.linspace(0.0, 0.9e9, 20), 1.01, 0.002)
+        columns = [getattr(moments, each.name) for each in fields(moments)]
+        return [path.distance, path.heading, *(np.ascontiguousarray(each).view(np.float64) for each in columns)]
 
     both(monkeypatch, computed)
 
