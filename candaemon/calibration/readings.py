@@ -199,7 +199,7 @@ class SensorReader:
             if name in rows
         )
         readings = Readings(
-            np.repeat(np.arange(len(scans)), counts),
+            np.arange(len(scans)).repeat(counts),
             np.concatenate([each.object_id for each in scans]),
             np.concatenate([each.new for each in scans]),
             place,
@@ -207,5 +207,6 @@ class SensorReader:
             np.hypot(across, WANDERING),
             speeds,
         )
-        near = (np.abs(place.real) < _FARTHEST) & (np.abs(place.imag) < _FARTHEST)
-        return readings if near.all() else readings.take(near)
+        if abs(np.vdot(place, place)) < _FARTHEST**2:  # then every one is near
+            return readings
+        return readings.take((np.abs(place.real) < _FARTHEST) & (np.abs(place.imag) < _FARTHEST))

@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Booleans, ComplexPlane, Floats, Indices, Integers
 from candaemon.calibration.ego_path import EgoMoments, EgoPath
 from candaemon.calibration.parameters import ALL_COLUMNS, BIAS, COUNT, LATENCY, OFFSET, SCALE, SIGHT, YAW, Estimate
@@ -226,17 +227,16 @@ class WindowReader:
         seen = self._seen(readings.place, at)
         place = moments.position.take(scan) + moments.ahead.take(scan) * seen
         if self._identified:
-            order, first = self._by_identity(readings, moments.since, place)
+            order, first, counts = self._by_identity(readings, moments.since, place)
         else:
-            order, first = _by_place(readings, place)
-        counts = np.diff(first, append=len(order))
+            order, first, counts = _by_place(readings, place)
         begin, end = order.take(first), order.take(first + counts - 1)
         length = moments.since.take(scan.take(end)) - moments.since.take(scan.take(begin))
         window = moments.since[scan[-1]] - moments.since[scan[0]]
         kept = (counts >= _FEWEST) & (length >= _SHARE * window)
         length = np.maximum(length, _SHORTEST)
         drift = np.abs(place.take(end) - place.take(begin)) / length
-        kept &= drift < _SLOWEST + _GATE * self._likely_drift(readings.take(begin), moments, at, length, walk)
+        kept &= drift < _SLOWEST + _GATE * self._likely_drift(readings, begin, moments, at, length, walk)
         if not kept.any():
             return None
         rows = order[np.repeat(kept, counts)]
@@ -247,14 +247,21 @@ class WindowReader:
         return returns if still.all() else returns.take(still)
 
     def _likely_drift(
-        self, begin: Readings, moments: EgoMoments, at: Estimate, length: Floats, walk: tuple[float, float]
+        self,
+        readings: Readings,
+        begin: Indices,
+        moments: EgoMoments,
+        at: Estimate,
+        length: Floats,
+        walk: tuple[float, float],
     ) -> Floats:
         """Return how fast k returns that stand may seem to drift from first to last, m/s (k,).
 
         No smaller than one standard deviation of that: what drifts faster is told without any derivatives.
 
         Args:
-            begin: their first measurements (k,).
+            readings: of the sensor.
+            begin: rows of their first measurements (k,).
             moments: at each scan.
             at: the estimate.
             length: s from the first measurement to the last (k,).
@@ -262,13 +269,14 @@ class WindowReader:
         """
         speed, turn = float(np.abs(moments.speed).max()), float(np.abs(moments.turn).max())
         faster, sharper = float(np.abs(moments.acceleration).max()), float(np.abs(moments.turn_change).max())
-        nearest = np.abs(begin.place)
+        nearest = np.abs(readings.place.take(begin))
         distance = nearest + (abs(self._mount) + speed * length)  # the farthest meanwhile
         latency, yaw, scale, bias = at.deviation.tolist()
         drift = (latency * (turn**2 + sharper) + 2.0 * bias) * distance
         drift += latency * (faster + 2.0 * speed * turn) + scale / (1.0 + float(at.mean[SCALE])) * speed
         drift += yaw * (speed + turn * abs(self._mount))
-        noise = np.sqrt(2.0 * (begin.along**2 + (begin.across * distance / nearest) ** 2))  # of both ends
+        along, across = readings.along.take(begin), readings.across.take(begin) * distance / nearest
+        noise = np.sqrt(2.0 * (along**2 + across**2))  # of both ends
         return np.asarray(drift + noise / length + np.sqrt(sum(walk) / length))
 
     def _returns(
@@ -283,23 +291,23 @@ class WindowReader:
             counts: measurements of each return (k,).
         """
         scan, ahead = readings.scan, moments.ahead
-        offset = ahead[scan] * seen
-        turned = (1j * ahead)[scan] * (seen - self._mount)
-        place = moments.position[scan] + offset
+        offset = ahead.take(scan) * seen
+        turned = (1j * ahead).take(scan) * (seen - self._mount)
+        place = moments.position.take(scan) + offset
         rows = np.empty((len(place), ALL_COLUMNS), np.complex128)
-        rows[:, LATENCY] = -((moments.speed * ahead)[scan] + (1j * moments.turn)[scan] * offset)
+        rows[:, LATENCY] = -((moments.speed * ahead).take(scan) + (1j * moments.turn).take(scan) * offset)
         rows[:, YAW] = turned
-        rows[:, SCALE] = moments.per_scale[scan]
-        rows[:, OFFSET] = moments.per_offset[scan]
+        rows[:, SCALE] = moments.per_scale.take(scan)
+        rows[:, OFFSET] = moments.per_offset.take(scan)
         rows[:, SIGHT] = 0.0
-        rows[:, BIAS] = moments.per_bias[scan] - (1j * moments.since)[scan] * offset
-        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-        sight = turned[first + counts // 2]
-        sight = np.repeat((sight / np.maximum(np.abs(sight), 1e-9) / 1j).conj(), counts)
+        rows[:, BIAS] = moments.per_bias.take(scan) - (1j * moments.since).take(scan) * offset
+        first = counts.cumsum() - counts
+        sight = turned.take(first + counts // 2)
+        sight = (sight / np.maximum(np.abs(sight), 1e-9) / 1j).conj().repeat(counts)
         place, rows = sight * place, sight[:, None] * rows
-        place -= np.repeat(np.add.reduceat(place, first) / counts, counts)
-        rows -= np.repeat(np.add.reduceat(rows, first) / counts[:, None], counts, axis=0)
-        seconds = moments.since[scan]
+        place -= (np.add.reduceat(place, first) / counts).repeat(counts)
+        rows -= (np.add.reduceat(rows, first) / counts[:, None]).repeat(counts, axis=0)
+        seconds = moments.since.take(scan)
         return StandingReturns(
             readings, first, counts, seconds, -place.real, -place.imag, rows.real.copy(), rows.imag.copy()
         )
@@ -351,7 +359,7 @@ class WindowReader:
             zip((each.name for each in turned), _without_shared(shared, readings.scan), strict=True)
         )
 
-    def _by_identity(self, readings: Readings, since: Floats, place: ComplexPlane) -> tuple[Indices, Indices]:
+    def _by_identity(self, readings: Readings, since: Floats, place: ComplexPlane) -> tuple[Indices, Indices, Indices]:
         """Return which measurements are of one return, by the sensor's ids and where they jump.
 
         Args:
@@ -360,16 +368,20 @@ class WindowReader:
             place: of the measurements over ground (n,).
 
         Returns:
-            Rows of the measurements, sorted by return and scan (n,), and where in these each return begins (k,).
+            Rows of the measurements, sorted by return and scan (n,), where in these each return begins, and how many of
+            them are of it (k,).
         """
         order = readings.object_id.argsort(kind="stable")  # the scans ascend
+        if compiled.in_use:
+            parts = (readings.object_id, readings.new, readings.scan, since, place)
+            return order, *compiled.kernels.successions(order, *parts, _JUMP**2, self._longest_gap)
         key, place = readings.object_id.take(order), place.take(order)
         begins = readings.new.take(order)
         begins[0] = True
         begins[1:] |= key[1:] != key[:-1]
         begins[1:] |= _squared(place[1:] - place[:-1]) > _JUMP**2
         begins[1:] |= np.diff(since.take(readings.scan.take(order))) > self._longest_gap
-        return order, np.flatnonzero(begins)
+        return order, *_successions(begins)
 
 
 def _squared(plane: ComplexPlane) -> Floats:
@@ -419,7 +431,13 @@ def _coasted(readings: Readings) -> Booleans:
     return coasted
 
 
-def _by_place(readings: Readings, place: ComplexPlane) -> tuple[Indices, Indices]:
+def _successions(begins: Booleans) -> tuple[Indices, Indices]:
+    """Return the rows that begin something (k,), and how many rows it has, out of whether each does (n,)."""
+    first = begins.nonzero()[0]
+    return first, np.diff(first, append=len(begins))
+
+
+def _by_place(readings: Readings, place: ComplexPlane) -> tuple[Indices, Indices, Indices]:
     """Return which measurements are of one return, as `_by_identity`, of a sensor without ids: what is nearest."""
     track = np.empty(len(place), np.int64)
     last = np.empty(0, np.complex128)
@@ -442,7 +460,7 @@ def _by_place(readings: Readings, place: ComplexPlane) -> tuple[Indices, Indices
         last, numbers = np.concatenate([last, here[fresh]]), np.concatenate([numbers, number[fresh]])
         track[rows] = number
     order = track.argsort(kind="stable")
-    return order, np.flatnonzero(np.diff(track.take(order), prepend=-1))
+    return order, *_successions(np.diff(track.take(order), prepend=-1) != 0)
 
 
 def _stands(returns: StandingReturns, at: Estimate, walk: tuple[float, float]) -> Booleans:
@@ -450,26 +468,23 @@ def _stands(returns: StandingReturns, at: Estimate, walk: tuple[float, float]) -
 
     The slope that is fitted to a random walk of density q over a time T has the variance 6 q / (5 T).
     """
-    seconds = returns.seconds - np.repeat(_means(returns.seconds, returns), returns.count)
+    seconds = returns.seconds - _means(returns.seconds, returns).repeat(returns.count)
     swept = np.maximum(np.add.reduceat(seconds**2, returns.first), 1e-9)
-    stands = np.ones(len(returns.first), dtype=np.bool_)
     last = returns.first + returns.count - 1
-    length = np.maximum(returns.seconds[last] - returns.seconds[returns.first], _SHORTEST)
-    for residual, rows, noise, density in (
-        (returns.along, returns.along_rows, returns.readings.along, walk[0]),
-        (returns.across, returns.across_rows, returns.readings.across, walk[1]),
-    ):
-        drift = np.add.reduceat(seconds * residual, returns.first) / swept
-        per = np.add.reduceat(seconds[:, None] * rows[:, :COUNT], returns.first) / swept[:, None]
-        error = np.hypot(_means(noise, returns) / np.sqrt(swept), _expected(per, at))
-        error = np.hypot(error, np.sqrt(1.2 * density / length))
-        stands &= np.abs(drift) < _SLOWEST + _GATE * error
-    return stands
+    length = np.maximum(returns.seconds.take(last) - returns.seconds.take(returns.first), _SHORTEST)
+    residual = np.array([returns.along, returns.across])
+    rows = np.array([returns.along_rows[:, :COUNT], returns.across_rows[:, :COUNT]])
+    noise = np.array([returns.readings.along, returns.readings.across])
+    drift = np.add.reduceat(seconds * residual, returns.first, axis=1) / swept
+    per = np.add.reduceat(seconds[:, None] * rows, returns.first, axis=1) / swept[:, None]
+    error = np.hypot(_means(noise, returns) / np.sqrt(swept), _expected(per, at))
+    error = np.hypot(error, np.sqrt(1.2 * np.array(walk)[:, None] / length))
+    return np.asarray((np.abs(drift) < _SLOWEST + _GATE * error).all(axis=0))
 
 
 def _means(values: Floats, returns: StandingReturns) -> Floats:
-    """Return the mean over each return (k,)."""
-    return np.asarray(np.add.reduceat(values, returns.first) / returns.count)
+    """Return the means (…, k) over each return of values (…, n)."""
+    return np.asarray(np.add.reduceat(values, returns.first, axis=-1) / returns.count)
 
 
 def _spread_of(values: Floats, returns: StandingReturns) -> Floats:
@@ -478,9 +493,9 @@ def _spread_of(values: Floats, returns: StandingReturns) -> Floats:
 
 
 def _expected(rows: Floats, at: Estimate) -> Floats:
-    """Return one standard deviation of what the estimate's error does to rows (n, 6)."""
-    rows = rows[:, :COUNT]
-    return np.asarray(np.sqrt(np.maximum(np.sum((rows @ at.covariance) * rows, axis=1), 0.0)))
+    """Return one standard deviation of what the estimate's error does to rows (…, n, 4 or more), as (…, n)."""
+    rows = rows[..., :COUNT]
+    return np.asarray(np.sqrt(np.maximum(np.sum((rows @ at.covariance) * rows, axis=-1), 0.0)))
 
 
 def _huber(deviations: Floats) -> Floats:

@@ -753,6 +753,16 @@ def course(
 def moments_of_path(
     distance: Floats, heading: Floats, unit: ComplexPlane, t: Floats, scale: float, bias: float, step: float
 ) -> tuple[ComplexPlane, Floats]: ...
+def successions(
+    order: Indices,
+    object_id: Integers,
+    new: Booleans,
+    scan: Indices,
+    since: Floats,
+    place: ComplexPlane,
+    jump: float,
+    longest_gap: float,
+) -> tuple[Indices, Indices]: ...
 
 class InsEpochs:
     def __init__(self, roles: tuple[int, ...], waits: int, limits: tuple[float, ...]) -> None: ...

@@ -16,7 +16,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 121
+REVISION = 122
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -4783,6 +4783,51 @@ cdef inline void central_rates(const double[:] values, double time, double[:] ra
 
 cdef inline double between(const double[:] values, Py_ssize_t before, double share) noexcept nogil:
     return values[before] + share * (values[before + 1] - values[before])
+
+
+def successions(
+    const Py_ssize_t[::1] order,
+    const long long[::1] object_id,
+    const unsigned char[::1] new,
+    const Py_ssize_t[::1] scan,
+    const double[::1] since,
+    const double complex[::1] place,
+    double jump,
+    double longest_gap,
+):
+    """Return where among measurements (n,), sorted by id and scan, each return begins, and how many are of it (k,).
+
+    Args:
+        order: rows of the measurements, sorted.
+        object_id: of each row, the sensor's id.
+        new: whether the sensor calls it another object than before.
+        scan: number of the scan of each.
+        since: time of each scan, s.
+        place: over ground, m.
+        jump: m², square of a distance from one to the next above which the return is another.
+        longest_gap: s, likewise.
+    """
+    cdef Py_ssize_t n = order.shape[0], i, one, other, k = 0
+    cdef double x, y
+    first_array, count_array = np.empty(n, np.intp), np.empty(n, np.intp)
+    cdef Py_ssize_t[::1] first = first_array, count = count_array
+    with nogil:
+        for i in range(n):
+            one = order[i]
+            if i:
+                other = order[i - 1]
+                x, y = place[one].real - place[other].real, place[one].imag - place[other].imag
+            if (
+                not i
+                or new[one]
+                or object_id[one] != object_id[other]
+                or x * x + y * y > jump
+                or since[scan[one]] - since[scan[other]] > longest_gap
+            ):
+                first[k], count[k] = i, 0
+                k += 1
+            count[k - 1] += 1
+    return first_array[:k], count_array[:k]
 
 
 cdef enum:

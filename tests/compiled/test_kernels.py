@@ -13,6 +13,8 @@ from candaemon import compiled
 from candaemon.arrays import Floats, Indices, Integers
 from candaemon.binding.bound import Binding
 from candaemon.calibration.ego_path import ego_path
+from candaemon.calibration.readings import HeldScan, SensorReader
+from candaemon.calibration.window import WindowReader
 from candaemon.can_io.logs.candump import ChunkDecoder, candump_text
 from candaemon.can_io.logs.stream import ChannelMap, LogCounts
 from candaemon.config.ego import InsSettings
@@ -946,6 +948,27 @@ def test_ego_motion_over_a_window(gap_ns: int, monkeypatch: pytest.MonkeyPatch) 
         moments = path.at(np.linspace(0.0, 0.9e9, 20), 1.01, 0.002)
         columns = [getattr(moments, each.name) for each in fields(moments)]
         return [path.distance, path.heading, *(np.ascontiguousarray(each).view(np.float64) for each in columns)]
+
+    both(monkeypatch, computed)
+
+
+def test_which_measurements_of_a_window_are_of_one_return(monkeypatch: pytest.MonkeyPatch) -> None:
+    random, sensor = np.random.default_rng(9), full_binding().sensors[0]
+    reader = SensorReader(sensor.settings, sensor.reader.quantities)
+    window, ids = WindowReader(reader), np.arange(12)
+    scans = [
+        HeldScan(
+            k, 1.0, 0.0, np.sort(random.permutation(ids)[:9]), random.random(9) < 0.1, np.ones((len(reader.taken), 9))
+        )
+        for k in range(20)
+    ]
+
+    def computed() -> list[Floats]:
+        readings = reader.read(scans)
+        place = readings.object_id * (10.0 + 1j) + 0.5 * readings.scan + 2.6 * (readings.scan % 5 == 0)
+        order, first, counts = window._by_identity(readings, np.linspace(0.0, 2.0, 20), place)
+        assert 40 < len(first) < counts.sum() == len(order) == 180
+        return [each.astype(np.float64) for each in (order, first, counts)]
 
     both(monkeypatch, computed)
 
