@@ -5,6 +5,9 @@ Every number comes from the same operations in the same order as there: sums run
 build forbids fused multiply-adds. Logarithms, sines and the like, which libraries round in ways of their own, stay in
 numpy, or are those of Python: its `math`, and `pow` as in its powers. No shape is checked here: the callers give arrays
 of the right ones.
+
+What has one operation or a few for each of many arrays takes them as buffers, `object[double, ndim=1]`: a memoryview,
+`double[:]`, takes 0.1 µs longer to begin with, but it can be passed on, and loops over several dimensions run faster.
 """
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
@@ -16,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 122
+REVISION = 123
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1258,7 +1261,11 @@ def vehicle_axes(
 
 
 def expect_detections(
-    long long[:] history, long long[:] scans, const long long[:] sensors, long long sensor, long long most
+    long long[:] history,
+    object[long long, ndim=1] scans,
+    object[long long, ndim=1] sensors,
+    long long sensor,
+    long long most,
 ):
     """Count a scan of a sensor, a bit, for the obstacles (k,) that it has detected before, and make room in their histories.
 
@@ -1275,15 +1282,15 @@ def expect_detections(
 
 def record_detections(
     const Py_ssize_t[:] tracks,
-    const Py_ssize_t[:] rows,
-    const long long[:] object_id,
-    const long long[:] known_id,
-    const long long[:] known_sensor,
-    const long long[:] obstacle,
-    long long[:] reflection_ns,
-    long long[:] obstacle_ns,
-    long long[:] history,
-    long long[:] sensors,
+    object[Py_ssize_t, ndim=1] rows,
+    object[long long, ndim=1] object_id,
+    object[long long, ndim=1] known_id,
+    object[long long, ndim=1] known_sensor,
+    object[long long, ndim=1] obstacle,
+    object[long long, ndim=1] reflection_ns,
+    object[long long, ndim=1] obstacle_ns,
+    object[long long, ndim=1] history,
+    object[long long, ndim=1] sensors,
     long long sensor,
     long long time_ns,
 ):
@@ -1304,22 +1311,22 @@ def record_detections(
 
 
 def lives(
-    const long long[:] first_ns,
-    const long long[:] last_ns,
-    const long long[:] history,
-    const long long[:] scans,
-    const unsigned char[:] confirmed,
+    object[long long, ndim=1] first_ns,
+    object[long long, ndim=1] last_ns,
+    object[long long, ndim=1] history,
+    object[long long, ndim=1] scans,
+    object[unsigned char, ndim=1] confirmed,
     long long time_ns,
     long long slack_ns,
     long long length,
 ):
     """Return of obstacles (k,): 0 tentative, 1 confirmed, 2 coasting; age, s; share of so many scans in which it was seen."""
-    cdef Py_ssize_t k = first_ns.shape[0], i
+    cdef Py_ssize_t k = len(first_ns), i
     cdef unsigned long long bits
     cdef int seen
     state_array, age_array, share_array = np.empty(k, np.int8), np.empty(k), np.empty(k)
     cdef signed char[::1] state = state_array
-    cdef double[::1] age = age_array, share = share_array
+    cdef object[double, ndim=1, mode="c"] age = age_array, share = share_array
     with nogil:
         for i in range(k):
             state[i] = (1 + (time_ns - last_ns[i] > slack_ns)) if confirmed[i] else 0
@@ -1342,14 +1349,18 @@ def in_order(const Py_ssize_t[:] rows):
 
 
 def turned_towards(
-    const double[:, :] direction, const double[:] forward, const double[:, :] velocity, double min_speed, double share
+    const double[:, :] direction,
+    const double[:] forward,
+    object[double, ndim=2] velocity,
+    double min_speed,
+    double share,
 ):
     """Return directions (k, 2) after a share of the turn towards the courses of what moves, and which way it drives."""
     cdef Py_ssize_t k = direction.shape[0], t
     cdef double speed, along, towards, x, y, norm
     direction_array, forward_array = np.array(direction, order="C"), np.array(forward)
-    cdef double[:, ::1] turned = direction_array
-    cdef double[::1] drives = forward_array
+    cdef object[double, ndim=2, mode="c"] turned = direction_array
+    cdef object[double, ndim=1, mode="c"] drives = forward_array
     with nogil:
         for t in range(k):
             speed = sqrt(velocity[t, 0] * velocity[t, 0] + velocity[t, 1] * velocity[t, 1])
@@ -1412,8 +1423,8 @@ def directed_matrices(
 
 
 def axis_elements(
-    const double[:, ::1] coefficients,
-    const Py_ssize_t[::1] exponent,
+    object[double, ndim=2, mode="c"] coefficients,
+    object[Py_ssize_t, ndim=1, mode="c"] exponent,
     double dt,
     double rate,
     double intensity,
@@ -1423,11 +1434,11 @@ def axis_elements(
 
     The series are columns of coefficients (terms, 21), before which a power of time stands by its exponent (21,).
     """
-    cdef Py_ssize_t terms = coefficients.shape[0], n, i, column
+    cdef Py_ssize_t terms = len(coefficients), n, i, column
     cdef Py_ssize_t[10] chosen = [1, 2, 5, 8, 9, 10, 11, 13, 14, 17]
     cdef double value, x = -rate * dt
     elements_array = np.empty(14)
-    cdef double[::1] elements = elements_array
+    cdef object[double, ndim=1, mode="c"] elements = elements_array
     for i in range(10):
         column = chosen[i]
         value = coefficients[terms - 1, column]
@@ -1444,18 +1455,18 @@ def axis_elements(
 
 
 def polar_points(
-    const double[:] distance,
-    const double[:] cosine,
-    const double[:] sine,
+    object[double, ndim=1] distance,
+    object[double, ndim=1] cosine,
+    object[double, ndim=1] sine,
     double range_variance,
     double angle_variance,
 ):
     """Return points (n, 2) at distances and angles, and their covariances (n, 2, 2)."""
-    cdef Py_ssize_t n = distance.shape[0], t
+    cdef Py_ssize_t n = len(distance), t
     cdef double across, along_c, along_s, across_c, across_s
     position_array, noise_array = np.empty((n, 2)), np.empty((n, 2, 2))
-    cdef double[:, ::1] position = position_array
-    cdef double[:, :, ::1] noise = noise_array
+    cdef object[double, ndim=2, mode="c"] position = position_array
+    cdef object[double, ndim=3, mode="c"] noise = noise_array
     with nogil:
         for t in range(n):
             position[t, 0] = distance[t] * cosine[t]
@@ -1469,13 +1480,13 @@ def polar_points(
     return position_array, noise_array
 
 
-def placed(const double[:, :] offset, const double[:] origin, double east, double north, double c, double s):
+def placed(object[double, ndim=2] offset, object[double, ndim=1] origin, double east, double north, double c, double s):
     """Return points at offsets (n, 2) from an origin in the local frame (n, 2); x, y in axes with an own place (n,)."""
-    cdef Py_ssize_t n = offset.shape[0], t
+    cdef Py_ssize_t n = len(offset), t
     cdef double ahead, left
     position_array, x_array, y_array = np.empty((n, 2)), np.empty(n), np.empty(n)
-    cdef double[:, ::1] position = position_array
-    cdef double[::1] x = x_array, y = y_array
+    cdef object[double, ndim=2, mode="c"] position = position_array
+    cdef object[double, ndim=1, mode="c"] x = x_array, y = y_array
     with nogil:
         for t in range(n):
             position[t, 0], position[t, 1] = offset[t, 0] + origin[0], offset[t, 1] + origin[1]
@@ -2708,11 +2719,11 @@ cdef void move_bodies(const double[:, :] mean, double slow, double[:, ::1] out) 
         out[t, 5] = along * mean[t, 3] + mean[t, 4] * mean[t, 2]
 
 
-def to_travel_axes(const double[:, :] vectors, const double[:, :] direction):
+def to_travel_axes(object[double, ndim=2] vectors, object[double, ndim=2] direction):
     """Return vectors (n, 2) along and across unit vectors (n, 2), positive to the left."""
-    cdef Py_ssize_t n = vectors.shape[0], t
+    cdef Py_ssize_t n = len(vectors), t
     out_array = np.empty((n, 2))
-    cdef double[:, ::1] out = out_array
+    cdef object[double, ndim=2, mode="c"] out = out_array
     with nogil:
         for t in range(n):
             out[t, 0] = vectors[t, 0] * direction[t, 0] + vectors[t, 1] * direction[t, 1]
@@ -2720,11 +2731,11 @@ def to_travel_axes(const double[:, :] vectors, const double[:, :] direction):
     return out_array
 
 
-def from_travel_axes(const double[:, :] components, const double[:, :] direction):
+def from_travel_axes(object[double, ndim=2] components, object[double, ndim=2] direction):
     """Undo `to_travel_axes`."""
-    cdef Py_ssize_t n = components.shape[0], t
+    cdef Py_ssize_t n = len(components), t
     out_array = np.empty((n, 2))
-    cdef double[:, ::1] out = out_array
+    cdef object[double, ndim=2, mode="c"] out = out_array
     with nogil:
         for t in range(n):
             out[t, 0] = components[t, 0] * direction[t, 0] - components[t, 1] * direction[t, 1]
@@ -2802,24 +2813,24 @@ def facing_points(
 
 
 def facing_offsets(
-    const double[:, :] mean,
-    const double[:, :] facing,
-    const double[:, :] axis,
-    const double[:] length,
-    const double[:] width,
+    object[double, ndim=2] mean,
+    object[double, ndim=2] facing,
+    object[double, ndim=2] axis,
+    object[double, ndim=1] length,
+    object[double, ndim=1] width,
     double east,
     double north,
     int rounds,
     double least,
 ):
     """Return of bodies whose reference points were so far from their centres (n, 2) how far the points that face us are."""
-    cdef Py_ssize_t n = length.shape[0], group, t, lanes, l, at
+    cdef Py_ssize_t n = len(length), group, t, lanes, l, at
     cdef double x, y, c, s
     cdef double eye[2][LANES]
     cdef double size[2][LANES]
     cdef double point[2][LANES]
     out_array = np.empty((n, 2))
-    cdef double[:, ::1] out = out_array
+    cdef object[double, ndim=2, mode="c"] out = out_array
     with nogil:
         for group in range((n + LANES - 1) // LANES):
             t = group * LANES
@@ -2846,19 +2857,19 @@ cdef inline bint has_size(
 
 
 def slide_references(
-    const double[:, :] mean,
-    double[:, :] facing,
-    const double[:, :] axis,
-    const double[:] cosine,
-    const double[:] sine,
-    const double[:] length,
-    const double[:] width,
-    const double[:] length_variance,
-    const double[:] extent,
-    const double[:] alone,
-    const unsigned char[:] directed,
+    object[double, ndim=2] mean,
+    object[double, ndim=2] facing,
+    object[double, ndim=2] axis,
+    object[double, ndim=1] cosine,
+    object[double, ndim=1] sine,
+    object[double, ndim=1] length,
+    object[double, ndim=1] width,
+    object[double, ndim=1] length_variance,
+    object[double, ndim=1] extent,
+    object[double, ndim=1] alone,
+    object[unsigned char, ndim=1] directed,
     const Py_ssize_t[:] body,
-    double[:, :] offset,
+    object[double, ndim=2] offset,
     double east,
     double north,
     double own_east,
@@ -2875,7 +2886,7 @@ def slide_references(
     Return by how much (n, 2), None where no point slides; take it from what their reflections are off (m, 2), and add it
     to the reference points minus the centres. We are at a place and move at a velocity; turn rates err by so much.
     """
-    cdef Py_ssize_t n = length.shape[0], group, t, lanes, l, at, i
+    cdef Py_ssize_t n = len(length), group, t, lanes, l, at, i
     cdef bint known, some = False
     cdef double x, y, c, s, rate, share
     cdef double eye[2][LANES]
@@ -2885,7 +2896,7 @@ def slide_references(
     cdef double before[2][LANES]
     cdef double sight[2][LANES]
     step_array = np.zeros((n, 2))
-    cdef double[:, ::1] step = step_array
+    cdef object[double, ndim=2, mode="c"] step = step_array
     with nogil:
         for group in range((n + LANES - 1) // LANES):
             t = group * LANES
@@ -2957,15 +2968,15 @@ def expected_places(
 
 
 def turn_axes_of_bodies(
-    const double[:, :] mean,
-    const double[:, :, :] covariance,
-    const double[:, :] axis,
-    unsigned char[:] directed,
-    const double[:] part,
-    const double[:, :] facing,
-    const double[:] turn,
-    const double[:] turn_variance,
-    const double[:, :] pivot,
+    object[double, ndim=2] mean,
+    object[double, ndim=3] covariance,
+    object[double, ndim=2] axis,
+    object[unsigned char, ndim=1] directed,
+    object[double, ndim=1] part,
+    object[double, ndim=2] facing,
+    object[double, ndim=1] turn,
+    object[double, ndim=1] turn_variance,
+    object[double, ndim=2] pivot,
     double course_error,
     double backing,
     double telling,
@@ -2975,12 +2986,12 @@ def turn_axes_of_bodies(
 ):
     """Return axes (n, 2) after a part of the turn towards the courses of the centres, and which slow ones
     turned round, None: none; note in place whom the course directs."""
-    cdef Py_ssize_t n = mean.shape[0], t
+    cdef Py_ssize_t n = len(mean), t
     cdef double vx, vy, squared, spread, known, share, speed, forward, cx, cy, x, y, norm, rate
     cdef bint directs, first, some = False
     out_array, turned_array = np.empty((n, 2)), np.empty(n, np.bool_)
-    cdef double[:, ::1] out = out_array
-    cdef unsigned char[::1] turned_round = turned_array
+    cdef object[double, ndim=2, mode="c"] out = out_array
+    cdef object[unsigned char, ndim=1, mode="c"] turned_round = turned_array
     with nogil:
         for t in range(n):
             vx, vy = mean[t, 2], mean[t, 3]
@@ -3063,17 +3074,17 @@ cdef bint close_by(
 
 def bodies_to_merge(
     const double[:, :] shown,
-    const double[:, :, :] spread,
+    object[double, ndim=3] spread,
     const double[:, :] mean,
     const double[:, :] axis,
-    const double[:, :] facing,
-    const double[:] length,
-    const double[:] width,
-    const unsigned char[:] confirmed,
+    object[double, ndim=2] facing,
+    object[double, ndim=1] length,
+    object[double, ndim=1] width,
+    object[unsigned char, ndim=1] confirmed,
     const unsigned char[:] directed,
-    const Py_ssize_t[:] last_ns,
-    const Py_ssize_t[:] first_ns,
-    const unsigned char[:] stood,
+    object[Py_ssize_t, ndim=1] last_ns,
+    object[Py_ssize_t, ndim=1] first_ns,
+    object[unsigned char, ndim=1] stood,
     const double[:] fastest,
     const Py_ssize_t[:] body,
     const Py_ssize_t[:] seen_ns,
@@ -3112,7 +3123,7 @@ def bodies_to_merge(
     cdef double reach = larger(larger(along, course_along), larger(standing_extent, extent)) + larger(across, course_across)
     cdef bint moving, by_course, by_box, near, stand
     found_array, needed_array = np.empty(n, np.int64), np.empty(n)
-    cdef Py_ssize_t[::1] found = found_array
+    cdef object[Py_ssize_t, ndim=1, mode="c"] found = found_array
     cdef double[::1] needed = needed_array, fast = np.empty(n)
     with nogil:
         for young in range(n):
@@ -3175,9 +3186,9 @@ def bodies_to_merge(
 
 
 def reflections_to_split(
-    const double[:, :] offset,
-    const double[:] rate_difference,
-    const Py_ssize_t[:] body,
+    object[double, ndim=2] offset,
+    object[double, ndim=1] rate_difference,
+    object[Py_ssize_t, ndim=1] body,
     const Py_ssize_t[:] leader,
     const double[:, :] mean,
     const unsigned char[:] directed,
@@ -3192,10 +3203,10 @@ def reflections_to_split(
 ):
     """Return which reflections that do not lead (n,) are too far away or of another speed for their bodies; None:
     there is none."""
-    cdef Py_ssize_t n = offset.shape[0], i
+    cdef Py_ssize_t n = len(offset), i
     cdef bint some = False, near
     out_array = np.empty(n, np.bool_)
-    cdef unsigned char[::1] out = out_array
+    cdef object[unsigned char, ndim=1, mode="c"] out = out_array
     with nogil:
         for i in range(n):
             near = stands(mean, directed, fastest, body[i], slow, moved)
@@ -3213,20 +3224,20 @@ def reflections_to_split(
 
 
 def mark_detected(
-    const Py_ssize_t[:] row,
-    const Py_ssize_t[:] body,
-    const Py_ssize_t[:] keys,
-    Py_ssize_t[:] sensor_of,
-    const Py_ssize_t[:] object_id,
-    Py_ssize_t[:] reflection_last_ns,
-    Py_ssize_t[:] history,
-    Py_ssize_t[:] sensors,
+    object[Py_ssize_t, ndim=1] row,
+    object[Py_ssize_t, ndim=1] body,
+    object[Py_ssize_t, ndim=1] keys,
+    object[Py_ssize_t, ndim=1] sensor_of,
+    object[Py_ssize_t, ndim=1] object_id,
+    object[Py_ssize_t, ndim=1] reflection_last_ns,
+    object[Py_ssize_t, ndim=1] history,
+    object[Py_ssize_t, ndim=1] sensors,
     Py_ssize_t sensor,
     Py_ssize_t time_ns,
 ):
     """Mark in place reflections and bodies as detected by a sensor; return the detections (m,) whose keys, if there are
     any, are not their reflections' ids."""
-    cdef Py_ssize_t m = row.shape[0], i
+    cdef Py_ssize_t m = len(row), i
     renamed = []
     for i in range(m):
         if keys is not None and (object_id[row[i]] != keys[i] or sensor_of[row[i]] != sensor):
@@ -3245,26 +3256,26 @@ cdef inline double velocity_of(const double[:, :] mean, Py_ssize_t t) noexcept n
 
 
 def beyond_bodies(
-    const double[:, :] mean,
-    const double[:, :] axis,
-    const double[:, :] facing,
-    const double[:] length,
-    const double[:] width,
-    const double[:] length_variance,
-    const double[:] extent,
-    const unsigned char[:] directed,
+    object[double, ndim=2] mean,
+    object[double, ndim=2] axis,
+    object[double, ndim=2] facing,
+    object[double, ndim=1] length,
+    object[double, ndim=1] width,
+    object[double, ndim=1] length_variance,
+    object[double, ndim=1] extent,
+    object[unsigned char, ndim=1] directed,
     double told_length,
     double small,
     double enough,
     double margin,
 ):
     """Return how far the biases of bodies reach beyond their boxes, along and across (n, 2), and whether any does."""
-    cdef Py_ssize_t n = mean.shape[0], t
+    cdef Py_ssize_t n = len(mean), t
     cdef bint any_does = False
     cdef double value, half
     cdef int a
     out_array = np.empty((n, 2))
-    cdef double[:, ::1] out = out_array
+    cdef object[double, ndim=2, mode="c"] out = out_array
     with nogil:
         for t in range(n):
             for a in range(2):
@@ -3344,25 +3355,25 @@ def settle_bodies(
 
 
 def reference_targets(
-    const Py_ssize_t[:] body,
-    const Py_ssize_t[:] last_ns,
-    const double[:, :] offset,
-    const double[:, :] facing,
-    const double[:, :] axis,
-    const double[:] length,
-    const double[:] width,
-    const double[:] fastest,
+    object[Py_ssize_t, ndim=1] body,
+    object[Py_ssize_t, ndim=1] last_ns,
+    object[double, ndim=2] offset,
+    object[double, ndim=2] facing,
+    object[double, ndim=2] axis,
+    object[double, ndim=1] length,
+    object[double, ndim=1] width,
+    object[double, ndim=1] fastest,
     Py_ssize_t since_ns,
     double course_speed,
     double least_normal,
 ):
     """Return where on bodies (k, 2) their reference points belong, along and across, from those of their reflections."""
-    cdef Py_ssize_t n = body.shape[0], k = axis.shape[0], i, t
+    cdef Py_ssize_t n = len(body), k = len(axis), i, t
     cdef double ahead, aside, towards, first, second, away, seen_end, from_end, share, nearer
     out_array, end_array, count_array = np.zeros((k, 2)), np.empty((2, k)), np.zeros(k, np.intp)
     sight_array = np.empty((k, 2))
-    cdef double[:, ::1] out = out_array, end = end_array, sight = sight_array
-    cdef Py_ssize_t[::1] count = count_array
+    cdef object[double, ndim=2, mode="c"] out = out_array, end = end_array, sight = sight_array
+    cdef object[Py_ssize_t, ndim=1, mode="c"] count = count_array
     with nogil:
         for t in range(k):
             ahead = facing[t, 0] * axis[t, 0] + facing[t, 1] * axis[t, 1]
@@ -3402,22 +3413,22 @@ def reference_targets(
 
 
 def measure_bodies(
-    const Py_ssize_t[:] body,
-    const double[:, :] position,
-    const double[:, :, :] noise,
-    const double[:, :] offset,
-    const double[:] spread,
+    object[Py_ssize_t, ndim=1] body,
+    object[double, ndim=2] position,
+    object[double, ndim=3] noise,
+    object[double, ndim=2] offset,
+    object[double, ndim=1] spread,
     double least,
 ):
     """Return the bodies (m,) that are measured, the first detection of each, which of them each detection is of, and
     their places (m, 2) with covariances (m, 2, 2)."""
-    cdef Py_ssize_t n = body.shape[0], m = 0, i, t
+    cdef Py_ssize_t n = len(body), m = 0, i, t
     cdef double a, b, d, determinant, x, y
     cdef Py_ssize_t most = -1
     for i in range(n):
         most = max(most, body[i])
     slot_array, group_array = np.empty(most + 1, np.intp), np.empty(n, np.intp)
-    cdef Py_ssize_t[::1] slot = slot_array, group = group_array
+    cdef object[Py_ssize_t, ndim=1, mode="c"] slot = slot_array, group = group_array
     for t in range(most + 1):
         slot[t] = -1
     for i in range(n):
@@ -3425,10 +3436,10 @@ def measure_bodies(
             m += 1
             slot[body[i]] = i
     rows_array, first_array = np.empty(m, np.intp), np.empty(m, np.intp)
-    cdef Py_ssize_t[::1] rows = rows_array, first = first_array
+    cdef object[Py_ssize_t, ndim=1, mode="c"] rows = rows_array, first = first_array
     sums_array, place_array, covariance_array = np.zeros((5, m)), np.empty((m, 2)), np.empty((m, 2, 2))
-    cdef double[:, ::1] sums = sums_array, place = place_array
-    cdef double[:, :, ::1] covariance = covariance_array
+    cdef object[double, ndim=2, mode="c"] sums = sums_array, place = place_array
+    cdef object[double, ndim=3, mode="c"] covariance = covariance_array
     with nogil:
         m = 0
         for t in range(most + 1):
@@ -3460,22 +3471,22 @@ def measure_bodies(
 
 
 def note_rates(
-    double[:] noted,
-    const Py_ssize_t[:] row,
-    const Py_ssize_t[:] body,
-    const double[:, :] shown,
-    const double[:, :] offset,
-    const double[:] measured,
+    object[double, ndim=1] noted,
+    object[Py_ssize_t, ndim=1] row,
+    object[Py_ssize_t, ndim=1] body,
+    object[double, ndim=2] shown,
+    object[double, ndim=2] offset,
+    object[double, ndim=1] measured,
     double x0,
     double y0,
     double vx0,
     double vy0,
-    const double[:] share,
-    const double[:] turn,
-    const double[:, :] pivot,
+    object[double, ndim=1] share,
+    object[double, ndim=1] turn,
+    object[double, ndim=2] pivot,
 ):
     """Note in place how much faster than their bodies reflections come nearer."""
-    cdef Py_ssize_t m = row.shape[0], i, t
+    cdef Py_ssize_t m = len(row), i, t
     cdef double x, y, vx, vy, nearest, difference
     with nogil:
         for i in range(m):
@@ -3493,18 +3504,18 @@ def note_rates(
 
 
 def learn_offsets(
-    double[:, :] offset,
-    double[:] variance,
-    const Py_ssize_t[:] row,
-    const Py_ssize_t[:] body,
-    const double[:, :] position,
-    const double[:, :, :] noise,
-    const double[:, :] shown,
-    const double[:, :] before,
-    const double[:, :] axis,
+    object[double, ndim=2] offset,
+    object[double, ndim=1] variance,
+    object[Py_ssize_t, ndim=1] row,
+    object[Py_ssize_t, ndim=1] body,
+    object[double, ndim=2] position,
+    object[double, ndim=3] noise,
+    object[double, ndim=2] shown,
+    object[double, ndim=2] before,
+    object[double, ndim=2] axis,
 ):
     """Update in place where on their bodies reflections lie, and how uncertain that is."""
-    cdef Py_ssize_t m = row.shape[0], i, t, r
+    cdef Py_ssize_t m = len(row), i, t, r
     cdef double x, y, gain
     with nogil:
         for i in range(m):
@@ -3518,18 +3529,18 @@ def learn_offsets(
 
 
 def note_strays(
-    double[:, :] trail,
-    double[:] walked,
-    double[:] stood,
-    Py_ssize_t[:] trail_ns,
-    const Py_ssize_t[:] row,
-    const Py_ssize_t[:] body,
-    const double[:, :] position,
-    const double[:, :, :] noise,
-    const double[:] length,
-    const double[:] dt,
-    const double[:] keep,
-    const unsigned char[:] lost,
+    object[double, ndim=2] trail,
+    object[double, ndim=1] walked,
+    object[double, ndim=1] stood,
+    object[Py_ssize_t, ndim=1] trail_ns,
+    object[Py_ssize_t, ndim=1] row,
+    object[Py_ssize_t, ndim=1] body,
+    object[double, ndim=2] position,
+    object[double, ndim=3] noise,
+    object[double, ndim=1] length,
+    object[double, ndim=1] dt,
+    object[double, ndim=1] keep,
+    object[unsigned char, ndim=1] lost,
     Py_ssize_t time_ns,
     double sensor_x,
     double sensor_y,
@@ -3547,7 +3558,7 @@ def note_strays(
     double nearest,
 ):
     """Follow in place reflections (m,) for themselves, and note how far they walk and for how long they stand."""
-    cdef Py_ssize_t m = row.shape[0], i, r
+    cdef Py_ssize_t m = len(row), i, r
     cdef double x, y, gain, share, variance, residual, least, turns, speed, slowest
     with nogil:
         for i in range(m):
@@ -3575,13 +3586,13 @@ def note_strays(
 
 
 def strays(
-    const double[:] walked,
-    const double[:] stood,
-    const Py_ssize_t[:] body,
-    const Py_ssize_t[:] last_ns,
-    const Py_ssize_t[:] leader,
-    const double[:] body_fastest,
-    const double[:, :] mean,
+    object[double, ndim=1] walked,
+    object[double, ndim=1] stood,
+    object[Py_ssize_t, ndim=1] body,
+    object[Py_ssize_t, ndim=1] last_ns,
+    object[Py_ssize_t, ndim=1] leader,
+    object[double, ndim=1] body_fastest,
+    object[double, ndim=2] mean,
     double slow,
     double still,
     double fastest,
@@ -3590,7 +3601,7 @@ def strays(
 ):
     """Return the reflections detected now that walk while the body or the one that leads it stands, or that stand while
     that walks; None: there are none."""
-    cdef Py_ssize_t n = body.shape[0], i, t, lead
+    cdef Py_ssize_t n = len(body), i, t, lead
     cdef bint rests
     found = []
     for i in range(n):
@@ -3609,13 +3620,13 @@ def strays(
 
 
 def factors_of_scans(
-    const double[:] interval, const Py_ssize_t[:] body, double cycle_time, const double[:] by_scans
+    object[double, ndim=1] interval, object[Py_ssize_t, ndim=1] body, double cycle_time, object[double, ndim=1] by_scans
 ):
     """Return of bodies (m,) the factor by the number of scans in the interval since each one's detection before."""
-    cdef Py_ssize_t m = body.shape[0], i
-    cdef double last = by_scans.shape[0] - 1
+    cdef Py_ssize_t m = len(body), i
+    cdef double last = len(by_scans) - 1
     out_array = np.empty(m)
-    cdef double[::1] out = out_array
+    cdef object[double, ndim=1, mode="c"] out = out_array
     with nogil:
         for i in range(m):
             out[i] = by_scans[<Py_ssize_t>smaller(rint(interval[body[i]] / cycle_time), last)]
@@ -3623,17 +3634,17 @@ def factors_of_scans(
 
 
 def note_innovations(
-    double[:, :] innovation,
-    const Py_ssize_t[:] row,
-    const Py_ssize_t[:] body,
-    const Py_ssize_t[:] seen_by,
-    const Py_ssize_t[:] last_ns,
-    const Py_ssize_t[:] leader,
-    const unsigned char[:] confirmed,
-    const Py_ssize_t[:] first_ns,
-    const double[:, :] shown,
-    const double[:, :] position,
-    const double[:, :, :] noise,
+    object[double, ndim=2] innovation,
+    object[Py_ssize_t, ndim=1] row,
+    object[Py_ssize_t, ndim=1] body,
+    object[Py_ssize_t, ndim=1] seen_by,
+    object[Py_ssize_t, ndim=1] last_ns,
+    object[Py_ssize_t, ndim=1] leader,
+    object[unsigned char, ndim=1] confirmed,
+    object[Py_ssize_t, ndim=1] first_ns,
+    object[double, ndim=2] shown,
+    object[double, ndim=2] position,
+    object[double, ndim=3] noise,
     Py_ssize_t sensor,
     Py_ssize_t since_ns,
     Py_ssize_t born_ns,
@@ -3641,7 +3652,7 @@ def note_innovations(
     double unused,
 ):
     """Note innovations of leading reflections in place; return the sums of products with those before, and squares."""
-    cdef Py_ssize_t m = row.shape[0], i, t, r
+    cdef Py_ssize_t m = len(row), i, t, r
     cdef double x, y, deviation, square, before, products = 0.0, squares = 0.0
     with nogil:
         for i in range(m):
@@ -3662,17 +3673,17 @@ def note_innovations(
 
 
 def note_sizes(
-    double[:] alone,
-    double[:] fastest,
-    double[:] length,
-    double[:] width,
-    const double[:] size_variance,
-    const Py_ssize_t[:] first_ns,
+    object[double, ndim=1] alone,
+    object[double, ndim=1] fastest,
+    object[double, ndim=1] length,
+    object[double, ndim=1] width,
+    object[double, ndim=1] size_variance,
+    object[Py_ssize_t, ndim=1] first_ns,
     const double[:, :] mean,
-    const Py_ssize_t[:] body,
-    const double[:, :] sight,
-    const double[:] own,
-    const double[:] interval,
+    object[Py_ssize_t, ndim=1] body,
+    object[double, ndim=2] sight,
+    object[double, ndim=1] own,
+    object[double, ndim=1] interval,
     Py_ssize_t time_ns,
     double near,
     double alone_time,
@@ -3691,11 +3702,11 @@ def note_sizes(
     rider,
 ):
     """Note in place how long bodies have shown one reflection close by, how fast they were, and which are small so."""
-    cdef Py_ssize_t m = body.shape[0], k = alone.shape[0], i, t
+    cdef Py_ssize_t m = len(body), k = len(alone), i, t
     cdef double walker_length = walker[0], walker_width = walker[1]
     cdef double rider_length = rider[0], rider_width = rider[1], speed, faster, counts, x, y, across, along
     seen_array = np.zeros((3, k), np.intp)
-    cdef Py_ssize_t[:, ::1] seen = seen_array
+    cdef object[Py_ssize_t, ndim=2, mode="c"] seen = seen_array
     with nogil:
         for i in range(m):
             t = body[i]
@@ -3730,19 +3741,19 @@ def note_sizes(
 
 
 def grow_boxes(
-    double[:] length,
-    double[:] width,
-    double[:] extent,
-    const double[:] length_variance,
-    const double[:] width_variance,
-    const Py_ssize_t[:] first_ns,
-    const double[:] passed,
-    const double[:] share,
-    const double[:, :] mean,
-    const Py_ssize_t[:] body,
-    const Py_ssize_t[:] seen_by,
-    const Py_ssize_t[:] last_ns,
-    const double[:, :] offset,
+    object[double, ndim=1] length,
+    object[double, ndim=1] width,
+    object[double, ndim=1] extent,
+    object[double, ndim=1] length_variance,
+    object[double, ndim=1] width_variance,
+    object[Py_ssize_t, ndim=1] first_ns,
+    object[double, ndim=1] passed,
+    object[double, ndim=1] share,
+    object[double, ndim=2] mean,
+    object[Py_ssize_t, ndim=1] body,
+    object[Py_ssize_t, ndim=1] seen_by,
+    object[Py_ssize_t, ndim=1] last_ns,
+    object[double, ndim=2] offset,
     Py_ssize_t time_ns,
     Py_ssize_t sensor,
     Py_ssize_t since_ns,
@@ -3757,11 +3768,11 @@ def grow_boxes(
 ):
     """Let boxes in place grow along them, by a share each, to the reflections of a scan and those of other sensors since
     a time; and shrink to a car's length by the time that has passed."""
-    cdef Py_ssize_t n = body.shape[0], k = length.shape[0], i, t
+    cdef Py_ssize_t n = len(body), k = len(length), i, t
     cdef double shown
     cdef bint known
     ends_array = np.empty((2, k))
-    cdef double[:, ::1] ends = ends_array
+    cdef object[double, ndim=2, mode="c"] ends = ends_array
     with nogil:
         for t in range(k):
             if length_variance[t] > 1.0:
@@ -3784,11 +3795,11 @@ def grow_boxes(
 
 
 def sight_lines(
-    const double[:, :] centre,
-    const double[:, :] reference,
-    const double[:, :] axis,
-    const double[:] length,
-    const double[:] width,
+    object[double, ndim=2] centre,
+    object[double, ndim=2] reference,
+    object[double, ndim=2] axis,
+    object[double, ndim=1] length,
+    object[double, ndim=1] width,
     double mount_x,
     double mount_y,
     double least,
@@ -3796,10 +3807,10 @@ def sight_lines(
 ):
     """Return of boxes (5, k) where their centres are from the mount, how far, how far their reference points are, and
     how wide they are across the line of sight; what has no size or axis is as wide as a point."""
-    cdef Py_ssize_t k = length.shape[0], t
+    cdef Py_ssize_t k = len(length), t
     cdef double x, y, near, sine, cosine
     out_array = np.empty((5, k))
-    cdef double[:, ::1] out = out_array
+    cdef object[double, ndim=2, mode="c"] out = out_array
     with nogil:
         for t in range(k):
             x, y = centre[t, 0] - mount_x, centre[t, 1] - mount_y
@@ -3817,10 +3828,10 @@ def sight_lines(
 
 
 def shares_in_sight(
-    const double[:] bearing,
-    const double[:] angle,
-    const double[:] away,
-    const double[:] distance,
+    object[double, ndim=1] bearing,
+    object[double, ndim=1] angle,
+    object[double, ndim=1] away,
+    object[double, ndim=1] distance,
     double yaw,
     double opening,
     double least_range,
@@ -3834,11 +3845,11 @@ def shares_in_sight(
 
     Azimuths come again after a turn, where the sensor sees so far behind.
     """
-    cdef Py_ssize_t k = bearing.shape[0], t, other
+    cdef Py_ssize_t k = len(bearing), t, other
     cdef int times, more = 2 if behind else 1
     cdef double total, shared, round, half, azimuth, inside, turn = 2.0 * half_turn
     out_array, low_array, high_array = np.empty(k), np.empty(k), np.empty(k)
-    cdef double[::1] out = out_array, low = low_array, high = high_array
+    cdef object[double, ndim=1, mode="c"] out = out_array, low = low_array, high = high_array
     with nogil:
         for t in range(k):
             azimuth = fmod(bearing[t] - yaw + half_turn, turn)
@@ -3869,15 +3880,15 @@ def shares_in_sight(
 
 
 def boxes_in_vehicle_axes(
-    const double[:, :] mean,
-    const double[:, :] facing,
-    const double[:, :] axis,
-    const double[:] length,
-    const double[:] width,
-    const double[:] length_variance,
-    const double[:] fastest,
-    const unsigned char[:] confirmed,
-    const double[:] standing,
+    object[double, ndim=2] mean,
+    object[double, ndim=2] facing,
+    object[double, ndim=2] axis,
+    object[double, ndim=1] length,
+    object[double, ndim=1] width,
+    object[double, ndim=1] length_variance,
+    object[double, ndim=1] fastest,
+    object[unsigned char, ndim=1] confirmed,
+    object[double, ndim=1] standing,
     double east,
     double north,
     double c,
@@ -3888,11 +3899,11 @@ def boxes_in_vehicle_axes(
 ):
     """Return of bodies in vehicle axes reference points, centres and axes (3, k, 2), and lengths and widths as far as they
     hide others (2, k)."""
-    cdef Py_ssize_t k = length.shape[0], t
+    cdef Py_ssize_t k = len(length), t
     cdef double x, y
     points_array, size_array = np.empty((3, k, 2)), np.empty((2, k))
-    cdef double[:, :, ::1] points = points_array
-    cdef double[:, ::1] size = size_array
+    cdef object[double, ndim=3, mode="c"] points = points_array
+    cdef object[double, ndim=2, mode="c"] size = size_array
     with nogil:
         for t in range(k):
             x, y = mean[t, 0] - east, mean[t, 1] - north
@@ -3909,12 +3920,12 @@ def boxes_in_vehicle_axes(
 
 
 def detection_probabilities(
-    const double[:] share,
-    const double[:] distance,
-    const unsigned char[:] missed,
-    const double[:, :] detected,
-    const double[:, :] expected,
-    const double[:, :] prior,
+    object[double, ndim=1] share,
+    object[double, ndim=1] distance,
+    object[unsigned char, ndim=1] missed,
+    object[double, ndim=2] detected,
+    object[double, ndim=2] expected,
+    object[double, ndim=2] prior,
     double weight,
     double part,
     double least,
@@ -3923,11 +3934,11 @@ def detection_probabilities(
     """Return with which probability bodies are detected (k,): linear between the middles of the parts of the range, of
     which is given how often what was detected and missed before has been detected and expected (2, R), beside what is
     known of it first (2, 1), with a weight."""
-    cdef Py_ssize_t k = share.shape[0], last = detected.shape[1] - 1, t, lower
+    cdef Py_ssize_t k = len(share), last = detected.shape[1] - 1, t, lower
     cdef int row
     cdef double at, nearer, farther
     out_array = np.empty(k)
-    cdef double[::1] out = out_array
+    cdef object[double, ndim=1, mode="c"] out = out_array
     with nogil:
         for t in range(k):
             at = within(distance[t] / part - 0.5, 0.0, <double>last)
@@ -3941,21 +3952,21 @@ def detection_probabilities(
 
 
 def likelihood_ratios(
-    const double[:, :, :] spread,
-    const double[:] variance,
-    const double[:, :, :] noise,
-    const Py_ssize_t[:] body,
-    const Py_ssize_t[:] reflection,
-    const double[:] fit,
+    object[double, ndim=3] spread,
+    object[double, ndim=1] variance,
+    object[double, ndim=3] noise,
+    object[Py_ssize_t, ndim=1] body,
+    object[Py_ssize_t, ndim=1] reflection,
+    object[double, ndim=1] fit,
     double scale,
 ):
     """Return which bodies are detected (k,), and the likelihoods of their detections over the density of clutter, 0
     without one; of several detections the last one's."""
-    cdef Py_ssize_t m = reflection.shape[0], k = spread.shape[0], i, t
+    cdef Py_ssize_t m = len(reflection), k = len(spread), i, t
     cdef double a, b, d, more
     seen_array, out_array = np.zeros(k, np.bool_), np.zeros(k)
-    cdef unsigned char[::1] seen = seen_array
-    cdef double[::1] out = out_array
+    cdef object[unsigned char, ndim=1, mode="c"] seen = seen_array
+    cdef object[double, ndim=1, mode="c"] out = out_array
     with nogil:
         for i in range(m):
             if reflection[i] < 0:
@@ -4043,23 +4054,23 @@ def states_of_reflections(
 
 
 def turning_of_bodies(
-    const double[:, ::1] probability,
-    const double[:, :, ::1] mean,
-    const double[:, :, :, ::1] covariance,
-    const double[:, :] overall,
-    const double[:, :] facing,
-    const double[:] length,
-    const double[:] length_variance,
-    const double[:] extent,
-    const double[:] alone,
-    const unsigned char[:] directed,
+    object[double, ndim=2, mode="c"] probability,
+    object[double, ndim=3, mode="c"] mean,
+    object[double, ndim=4, mode="c"] covariance,
+    object[double, ndim=2] overall,
+    object[double, ndim=2] facing,
+    object[double, ndim=1] length,
+    object[double, ndim=1] length_variance,
+    object[double, ndim=1] extent,
+    object[double, ndim=1] alone,
+    object[unsigned char, ndim=1] directed,
     double told_length,
     double small,
     double enough,
 ):
     """Return turn rates and their variances over all modes of bodies that are no points, 0 of others, (k,), and the
     points whose velocity is told (k, 2); None: there are only points."""
-    cdef Py_ssize_t k = length.shape[0], modes = mean.shape[1], i, t
+    cdef Py_ssize_t k = len(length), modes = mean.shape[1], i, t
     cdef bint sized, some = False
     cdef double apart
     for t in range(k):
@@ -4070,8 +4081,8 @@ def turning_of_bodies(
     if not some:
         return None
     rate_array, variance_array, pivot_array = np.zeros(k), np.zeros(k), np.empty((k, 2))
-    cdef double[::1] rate = rate_array, variance = variance_array
-    cdef double[:, ::1] pivot = pivot_array
+    cdef object[double, ndim=1, mode="c"] rate = rate_array, variance = variance_array
+    cdef object[double, ndim=2, mode="c"] pivot = pivot_array
     with nogil:
         for t in range(k):
             sized = has_size(length[t], length_variance[t], extent[t], told_length, small, enough)
@@ -4137,15 +4148,15 @@ def swing_of_bodies(
 
 
 def weigh_existence(
-    double[:] existence,
-    double[:] in_sight,
-    double[:] unseen,
-    const unsigned char[:] confirmed,
-    const unsigned char[:] seen,
-    const unsigned char[:] expected,
-    const double[:] share,
-    const double[:] detection,
-    const double[:] likelihood,
+    object[double, ndim=1] existence,
+    object[double, ndim=1] in_sight,
+    object[double, ndim=1] unseen,
+    object[unsigned char, ndim=1] confirmed,
+    object[unsigned char, ndim=1] seen,
+    object[unsigned char, ndim=1] expected,
+    object[double, ndim=1] share,
+    object[double, ndim=1] detection,
+    object[double, ndim=1] likelihood,
     double limit,
     double careful,
     double most,
@@ -4154,7 +4165,7 @@ def weigh_existence(
     double largest,
 ):
     """Weigh in place what a scan says of whether bodies exist, by a limited factor, and note what it could see."""
-    cdef Py_ssize_t k = existence.shape[0], t
+    cdef Py_ssize_t k = len(existence), t
     cdef double ratio, probability, prior, present, odds, after
     with nogil:
         for t in range(k):
@@ -4186,21 +4197,21 @@ cdef inline double within(double value, double least, double most) noexcept nogi
 
 
 def opportunities(
-    const double[:] share,
-    const double[:] distance,
-    const unsigned char[:] seen,
-    const unsigned char[:] missed,
-    const unsigned char[:] counts,
+    object[double, ndim=1] share,
+    object[double, ndim=1] distance,
+    object[unsigned char, ndim=1] seen,
+    object[unsigned char, ndim=1] missed,
+    object[unsigned char, ndim=1] counts,
     double clear,
     double part,
     int parts,
 ):
     """Return how often what counts was clearly in sight, and how often of it seen, by whether missed before and range."""
-    cdef Py_ssize_t k = share.shape[0], t
+    cdef Py_ssize_t k = len(share), t
     cdef double rest, at, whole
     cdef int row
     out_array = np.zeros((2, 2, parts))
-    cdef double[:, :, ::1] out = out_array
+    cdef object[double, ndim=3, mode="c"] out = out_array
     with nogil:
         for t in range(k):
             if counts[t] and share[t] > clear and isfinite(distance[t]):
@@ -4217,7 +4228,11 @@ def opportunities(
 
 
 def learn_rates(
-    double[:, :] expected, double[:, :] detected, const double[:, :, :] counts, const double[:, :] fading, double most
+    double[:, :] expected,
+    object[double, ndim=2] detected,
+    object[double, ndim=3] counts,
+    object[double, ndim=2] fading,
+    double most,
 ):
     """Let in place how often what was detected and missed before was expected and detected (2, R) fade, and count for how
     often it was now (2, 2, R), at most as often."""
@@ -4239,16 +4254,16 @@ def report_bodies(
     const double[:] turn_variance,
     const double[:, :] pivot,
     const double[:, :] axis,
-    const double[:, :] facing,
+    object[double, ndim=2] facing,
     const double[:] length,
-    const double[:] width,
-    const double[:] length_variance,
-    const double[:] extent,
+    object[double, ndim=1] width,
+    object[double, ndim=1] length_variance,
+    object[double, ndim=1] extent,
     const double[:] alone,
-    const double[:] fastest,
-    const Py_ssize_t[:] first_ns,
-    const Py_ssize_t[:] last_ns,
-    const unsigned char[:] confirmed,
+    object[double, ndim=1] fastest,
+    object[Py_ssize_t, ndim=1] first_ns,
+    object[Py_ssize_t, ndim=1] last_ns,
+    object[unsigned char, ndim=1] confirmed,
     const double[:, :] own,
     double east,
     double north,
@@ -4338,40 +4353,40 @@ def report_bodies(
 
 
 def fit_reflections(
-    const Py_ssize_t[:] rows,
-    const unsigned char[:] new,
-    const unsigned char[:] vague,
-    const Py_ssize_t[:] body,
-    const double[:, ::1] shown,
-    const double[:, :, ::1] spread,
-    const double[:, :] offset,
-    const double[:] variance,
-    const double[:, :] axis,
-    const unsigned char[:] confirmed,
-    const double[:, :] position,
-    const double[:, :, :] noise,
-    const double[:] rate,
-    const double[:] rate_variance,
+    object[Py_ssize_t, ndim=1] rows,
+    object[unsigned char, ndim=1] new,
+    object[unsigned char, ndim=1] vague,
+    object[Py_ssize_t, ndim=1] body,
+    object[double, ndim=2, mode="c"] shown,
+    object[double, ndim=3, mode="c"] spread,
+    object[double, ndim=2] offset,
+    object[double, ndim=1] variance,
+    object[double, ndim=2] axis,
+    object[unsigned char, ndim=1] confirmed,
+    object[double, ndim=2] position,
+    object[double, ndim=3] noise,
+    object[double, ndim=1] rate,
+    object[double, ndim=1] rate_variance,
     double x0,
     double y0,
     double vx0,
     double vy0,
     double confirmed_gate,
     double gate,
-    const double[:] turn,
-    const double[:, :] pivot,
+    object[double, ndim=1] turn,
+    object[double, ndim=2] pivot,
 ):
     """Return which reflection each detection fits of those that its id stands for (m,), −1: none; the NIS, NaN where it
     fits none; and how many do not fit."""
-    cdef Py_ssize_t m = rows.shape[0], i, r, t, jumps = 0
+    cdef Py_ssize_t m = len(rows), i, r, t, jumps = 0
     cdef int a, b
     cdef double x, y, vx, vy, distance, nearest, far, predicted, fits
     cdef double state[4]
     cdef double p[4][4]
     cdef double h[4]
     found_array, nis_array = np.empty(m, np.intp), np.empty(m)
-    cdef Py_ssize_t[::1] found = found_array
-    cdef double[::1] nis = nis_array
+    cdef object[Py_ssize_t, ndim=1, mode="c"] found = found_array
+    cdef object[double, ndim=1, mode="c"] nis = nis_array
     with nogil:
         for i in range(m):
             r, found[i], nis[i] = rows[i], -1, NAN
@@ -4406,26 +4421,26 @@ def fit_reflections(
     return found_array, nis_array, jumps
 
 
-def longer_ago(const Py_ssize_t[:] last_ns, Py_ssize_t time_ns, double longest):
+def longer_ago(object[Py_ssize_t, ndim=1] last_ns, Py_ssize_t time_ns, double longest):
     """Return of what the latest detection (n,) is longer ago than a time, s; None: of nothing."""
-    cdef Py_ssize_t n = last_ns.shape[0], i
+    cdef Py_ssize_t n = len(last_ns), i
     cdef bint some = False
     for i in range(n):
         some = some or (time_ns - last_ns[i]) * 1e-9 > longest
     if not some:
         return None
     out_array = np.empty(n, np.bool_)
-    cdef unsigned char[::1] out = out_array
+    cdef object[unsigned char, ndim=1, mode="c"] out = out_array
     for i in range(n):
         out[i] = (time_ns - last_ns[i]) * 1e-9 > longest
     return out_array
 
 
 def bodies_to_forget(
-    const Py_ssize_t[:] first_ns,
-    const Py_ssize_t[:] last_ns,
-    const unsigned char[:] confirmed,
-    const double[:, :, :] covariance,
+    object[Py_ssize_t, ndim=1] first_ns,
+    object[Py_ssize_t, ndim=1] last_ns,
+    object[unsigned char, ndim=1] confirmed,
+    object[double, ndim=3] covariance,
     Py_ssize_t time_ns,
     double coast,
     double longest,
@@ -4436,10 +4451,10 @@ def bodies_to_forget(
     What is confirmed is remembered for as long as it was tracked, not for longer than the longest time, while its place
     is known.
     """
-    cdef Py_ssize_t k = last_ns.shape[0], t, count = 0
+    cdef Py_ssize_t k = len(last_ns), t, count = 0
     cdef double away, tracked
     out_array = np.zeros(k, np.bool_)
-    cdef unsigned char[::1] out = out_array
+    cdef object[unsigned char, ndim=1, mode="c"] out = out_array
     for t in range(k):
         away = (time_ns - last_ns[t]) * 1e-9
         if away > coast:
@@ -4455,7 +4470,11 @@ def bodies_to_forget(
 
 
 def bodies_to_confirm(
-    const double[:] existence, const Py_ssize_t[:] last_ns, const unsigned char[:] confirmed, Py_ssize_t time_ns, double sure
+    const double[:] existence,
+    object[Py_ssize_t, ndim=1] last_ns,
+    object[unsigned char, ndim=1] confirmed,
+    Py_ssize_t time_ns,
+    double sure,
 ):
     """Return rows of the bodies detected at a time that exist surely and are not confirmed."""
     cdef Py_ssize_t t
@@ -4463,7 +4482,12 @@ def bodies_to_confirm(
 
 
 def let_time_pass(
-    double[:] existence, double[:] unseen, const double[:] in_sight, double kept, double dt, double least
+    double[:] existence,
+    object[double, ndim=1] unseen,
+    object[double, ndim=1] in_sight,
+    double kept,
+    double dt,
+    double least,
 ):
     """Let in place probabilities of existence fade, and what could be seen wait longer."""
     cdef Py_ssize_t t
@@ -4474,7 +4498,11 @@ def let_time_pass(
 
 
 def note_detections(
-    double[:] interval, Py_ssize_t[:] last_ns, const Py_ssize_t[:] body, Py_ssize_t time_ns, double longest
+    object[double, ndim=1] interval,
+    object[Py_ssize_t, ndim=1] last_ns,
+    const Py_ssize_t[:] body,
+    Py_ssize_t time_ns,
+    double longest,
 ):
     """Note in place that bodies (m,), some twice, are detected at a time, and how long after their detections before."""
     cdef Py_ssize_t i
@@ -4486,19 +4514,19 @@ def note_detections(
 
 
 def experience_of_bodies(
-    const Py_ssize_t[:] sensors,
-    const Py_ssize_t[:] history,
-    const double[:] existence,
-    const unsigned char[:] confirmed,
-    const unsigned char[:] seen,
+    object[Py_ssize_t, ndim=1] sensors,
+    object[Py_ssize_t, ndim=1] history,
+    object[double, ndim=1] existence,
+    object[unsigned char, ndim=1] confirmed,
+    object[unsigned char, ndim=1] seen,
     Py_ssize_t sensor,
     double sure,
 ):
     """Return which bodies (k,) were missed by the scan before, which surely exist and have been detected by a sensor, a
     bit; and the rows of those detected by it before, and not seen now."""
-    cdef Py_ssize_t k = sensors.shape[0], t
+    cdef Py_ssize_t k = len(sensors), t
     missed_array, surely_array = np.empty(k, np.bool_), np.empty(k, np.bool_)
-    cdef unsigned char[::1] missed = missed_array, surely = surely_array
+    cdef object[unsigned char, ndim=1, mode="c"] missed = missed_array, surely = surely_array
     for t in range(k):
         missed[t] = history[t] & 1 == 0
         surely[t] = confirmed[t] and existence[t] > sure and sensors[t] & sensor != 0
@@ -4507,7 +4535,11 @@ def experience_of_bodies(
 
 
 def hand_over(
-    Py_ssize_t[:] leader, const Py_ssize_t[:] body, const Py_ssize_t[:] last_ns, Py_ssize_t time_ns, Py_ssize_t patience_ns
+    Py_ssize_t[:] leader,
+    const Py_ssize_t[:] body,
+    object[Py_ssize_t, ndim=1] last_ns,
+    Py_ssize_t time_ns,
+    Py_ssize_t patience_ns,
 ):
     """Let in place the first reflection (n,) that is detected at a time lead bodies (k,) whose leading one is silent."""
     cdef Py_ssize_t i
@@ -4517,7 +4549,7 @@ def hand_over(
     if not some:
         return
     silent_array = np.empty(leader.shape[0], np.bool_)
-    cdef unsigned char[::1] silent = silent_array
+    cdef object[unsigned char, ndim=1, mode="c"] silent = silent_array
     for i in range(leader.shape[0]):
         silent[i] = time_ns - last_ns[leader[i]] > patience_ns
     for i in range(body.shape[0]):
@@ -4527,7 +4559,7 @@ def hand_over(
 
 
 def stay_alongside(
-    Py_ssize_t[:] alongside_ns, const Py_ssize_t[:] older, const double[:] needed, Py_ssize_t dt_ns
+    object[Py_ssize_t, ndim=1] alongside_ns, const Py_ssize_t[:] older, object[double, ndim=1] needed, Py_ssize_t dt_ns
 ):
     """Note in place for how long bodies (k,) have been beside older ones, −1: there is none; return the rows of those that
     have been for the time needed, s."""
@@ -4541,19 +4573,19 @@ def stay_alongside(
 
 
 def return_exponents(
-    const Py_ssize_t[:] first_ns,
-    const Py_ssize_t[:] last_ns,
-    const double[:] interval,
+    object[Py_ssize_t, ndim=1] first_ns,
+    object[Py_ssize_t, ndim=1] last_ns,
+    object[double, ndim=1] interval,
     Py_ssize_t time_ns,
     double longest,
     double least,
 ):
     """Return by which powers of e the reference points of bodies (k,) keep away from where they belong: after the time
     since the detection before, if there is one now, over a time constant that is their age, within limits."""
-    cdef Py_ssize_t k = last_ns.shape[0], t
+    cdef Py_ssize_t k = len(last_ns), t
     cdef double time
     out_array = np.empty(k)
-    cdef double[::1] out = out_array
+    cdef object[double, ndim=1, mode="c"] out = out_array
     with nogil:
         for t in range(k):
             time = larger(smaller((time_ns - first_ns[t]) * 1e-9, longest), least)
@@ -4562,14 +4594,18 @@ def return_exponents(
 
 
 def step_references(
-    const Py_ssize_t[:] body, double[:, :] offset, const double[:, :] target, const double[:] left, const double[:, :] axis
+    const Py_ssize_t[:] body,
+    object[double, ndim=2] offset,
+    object[double, ndim=2] target,
+    object[double, ndim=1] left,
+    const double[:, :] axis,
 ):
     """Let reference points go to where they belong (k, 2), but for shares, 1 less, that are left; the offsets of their
     reflections change in place. Return the steps in the local frame."""
     cdef Py_ssize_t i, t
     cdef double ahead, aside
     out_array = np.empty((axis.shape[0], 2))
-    cdef double[:, ::1] out = out_array
+    cdef object[double, ndim=2, mode="c"] out = out_array
     with nogil:
         for t in range(axis.shape[0]):
             out[t, 0], out[t, 1] = -left[t] * target[t, 0], -left[t] * target[t, 1]
@@ -4623,13 +4659,13 @@ def standing_reflections(
     return out_array
 
 
-def look_up(const Py_ssize_t[:] table, const Py_ssize_t[:] ids):
+def look_up(object[Py_ssize_t, ndim=1] table, const Py_ssize_t[:] ids):
     """Return what a table tells of ids (n,), one place further, and at its ends of what lies beyond; and whether they
     ascend."""
-    cdef Py_ssize_t i, last = table.shape[0] - 1
+    cdef Py_ssize_t i, last = len(table) - 1
     cdef bint ascend = True
     rows_array = np.empty(ids.shape[0], np.intp)
-    cdef Py_ssize_t[::1] rows = rows_array
+    cdef object[Py_ssize_t, ndim=1, mode="c"] rows = rows_array
     for i in range(ids.shape[0]):
         rows[i] = table[min(max(ids[i], -1), last - 1) + 1]
         ascend = ascend and (i == 0 or ids[i] > ids[i - 1])
