@@ -137,22 +137,23 @@ class SensorReader:
     Attributes:
         settings: of the sensor.
         quantities: rows of `Scan.values`.
+        rows: of what is held of a scan.
+        taken: rows of `Scan.values` that are held.
+        locates: whether the sensor tells directions: without, nothing can be seen to stand.
     """
 
     settings: SensorSettings
     quantities: tuple[str, ...]
     rows: dict[str, int] = field(init=False)
     taken: Indices = field(init=False)
+    locates: bool = field(init=False)
 
     def __post_init__(self) -> None:
         used = [name for name in _USED if name in self.quantities]
         object.__setattr__(self, "rows", {name: k for k, name in enumerate(used)})
         object.__setattr__(self, "taken", np.array([self.quantities.index(name) for name in used]))
-
-    @property
-    def locates(self) -> bool:
-        """Whether the sensor tells directions: without, nothing can be seen to stand."""
-        return {"range", "azimuth"} <= self.rows.keys() or {"x", "y"} <= self.rows.keys()
+        locates = {"range", "azimuth"} <= self.rows.keys() or {"x", "y"} <= self.rows.keys()
+        object.__setattr__(self, "locates", locates)
 
     @property
     def relative(self) -> tuple[str, ...]:
