@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from candaemon.binding.bind import bind
@@ -46,6 +49,9 @@ LONGEST_HORIZON: Final = 60.0
 """Longest horizon of a prediction, s: a prediction is held in memory until it is due."""
 MOST_HORIZONS: Final = 20
 """Most horizons of one replay."""
+_NEW_OBJECTS: Final = 10_000
+"""How many objects more than have gone come before unreachable ones are looked for: a look takes as long as two cycles,
+for it passes over the lists of a log's block, and the cycles that wait to be written are some hundreds of objects."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -121,7 +127,7 @@ def execute(arguments: argparse.Namespace) -> None:
     times = StageTimes() if arguments.profile else None
     with Outputs([*binding.files, *files_of(*request.logs)]) as outputs:
         summary = None if arguments.summary is None else outputs.open(arguments.summary)
-        with console.log_progress(name) as progress, ended_input(request.logs):
+        with console.log_progress(name) as progress, ended_input(request.logs), _seldom_collected():
             replayed = replay(binding, request, progress, outputs, times=times)
         figures = summarise(replayed)
         if arguments.layout is not None:
@@ -142,6 +148,17 @@ def execute(arguments: argparse.Namespace) -> None:
         console.print_sheets([console.Sheet("processor time", cells, ("stage", "s", "share", "µs/cycle"))])
     console.say(f"replayed in {replayed.seconds:.2f} s, {replayed.log.frames / replayed.seconds:,.0f} frames/s")
     console.warn_of_log(doubts(figures))
+
+
+@contextmanager
+def _seldom_collected() -> Iterator[None]:
+    """Look for unreachable objects seldom: a replay makes none but some hundred at its start."""
+    usual = gc.get_threshold()
+    gc.set_threshold(_NEW_OBJECTS, *usual[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)
 
 
 def check_request(request: ReplayRequest, binding: Binding) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import shlex
@@ -117,3 +118,9 @@ def test_what_cannot_be_read_is_not_said_to_be_unwritable(
     monkeypatch.setattr("candaemon.cli.check.find_config", fail)
     assert main(["check", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "candaemon: error: /srv/config.yaml: Input/output error\n"
+
+
+def test_a_replay_leaves_the_search_for_unreachable_objects_as_it_was(drive: Path) -> None:
+    usual = gc.get_threshold()
+    assert main(["replay", "esr_ins", str(drive / "drive.log")]) == 0
+    assert gc.get_threshold() == usual
