@@ -37,7 +37,7 @@ def beside_widest(bodies: Bodies, settings: ReflectionSettings, time_ns: int) ->
     """
     reflections = bodies.reflections
     across = reflections.offset[:, 1]
-    if np.ptp(across) < settings.widest:  # of all bodies together, which takes less time
+    if across.max() - across.min() < settings.widest:  # of all bodies together, which takes less time
         return None
     obstacles, stood = bodies.obstacles, settings.stood
     stands = stand_without_course(bodies, 2 * stood.speed, stood.moved)

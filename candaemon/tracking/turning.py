@@ -47,7 +47,7 @@ class Turning:
     def surely(self, deviations: float, share: Floats) -> Turning:
         """Return it with what of each ω is beyond so many standard deviations of it, times a share (k,)."""
         beyond = np.maximum(np.abs(self.rate) - deviations * np.sqrt(self.variance), 0.0)
-        return replace(self, rate=np.copysign(share * beyond, self.rate))
+        return Turning(np.copysign(share * beyond, self.rate), self.variance, self.pivot)
 
     def arms(self, body: Indices, place: Floats) -> Floats:
         """Return r of places on bodies (n, 2), local frame, m; zero where no turning is known.
