@@ -163,6 +163,13 @@ class ReflectionSettings(Settings):
         description="m by which reflections may have slid over a vehicle since it was first seen: divided by its age, "
         "that is added to `speed` where a sensor tells velocities",
     )
+    before: float = Field(
+        2.0,
+        gt=0,
+        le=50,
+        description="m nearer to a sensor than all that it has shown of a vehicle for `course.apart_for`, beyond which "
+        "a detection is of something else",
+    )
     extent: float = Field(15.0, gt=0, le=50, description="m, longest vehicle")
     widest: float = Field(
         2.5, gt=0, le=10, description="m, widest vehicle: what surely shows more across its axis is two, side by side"

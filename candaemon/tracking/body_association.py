@@ -17,6 +17,7 @@ from candaemon.tracking.association import best_pairs, gated_pairs, near_pairs, 
 from candaemon.tracking.body_modes import SLIDING, STANDING
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.joint_association import doubts, likelihood_ratios
+from candaemon.tracking.near_side import detections_before
 from candaemon.tracking.reflections import to_travel_axes
 from candaemon.tracking.turning import rate_and_pivot
 
@@ -327,7 +328,8 @@ def beside(
     """Return for each of some detections the body that it is one more reflection of, or −1.
 
     It lies near one of the body's reflections, or within its box where its size and course are known. Beside who is
-    known to walk, what stands is none of them.
+    known to walk, what stands is none of them. Nor is what lies before a body that was seen for long: a sensor sees the
+    near side of what it sees, and not something else of it seconds later.
 
     Args:
         bodies: that are known.
@@ -352,7 +354,8 @@ def beside(
     slow = obstacles.confirmed.take(owner) & (obstacles.fastest.take(owner) <= extent.stray.fastest)
     speed = np.where(slow & (age > extent.stood.time), min(extent.speed, extent.stood.speed), extent.speed)
     alike = _as_fast(mean, measurement, left, speed, extent.slide / np.maximum(age, _LEAST_AGE))
-    close &= alike
+    before = detections_before(bodies, mean, measurement, left, extent, time_ns)
+    close &= alike & ~before.take(owner, axis=1)
     distance = np.where(close, (place[..., 0] / extent.along) ** 2 + (place[..., 1] / extent.across) ** 2, np.inf)
     found = np.where(close.any(axis=1), owner[distance.argmin(axis=1)], -1)
     sized = obstacles.sized & obstacles.directed

@@ -39,6 +39,7 @@ from candaemon.tracking.body_width import beside_widest, wide_together
 from candaemon.tracking.columns import longer_ago
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.innovation_correlation import InnovationCorrelation, InnovationCorrelationState
+from candaemon.tracking.near_side import is_before
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.own_outline import OwnOutline
 from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoiseState, growing, stated_white
@@ -826,21 +827,26 @@ class VehicleTracker:
             return
         merged = np.zeros(len(obstacles), dtype=np.bool_)
         for young, old in zip(merging, older[merging].tolist(), strict=True):
-            if merged[old] or wide_together(bodies, young, old, settings, self._state.time_ns):
-                continue
-            if not self._are_astride(young, old, pose):
+            if not merged[old] and not self._are_two(young, old, pose):
                 bodies.merge(young, old)
                 merged[young] = True
         if merged.any():
             self.counts.merged += int(merged.sum())
             self._delete(np.zeros(len(bodies.reflections), dtype=np.bool_), merged)
 
-    def _are_astride(self, young: int, old: int, pose: EgoPose) -> bool:
-        """Return whether two bodies lie on either side of our own vehicle: cars that we are parked between are two."""
-        if self._outline is None:
-            return False
-        one, other = pose.to_vehicle(self._bodies.moments().shown[[young, old], :2])
-        return self._outline.lies_between(one, other)
+    def _are_two(self, young: int, old: int, pose: EgoPose) -> bool:
+        """Return whether two bodies that seem one surely are two: side by side, astride of us, or one before another.
+
+        Cars that we are parked between lie on either side of our own vehicle.
+        """
+        bodies, settings, time_ns = self._bodies, self.settings.reflections, self._state.time_ns
+        if wide_together(bodies, young, old, settings, time_ns):
+            return True
+        one, other = pose.to_vehicle(bodies.moments().shown[[young, old], :2])
+        if self._outline is not None and self._outline.lies_between(one, other):
+            return True
+        origins = {view.sensor: pose.place(view.mount.x, view.mount.y)[0] for view in self._views}
+        return is_before(bodies, young, old, origins, settings, time_ns)
 
     def _delete(self, lost: Booleans, ended: Booleans) -> None:
         """Delete reflections and obstacles; the latest update keeps the rows that are left."""
