@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 123
+REVISION = 124
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2972,6 +2972,7 @@ def turn_axes_of_bodies(
     object[double, ndim=3] covariance,
     object[double, ndim=2] axis,
     object[unsigned char, ndim=1] directed,
+    object[double, ndim=1] ahead,
     object[double, ndim=1] part,
     object[double, ndim=2] facing,
     object[double, ndim=1] turn,
@@ -2979,16 +2980,19 @@ def turn_axes_of_bodies(
     object[double, ndim=2] pivot,
     double course_error,
     double backing,
+    double forgetting,
+    double leads,
+    double sideways,
     double telling,
     double unknown,
     double doubt,
     double least_turn,
 ):
     """Return axes (n, 2) after a part of the turn towards the courses of the centres, and which slow ones
-    turned round, None: none; note in place whom the course directs."""
+    turned round, None: none; note in place whom the course directs, and how fast it went ahead."""
     cdef Py_ssize_t n = len(mean), t
-    cdef double vx, vy, squared, spread, known, share, speed, forward, cx, cy, x, y, norm, rate
-    cdef bint directs, first, some = False
+    cdef double vx, vy, squared, spread, known, share, speed, along, left, forward, cx, cy, x, y, norm, rate
+    cdef bint directs, tells, slow, first, turns, some = False
     out_array, turned_array = np.empty((n, 2)), np.empty(n, np.bool_)
     cdef object[double, ndim=2, mode="c"] out = out_array
     cdef object[unsigned char, ndim=1, mode="c"] turned_round = turned_array
@@ -3007,12 +3011,26 @@ def turn_axes_of_bodies(
             squared = vx * vx + vy * vy
             known = squared / (squared + 4.0 * spread + unknown)
             directs = spread < course_error * squared
-            first = not directed[t] and (directs or known > telling) and squared < backing * backing
+            tells = directs or known > telling
+            slow = squared < leads * leads
+            first = not directed[t] and tells and slow
             directed[t] = directed[t] or directs
             share = known * known * part[t]
             speed = sqrt(larger(squared, 1e-6))
-            forward = -1.0 if vx * axis[t, 0] + vy * axis[t, 1] < (0.0 if first else backing) else 1.0
-            turned_round[t] = first and forward < 0.0
+            along = vx * axis[t, 0] + vy * axis[t, 1]
+            left = ahead[t]
+            if directs and along * along < sideways * squared:
+                left = smaller(left, leads)
+            if directs:
+                left = left + forgetting * smaller(along, 0.0)
+            turns = tells and (along < (0.0 if first else -larger(left, leads)) or left < 0.0)
+            if turns:
+                left = -along
+            elif directs:
+                left = larger(along, left)
+            ahead[t] = smaller(larger(left, 0.0), backing)
+            forward = -1.0 if turns else 1.0
+            turned_round[t] = turns and slow
             some = some or turned_round[t]
             cx, cy = vx / speed, vy / speed
             if cx * axis[t, 0] + cy * axis[t, 1] < 0.0 and forward > 0.0:

@@ -119,6 +119,17 @@ class ReflectionPlaceSettings(Settings):
     spread_time: float = Field(2.0, gt=0.05, le=60, description="s, within which they wander so far")
 
 
+class BackingSettings(Settings):
+    """When what moves against the direction it went ahead in backs, and when it must have turned round."""
+
+    speed: float = Field(
+        5.0, ge=2, le=30, description="m/s, what moves faster drives ahead; slower, it backs if it went ahead faster …"
+    )
+    distance: float = Field(
+        50.0, gt=1, le=1e4, description="… m, on which it forgets a speed ahead as great as `speed`, less sooner"
+    )
+
+
 class VehicleEstimatorSettings(Settings):
     """One interacting multiple model filter an obstacle, for the motion of its body; see docs/estimators.md."""
 
@@ -130,6 +141,7 @@ class VehicleEstimatorSettings(Settings):
     sliding: SlidingSettings = Field(default_factory=SlidingSettings.defaults)
     free: FreeSettings = Field(default_factory=FreeSettings.defaults)
     reflections: ReflectionPlaceSettings = Field(default_factory=ReflectionPlaceSettings.defaults)
+    backing: BackingSettings = Field(default_factory=BackingSettings.defaults)
     acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the acceleration")
     turn_time: float = Field(
         1.5, gt=0.05, le=60, description="s, correlation time of the turn rate in modes other than cruising and turning"

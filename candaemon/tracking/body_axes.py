@@ -15,7 +15,9 @@ from candaemon.arrays import Booleans, Floats
 from candaemon.tracking.turning import Turning, rate_and_pivot
 
 _COURSE_ERROR: Final = 0.1  # rad, standard deviation of a course that tells the axis
-_BACKING: Final = -2.0  # m/s along its axis, below which a body that showed a course turns round rather than backs
+LEADS: Final = 2.0
+"""m/s, who surely drove so fast has shown which end leads; backwards, a body that never did turns round at it."""
+_ACROSS: Final = 0.5  # of its speed: a body with less of it along its axis turns, and either end may lead after that
 _TELLING: Final = 0.5  # how well a course is known that first tells which end of a body leads
 _UNKNOWN: Final = 0.25  # (m/s)², of a course that nothing is known of
 _DOUBT: Final = 0.5  # times the variance of a turn rate, below the square of which it counts for nothing
@@ -27,25 +29,33 @@ def turned_axes(
     covariance: Floats,
     axis: Floats,
     directed: Booleans,
+    ahead: Floats,
     part: Floats,
     facing: Floats,
     turning: Turning | None,
+    backing: float,
+    forgetting: float,
 ) -> tuple[Floats, Booleans | None]:
     """Return axes (n, 2) turned towards the courses, and which slow ones turned round (n,); None: none did.
 
     Which of them a course tells well is noted in place. A body that never showed a course may have either end ahead,
-    and turns round with the first course that tells, however slow it is; one that showed a course backs. A fast one
-    that turns round is not among those returned: its axis has turned by up to a right angle on the way, and where its
-    reflections lie on it is learnt anew.
+    and turns round with the first course that tells, however slow it is. One that showed a course backs: what went
+    ahead fast, stops, and comes back slower has not turned round, which takes a course across its axis. The axis was
+    wrong where it is faster than it went ahead, or goes backwards for long. A fast one that turns round is not among
+    those returned: its axis has turned by up to a right angle on the way, and where its reflections lie on it is learnt
+    anew.
 
     Args:
         mean: states of the bodies (n, 8), as in `BodyFilter`.
         covariance: of [x, y, vx, vy] (n, 4, 4).
         axis: unit vectors along them (n, 2).
         directed: whether the axis is known which way it points (n,), changed.
+        ahead: speed backwards from which on each has turned round (n,), changed, m/s: the greatest ahead so far.
         part: of the turn towards a course that is known perfectly (n,).
         facing: the reference points minus the centres of the boxes (n, 2), m.
         turning: of those that are known to be no points.
+        backing: faster than which nothing backs, m/s.
+        forgetting: what a body loses of `ahead` in this step, as a share of the speed at which it goes backwards.
     """
     if compiled.in_use:
         rate, pivot = rate_and_pivot(turning)
@@ -54,13 +64,17 @@ def turned_axes(
             covariance,
             axis,
             directed,
+            ahead,
             part,
             facing,
             rate,
             None if turning is None else turning.variance,
             pivot,
             _COURSE_ERROR**2,
-            _BACKING,
+            backing,
+            forgetting,
+            LEADS,
+            _ACROSS**2,
             _TELLING,
             _UNKNOWN,
             _DOUBT,
@@ -78,17 +92,26 @@ def turned_axes(
     squared = vx * vx + vy * vy
     known = squared / (squared + 4.0 * spread + _UNKNOWN)
     directs = spread < _COURSE_ERROR**2 * squared
-    first = ~directed & (directs | (known > _TELLING)) & (squared < _BACKING**2)
+    tells = directs | (known > _TELLING)
+    slow = squared < LEADS**2
+    first = ~directed & tells & slow
     directed |= directs
     share = known * known * part
     speed = np.sqrt(np.maximum(squared, 1e-6))
     x, y = axis[:, 0], axis[:, 1]
-    forward = np.where(vx * x + vy * y < np.where(first, 0.0, _BACKING), -1.0, 1.0)
+    along = vx * x + vy * y
+    across = directs & (along * along < _ACROSS**2 * squared)
+    left = np.where(across, np.minimum(ahead, LEADS), ahead)
+    left += np.where(directs, forgetting * np.minimum(along, 0.0), 0.0)
+    turns = tells & ((along < np.where(first, 0.0, -np.maximum(left, LEADS))) | (left < 0.0))
+    shown = np.where(turns, -along, np.where(directs, np.maximum(along, left), left))
+    ahead[:] = np.minimum(np.maximum(shown, 0.0), backing)
+    forward = np.where(turns, -1.0, 1.0)
     course_x, course_y = vx / speed, vy / speed
     backs = (course_x * x + course_y * y < 0.0) & (forward > 0.0)
     course_x, course_y = np.where(backs, -course_x, course_x), np.where(backs, -course_y, course_y)
     x, y = forward * x, forward * y
     x, y = x + share * (course_x - x), y + share * (course_y - y)
     norm = np.maximum(np.sqrt(x * x + y * y), 1e-9)
-    opposite = first & (forward < 0.0)
+    opposite = turns & slow
     return np.stack([x / norm, y / norm], axis=1), opposite if opposite.any() else None

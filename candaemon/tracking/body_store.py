@@ -104,6 +104,8 @@ class BodyTable(Table):
         leader: row of the reflection whose bias the filter estimates.
         axis: unit vector along the body, local frame.
         directed: whether its course, or a sensor, has ever told that axis well.
+        ahead: speed backwards from which on it has turned round rather than backs, m/s: the greatest that it surely had
+            along its axis.
         length, width: of its box, m.
         length_variance, width_variance: of those, m².
         extent: how much of its length its reflections have shown, m.
@@ -130,6 +132,7 @@ class BodyTable(Table):
     leader: Integers = field(default_factory=_integers)
     axis: Floats = field(default_factory=_pairs)
     directed: Booleans = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    ahead: Floats = field(default_factory=_numbers)
     length: Floats = field(default_factory=_numbers)
     width: Floats = field(default_factory=_numbers)
     length_variance: Floats = field(default_factory=_numbers)
@@ -455,6 +458,7 @@ class Bodies:
             leader=np.array([len(self.reflections)]),
             axis=axis[None],
             directed=np.zeros(1, dtype=np.bool_),
+            ahead=np.zeros(1),
             length=np.array([length]),
             width=np.array([width]),
             length_variance=np.array([_LENGTH_SPREAD**2]),
@@ -507,6 +511,10 @@ class Bodies:
     def lead(self, bodies: Indices, leaders: Indices) -> None:
         """Let other reflections lead bodies; they keep their offsets, so that the reference points stay."""
         self.obstacles.leader[bodies] = leaders
+
+    def keep_reflections(self, turned_round: Booleans) -> None:
+        """Let the reflections of bodies whose axes turned round (k,) stay where they are."""
+        self.reflections.offset[turned_round[self.reflections.body]] *= -1.0
 
     def note_detections(self, bodies: Indices, time_ns: int) -> None:
         """Note that bodies (m,) are detected at a time, and how long that is after their detections before.
@@ -672,7 +680,9 @@ class Bodies:
                 column[young] = column[old]
         obstacles.extent[young] = max(obstacles.extent[young], obstacles.extent[old])
         if obstacles.directed[old] and not obstacles.directed[young]:
-            obstacles.directed[young], obstacles.axis[young] = True, obstacles.axis[old]
+            for name in ("axis", "directed", "ahead"):
+                column = getattr(obstacles, name)
+                column[young] = column[old]
 
     def split(self, splitting: Indices) -> None:
         """Give each of the reflections (none of them leading) a body of its own, which moves as the one it leaves."""
@@ -764,6 +774,7 @@ _COPIED = (
     "first_ns",
     "axis",
     "directed",
+    "ahead",
     "length",
     "width",
     "length_variance",

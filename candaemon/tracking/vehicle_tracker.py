@@ -136,7 +136,7 @@ class VehicleTracker:
         if not isinstance(estimator, VehicleEstimatorSettings):
             raise TypeError(f"found the settings of a {estimator.kind} estimator, expected those of vehicle")
         self.settings = settings
-        self._places, self._memory = estimator.reflections, estimator.memory
+        self._places, self._backing, self._memory = estimator.reflections, estimator.backing, estimator.memory
         self._tentative_coast = max(settings.lifecycle.tentative_coast, MISSED_SCAN * cycle_time)
         self._views, self._slack_ns = views, slack_ns
         self._outline = OwnOutline.around(views)
@@ -579,14 +579,16 @@ class VehicleTracker:
             moments.covariance,
             obstacles.axis,
             obstacles.directed,
+            obstacles.ahead,
             part,
             obstacles.facing,
             self._bodies.turning(),
+            self._backing.speed,
+            self._dt * self._backing.speed / self._backing.distance,
         )
         obstacles.axis = axes
-        if turned_round is not None:  # their reflections stay where they are
-            reflections = self._bodies.reflections
-            reflections.offset[turned_round[reflections.body]] *= -1.0
+        if turned_round is not None:
+            self._bodies.keep_reflections(turned_round)
 
     def _confirm_and_delete(self, pose: EgoPose, detections: Detections | None) -> None:
         """Confirm what surely exists; delete what is not detected, out of view or too uncertain.

@@ -554,14 +554,17 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
         obstacles, moments = bodies.obstacles, bodies.moments()
         part, facing = np.linspace(0.0, 1.0, 20), obstacles.facing
         known, directed = (moments.mean, moments.covariance), obstacles.directed
+        obstacles.ahead = np.linspace(0.0, 5.0, 20)
         assert bodies.turning() is None
-        obstacles.axis, _ = turned_axes(*known, obstacles.axis, directed, part, facing, None)
+        obstacles.axis, _ = turned_axes(*known, obstacles.axis, directed, obstacles.ahead, part, facing, None, 5.0, 0.1)
         bodies.filter.state.mean[:, :, TURN] = 0.1
         bodies.changed()
         turning = bodies.turning()
         assert turning is not None
         assert 0 < np.count_nonzero(turning.rate) < 20
-        obstacles.axis, _ = turned_axes(*known, obstacles.axis, directed, part, facing, turning)
+        obstacles.axis, _ = turned_axes(
+            *known, obstacles.axis, directed, obstacles.ahead, part, facing, turning, 5.0, 0.1
+        )
         assert 0 < np.count_nonzero(obstacles.directed) < 20
         bodies.return_reference(10**9, 0.5, 10**8)
         obstacles.facing = box.facing_offsets(bodies, POSE)
@@ -579,6 +582,7 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
         return [
             obstacles.axis,
             obstacles.directed * 1.0,
+            obstacles.ahead,
             obstacles.facing,
             bodies.reflections.offset,
             moved.mean,

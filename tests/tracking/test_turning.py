@@ -43,8 +43,8 @@ def test_the_axis_follows_the_course_of_the_centre_unless_the_turn_rate_is_vague
     """The front of a car that turns to the left at .5 rad/s goes 1 m/s to the left of where it heads."""
     mean = np.array([[10.0, 0.0, 7.0, 1.0, 0.5, 0.0, 0.0, 0.0]])
     turning = Turning(np.array([0.5]), np.array([variance]), mean[:, :2])
-    known = mean, 1e-6 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.ones(1, np.bool_), np.ones(1)
-    axis, _ = turned_axes(*known, np.array([[2.0, 0.0]]), turning)
+    known = mean, 1e-6 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.ones(1, np.bool_), np.zeros(1), np.ones(1)
+    axis, _ = turned_axes(*known, np.array([[2.0, 0.0]]), turning, 5.0, 0.0)
     if variance < 1.0:
         np.testing.assert_allclose(axis, [[1.0, 0.0]], atol=1e-3)
     else:
@@ -54,10 +54,43 @@ def test_the_axis_follows_the_course_of_the_centre_unless_the_turn_rate_is_vague
 @pytest.mark.parametrize("directed", [False, True])
 def test_who_showed_no_course_turns_round_with_the_first_and_who_did_backs(directed: bool) -> None:
     mean = np.array([[10.0, 0.0, 0.0, -1.3, 0.0, 0.0, 0.0, 0.0]])
-    known = mean, 0.04 * np.eye(4)[None], np.array([[0.0, 1.0]]), np.array([directed])
-    axis, turned_round = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None)
+    known = mean, 0.04 * np.eye(4)[None], np.array([[0.0, 1.0]]), np.array([directed]), np.zeros(1)
+    axis, turned_round = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0)
     np.testing.assert_allclose(axis, [[0.0, 1.0 if directed else -1.0]], atol=1e-9)
     assert (turned_round is not None) != directed
+
+
+@pytest.mark.parametrize(
+    ("ahead", "speed", "turned"),
+    [(0.0, 2.2, True), (2.5, 2.2, False), (2.5, 2.8, True), (5.0, 4.8, False), (5.0, 5.2, True)],
+)
+def test_what_is_faster_than_it_went_ahead_or_than_anything_backs_turned_round(
+    ahead: float, speed: float, turned: bool
+) -> None:
+    mean = np.array([[10.0, 0.0, -speed, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    known = mean, 1e-4 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.array([True]), np.array([ahead])
+    axis, _ = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0)
+    np.testing.assert_allclose(axis, [[-1.0 if turned else 1.0, 0.0]], atol=1e-9)
+    np.testing.assert_allclose(known[-1], min(speed, 5.0) if turned else ahead)
+
+
+def test_what_moves_across_its_axis_may_have_turned_round() -> None:
+    mean, axis, ahead = np.zeros((1, 8)), np.array([[1.0, 0.0]]), np.array([5.0])
+    for course in (0.6 * np.pi, 0.99 * np.pi):
+        mean[0, 2:4] = 4.0 * np.cos(course), 4.0 * np.sin(course)
+        known = mean, 1e-4 * np.eye(4)[None], axis, np.array([True]), ahead
+        axis, _ = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0)
+    assert axis[0, 0] < -0.9
+
+
+@pytest.mark.parametrize(("way", "turned"), [(9.0, False), (45.0, True)])
+def test_a_car_that_stopped_and_comes_back_backs_unless_for_long(way: float, turned: bool) -> None:
+    fed, x, speed = HandFedVehicles(), 15.0, 6.0
+    for t in times(1, round((10.0 + way / 2.5) / CYCLE)):
+        speed = 6.0 if t < 2.0 else max(6.0 - 2.0 * (t - 2.0), 0.0) if t < 6.0 else max(1.5 * (6.0 - t), -2.5)
+        x += CYCLE * speed
+        told = fed.scan(t, [Seen(1, x + 20.0, 0.0, speed)])
+    assert (abs(told.heading[0]) > 3.0) == turned
 
 
 @pytest.mark.parametrize("seed", range(8))
