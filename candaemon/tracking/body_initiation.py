@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, exp, sin, sqrt
+from math import cos, exp, isfinite, sin, sqrt
 
 import numpy as np
 
@@ -87,9 +87,13 @@ class BodyInitiation:
             np.stack([covariance for _, covariance in modes])[None],
             _first_shares(speeds, _unmeasured(heading, along, across))[None],
         )
-        velocity = modes[CRUISING][0]
-        backwards = float(velocity @ heading) < 0.0
-        return bodies.add(detections.time_ns, -heading if backwards else heading, CAR_LENGTH, CAR_WIDTH)
+        told = np.nan if detections.heading is None else float(detections.heading[row])
+        if isfinite(told):
+            axis = np.array([cos(told), sin(told)])
+        else:
+            axis = -heading if float(modes[CRUISING][0] @ heading) < 0.0 else heading
+        ahead = self._estimator.backing.speed if isfinite(told) else 0.0
+        return bodies.add(detections.time_ns, axis, CAR_LENGTH, CAR_WIDTH, ahead)
 
     @staticmethod
     def _first_velocity(

@@ -105,7 +105,7 @@ class BodyTable(Table):
         axis: unit vector along the body, local frame.
         directed: whether its course, or a sensor, has ever told that axis well.
         ahead: speed backwards from which on it has turned round rather than backs, m/s: the greatest that it surely had
-            along its axis.
+            along its axis, or the greatest at which anything backs where a sensor told its heading.
         length, width: of its box, m.
         length_variance, width_variance: of those, m².
         extent: how much of its length its reflections have shown, m.
@@ -444,7 +444,7 @@ class Bodies:
         row_of[sensor, key] = reflection
         reflections.sensor[reflection], reflections.object_id[reflection] = sensor, key
 
-    def add(self, time_ns: int, axis: Floats, length: float, width: float) -> int:
+    def add(self, time_ns: int, axis: Floats, length: float, width: float, ahead: float = 0.0) -> int:
         """Append a body whose row the filter has just appended, led by the next reflection; return its row."""
         zero = np.zeros(1, dtype=np.int64)
         self.obstacles.append(
@@ -457,8 +457,8 @@ class Bodies:
             confirmed=np.zeros(1, dtype=np.bool_),
             leader=np.array([len(self.reflections)]),
             axis=axis[None],
-            directed=np.zeros(1, dtype=np.bool_),
-            ahead=np.zeros(1),
+            directed=np.array([ahead > 0.0]),
+            ahead=np.array([ahead]),
             length=np.array([length]),
             width=np.array([width]),
             length_variance=np.array([_LENGTH_SPREAD**2]),
@@ -701,6 +701,7 @@ class Bodies:
             history=np.ones(len(splitting), dtype=np.int64),
             scans=np.zeros(len(splitting), dtype=np.int64),
             confirmed=np.zeros(len(splitting), dtype=np.bool_),
+            ahead=np.zeros(len(splitting)),
             leader=splitting.astype(np.int64),
             alongside_ns=np.zeros(len(splitting), dtype=np.int64),
             existence=np.full(len(splitting), self.first_existence),
@@ -774,7 +775,6 @@ _COPIED = (
     "first_ns",
     "axis",
     "directed",
-    "ahead",
     "length",
     "width",
     "length_variance",

@@ -13,10 +13,11 @@ from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.tracker import AloneSettings
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.body_filter import POSITION, TURN
+from candaemon.estimation.body_filter import POSITION, TURN, VELOCITY
 from candaemon.estimation.outline import LEAST, ROUNDS, facing_point
 from candaemon.frames.bodies import CLASSES
 from candaemon.radar.detections import Detections
+from candaemon.tracking.body_axes import LEADS
 from candaemon.tracking.body_sizes import CAR_LENGTH, CAR_WIDTH, ENOUGH, RIDER, SMALL, TOLD_LENGTH, WALKER
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
@@ -49,6 +50,7 @@ def learn(
     detections: Detections,
     recent: float,
     alone: AloneSettings,
+    backing: float,
 ) -> None:
     """Let boxes learn from the detections of a scan.
 
@@ -59,6 +61,7 @@ def learn(
         detections: the scan.
         recent: s, for which a reflection that another sensor has seen still tells how long its body is.
         alone: when what shows a single reflection is small.
+        backing: faster than which nothing backs, m/s.
     """
     obstacles, body = bodies.obstacles, bodies.reflections.body.take(reflections)
     if detections.length is not None:
@@ -66,7 +69,7 @@ def learn(
     if detections.width is not None:
         _average(obstacles.width, obstacles.width_variance, body, detections.width.take(rows), obstacles.interval)
     if detections.heading is not None:
-        _turn(bodies, body, detections.heading[rows])
+        _turn(bodies, body, detections.heading[rows], backing)
     _note_size(bodies, body, detections, rows, alone)
     if detections.length is not None and detections.width is None:
         _suit_widths(bodies)
@@ -88,14 +91,38 @@ def _average(size: Floats, variance: Floats, body: Indices, told: Floats, interv
     variance[seen] = (1.0 - gain) * prior
 
 
-def _turn(bodies: Bodies, body: Indices, heading: Floats) -> None:
-    """Turn axes towards the headings that a sensor tells."""
-    known = np.isfinite(heading)
-    axis = bodies.obstacles.axis
-    told = np.stack([np.cos(heading[known]), np.sin(heading[known])], axis=1)
-    turned = axis[body[known]] + _HEADING_SHARE * (told - axis[body[known]])
-    axis[body[known]] = turned / np.maximum(np.linalg.norm(turned, axis=1), 1e-6)[:, None]
-    bodies.obstacles.directed[body[known]] = True
+def _turn(bodies: Bodies, body: Indices, heading: Floats, backing: float) -> None:
+    """Turn axes towards the mean of the headings that a sensor tells, or of their opposites: whichever are nearer.
+
+    The first heading tells which end leads; one against it that is told scan after scan turns round what never drove,
+    and what goes backwards, too. Who drove else has shown which end leads: some radars tell the orientation of a body
+    without knowing its front.
+
+    Args:
+        bodies: with their axes.
+        body: row of each detection's (m,).
+        heading: that is told of it, NaN: none (m,), rad.
+        backing: faster than which nothing backs, m/s.
+    """
+    known, obstacles = np.isfinite(heading), bodies.obstacles
+    told, body = np.stack([np.cos(heading[known]), np.sin(heading[known])]), body[known]
+    count = np.bincount(body, minlength=len(bodies))
+    rows = count.nonzero()[0]
+    axis, drives = obstacles.axis, (obstacles.axis * bodies.moments().mean[:, VELOCITY]).sum(axis=1)[rows]
+    against = np.bincount(body, (axis[body] * told.T).sum(axis=1), len(bodies))[rows] < 0.0
+    heard = ~obstacles.directed[rows] | (obstacles.fastest[rows] < LEADS) | (against & (drives < -_MOVED))
+    ahead = np.where(against, obstacles.ahead[rows] - 2.0 * _HEADING_SHARE * backing, backing)
+    turned_round = np.zeros(len(bodies), dtype=np.bool_)
+    turned_round[rows] = heard & (ahead < 0.0)
+    obstacles.ahead[rows[heard]] = np.where(ahead < 0.0, backing, ahead)[heard]
+    if turned_round.any():
+        axis[turned_round] *= -1.0
+        bodies.keep_reflections(turned_round)
+    told *= np.copysign(1.0, (axis[body] * told.T).sum(axis=1))
+    mean = np.stack([np.bincount(body, each, len(bodies)) for each in told], axis=1)[rows] / count[rows, None]
+    turned = axis[rows] + _HEADING_SHARE * (mean - axis[rows])
+    axis[rows] = turned / np.linalg.norm(turned, axis=1)[:, None]
+    obstacles.directed[rows] = True
 
 
 def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices, settings: AloneSettings) -> None:

@@ -522,7 +522,7 @@ class VehicleTracker:
         keys = detections.object_id.take(rows) if detections.identified else None
         bodies.mark_detected(row, keys, detections.sensor, detections.time_ns)
         extent = self.settings.reflections
-        box.learn(bodies, rows, row, detections, extent.patience, extent.alone)
+        box.learn(bodies, rows, row, detections, extent.patience, extent.alone, self._backing.speed)
 
     def _note_rates(self, row: Indices, body: Indices, offset: Floats, measurement: Measurement) -> None:
         """Note how much faster than their bodies reflections come nearer."""

@@ -8,7 +8,7 @@ import pytest
 from candaemon.estimation.measurement import Measurement, Projection
 from candaemon.tracking.body_axes import turned_axes
 from candaemon.tracking.turning import Turning
-from tests.support.builders import CYCLE, HandFedVehicles, Seen, times
+from tests.support.builders import CYCLE, HandFedVehicles, Seen, car, times
 
 TURNING = Turning(np.array([0.0, 0.5]), np.array([0.0, 0.04]), np.array([[0.0, 0.0], [20.0, 10.0]]))
 BODY = np.array([1, 1, 0])
@@ -114,6 +114,43 @@ def test_reflections_of_what_turns_round_stay_where_they_are() -> None:
     assert fed.tracker.counts.slot_jumps == 0
     assert fed.tracker.counts.used > 150
     assert abs(told.heading[0]) > 3.0
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.5 * np.pi, np.pi])
+@pytest.mark.parametrize("rate", [-0.05, 0.05])
+def test_what_stands_heads_where_a_sensor_says(heading: float, rate: float) -> None:
+    fed = HandFedVehicles()
+    for t in times(1, 40):
+        told = fed.scan(t, [Seen(1, 12.0, 0.0, rate)], heading=np.array([heading]))
+        np.testing.assert_allclose(np.cos(told.heading - heading), [1.0], atol=1e-3)
+
+
+def test_a_first_heading_that_is_an_outlier_is_outvoted() -> None:
+    fed = HandFedVehicles()
+    for t in times(1, 40):
+        told = fed.scan(t, [Seen(1, 12.0, 0.0)], heading=np.array([np.pi if t < 0.15 else 0.0]))
+    assert told.heading[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_who_drove_against_an_orientation_that_knows_no_front_stays_directed() -> None:
+    """It comes nearer at 8 m/s, stands, and drives on; the radar tells orientations within a right angle."""
+    fed, x, headings = HandFedVehicles(), 60.0, []
+    for t in times(1, 200):
+        speed = -8.0 if t < 3.0 or t > 7.0 else -8.0 * max(abs(t - 5.0) - 1.0, 0.0)
+        x += CYCLE * speed
+        headings.append(fed.scan(t, [Seen(1, x, 0.5, speed)], heading=np.array([0.02])).heading[0])
+    assert (np.cos(headings[2:]) < -0.99).all()
+
+
+def test_a_heading_and_a_course_that_agree_overrule_the_axis_of_what_drove() -> None:
+    """Slower than what surely does not back, as where it took up the identity of another one."""
+    fed = HandFedVehicles()
+    for t in times(1, 80):
+        fed.scan(t, [car(1, t, 10.0, speed=3.5)], heading=np.zeros(1))
+    fed.tracker.state.tracks.obstacles.axis *= -1.0
+    for t in times(80, 100):
+        told = fed.scan(t, [car(1, t, 10.0, speed=3.5)], heading=np.zeros(1))
+    assert told.heading[0] == pytest.approx(0.0, abs=0.01)
 
 
 def test_arms_are_those_of_bodies_that_are_known_to_turn() -> None:
