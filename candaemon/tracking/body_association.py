@@ -69,10 +69,10 @@ def associate(
 ) -> Association:
     """Return what the detections of a scan belong to.
 
-    First by the sensor's ids, where the detection lies within the gate of the id's reflection; those left over by
-    global nearest neighbour among the reflections left over; those still left over, as one more reflection, with
-    the body whose reflections they lie beside and whose speed they have; and the rest with bodies of which nothing was
-    found, as one of their modes may have moved them.
+    First by the sensor's ids, where the detection lies within the gate of the id's reflection, over all modes or in
+    one; those left over by global nearest neighbour among the reflections left over; those still left over, as one more
+    reflection, with the body whose reflections they lie beside and whose speed they have; and the rest with bodies of
+    which nothing was found, as one of their modes may have moved them.
 
     Args:
         bodies: predicted to the time of the detections.
@@ -82,11 +82,13 @@ def associate(
         vague: which bodies (k,) are too uncertain for a gate to tell what is theirs: nothing is.
         detecting: tells how the sensor detects; None, also if told: nothing is in doubt.
     """
-    n, measurement = len(detections), detections.measurement
+    n, measurement, braked = len(detections), detections.measurement, np.empty(0, dtype=np.intp)
     if not len(bodies) or not n or not detections.identified:
         found = _nothing(n)
     else:
         found = _by_id(bodies, detections, settings, vague)
+        if found.slot_jumps:
+            braked = _by_id_in_modes(found, bodies, detections, settings, vague)
     if not len(bodies) or not n:
         return found
     left = (found.reflection < 0).nonzero()[0]
@@ -104,6 +106,8 @@ def associate(
         left = np.flatnonzero(found.reflection < 0)
     found.body = np.where(found.reflection < 0, -1, bodies.reflections.body.take(found.reflection))
     if extent.merge and len(left):
+        if len(braked):
+            mean = _as_found(found, bodies, mean, measurement, braked)
         found.body[left] = beside(bodies, mean, measurement, left, extent, detections.time_ns)
     if settings.method == "nearest" or not detections.identified:
         claimed = _by_modes(found, bodies, mean, covariance, vague, measurement, settings)
@@ -189,6 +193,34 @@ def _fit(
         *rate_and_pivot(bodies.turning()),
     )
     return Association(np.full(len(rows), -1, np.intp), reflection, nis, slot_jumps=slot_jumps)
+
+
+def _by_id_in_modes(
+    found: Association, bodies: Bodies, detections: Detections, settings: AssociationSettings, vague: Booleans
+) -> Indices:
+    """Associate by ids what lies outside the gate of all modes together, as one of them may have moved its body.
+
+    Who brakes hard leaves that gate within three scans, while those who drive on prevail in it. What never drove has no
+    course along which to brake.
+
+    Returns:
+        The detections.
+    """
+    rows, distinct = bodies.rows_of(detections.sensor, detections.object_id)
+    body, obstacles = bodies.reflections.body.take(rows), bodies.obstacles
+    moving = (obstacles.confirmed & obstacles.directed & ~vague).take(body)
+    left = np.flatnonzero((rows >= 0) & (found.reflection < 0) & ~detections.new & moving & distinct)
+    if not len(left):
+        return left
+    row, body = rows[left], body[left]
+    nis = _nis_in_modes(
+        bodies, *bodies.reflection_states(row), body, detections.measurement.take(left), settings.least_mode
+    )
+    inside = nis <= settings.gate
+    left = left[inside]
+    found.reflection[left], found.nis[left] = row[inside], nis[inside]
+    found.slot_jumps -= len(left)
+    return left
 
 
 def _by_place(

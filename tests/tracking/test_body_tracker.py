@@ -508,6 +508,18 @@ def test_the_axis_is_the_course_of_what_drives(course: float) -> None:
     assert abs(turned) < 0.05
 
 
+def test_ids_of_what_brakes_hard_are_believed() -> None:
+    """At 9 m/s², of a radar that measures ten times a second."""
+    fed, x, speed = HandFedVehicles(noise=(0.4, 0.4, 0.06)), 50.0, 30.0
+    for k in range(1, 60):
+        speed -= 0.9 if k > 40 else 0.0
+        x += 0.1 * speed
+        told = fed.scan(0.1 * k, [Seen(1, x, 0.0, speed), Seen(2, x + 0.8, -0.8, speed)])
+    assert fed.tracker.counts.slot_jumps == 0
+    assert fed.tracker.counts.obstacles == len(told) == 1
+    assert told.vx[0] == pytest.approx(speed, abs=0.2)
+
+
 def test_what_stops_keeps_its_heading() -> None:
     fed, rng = HandFedVehicles(), np.random.default_rng(10)
     x, speed = 40.0, 10.0
