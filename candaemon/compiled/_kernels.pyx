@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 124
+REVISION = 126
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3103,6 +3103,8 @@ def bodies_to_merge(
     object[Py_ssize_t, ndim=1] last_ns,
     object[Py_ssize_t, ndim=1] first_ns,
     object[unsigned char, ndim=1] stood,
+    object[unsigned char, ndim=1] rides,
+    object[unsigned char, ndim=1] found_small,
     const double[:] fastest,
     const Py_ssize_t[:] body,
     const Py_ssize_t[:] seen_ns,
@@ -3126,6 +3128,8 @@ def bodies_to_merge(
     double following_speed,
     double extent,
     double edge,
+    tuple rider,
+    double small,
     double course_speed,
     double course_along,
     double course_across,
@@ -3137,9 +3141,10 @@ def bodies_to_merge(
 ):
     """Return of each body the row of the oldest one it may be merged into, or −1, and the time alongside it takes, s."""
     cdef Py_ssize_t n = mean.shape[0], young, old
-    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, squared, lane
+    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, squared, lane, shorter, room
     cdef double reach = larger(larger(along, course_along), larger(standing_extent, extent)) + larger(across, course_across)
-    cdef bint moving, by_course, by_box, near, stand
+    cdef double rider_length = rider[0], rider_width = rider[1]
+    cdef bint moving, by_course, by_box, near, stand, late, ride
     found_array, needed_array = np.empty(n, np.int64), np.empty(n)
     cdef object[Py_ssize_t, ndim=1, mode="c"] found = found_array
     cdef double[::1] needed = needed_array, fast = np.empty(n)
@@ -3158,13 +3163,21 @@ def bodies_to_merge(
                 drift = fabs(vy * axis[old, 0] - vx * axis[old, 1])
                 moving = smaller(fast[young], fast[old]) > course_speed
                 moving = moving and drift < course_drift
-                lane = course_apart if confirmed[young] and first_ns[young] <= late_ns else INFINITY
-                by_course = moving and aside < smaller(course_across, lane) and ahead < course_along
+                late = confirmed[young] and first_ns[young] <= late_ns
+                ride = late and rides[young] and rides[old]
+                lane = smaller(course_apart, rider_width) if ride else course_apart if late else INFINITY
+                shorter = smaller(length[young], length[old])
+                room = shorter if found_small[young] or found_small[old] else 0.5 * (length[young] + length[old])
+                room = room + edge
+                if ride:
+                    room = smaller(room, rider_length)
+                by_course = moving and aside < smaller(course_across, lane) and ahead < smaller(course_along, room)
                 by_course = by_course and faster < course_faster
                 x = shown[young, 0] - (mean[old, 0] - facing[old, 0])
                 y = shown[young, 1] - (mean[old, 1] - facing[old, 1])
                 beyond = fabs(x * axis[old, 0] + y * axis[old, 1])
-                by_box = moving and beyond - 0.5 * length[old] < smaller(following * fast[old], following_gap)
+                by_box = moving and not ride and shorter >= small
+                by_box = by_box and beyond - 0.5 * length[old] < smaller(following * fast[old], following_gap)
                 by_box = by_box and beyond < extent and faster < following_speed
                 beyond = fabs(y * axis[old, 0] - x * axis[old, 1])
                 by_box = by_box and (aside < course_across or beyond - 0.5 * width[old] < beside) and aside < lane
@@ -3173,7 +3186,7 @@ def bodies_to_merge(
                     unclear = 1.0 + unclear / clear
                     needed[young] = smaller(course_time * unclear, merge_time)
                 elif not by_box:
-                    near = ahead < smaller(along, 0.5 * (length[young] + length[old]) + edge)
+                    near = ahead < smaller(along, room)
                     near = near and aside < smaller(across, smaller(lane, 0.5 * (width[young] + width[old]) + edge))
                     squared = ahead * ahead + aside * aside
                     if near or squared < larger(along * along, standing_extent * standing_extent):

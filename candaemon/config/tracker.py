@@ -143,6 +143,19 @@ class AloneSettings(Settings):
     )
 
 
+class RidersSettings(Settings):
+    """When what drives in line is several riders, and no vehicle; of `vehicle`."""
+
+    fastest: float = Field(9.0, gt=0, le=60, description="m/s, what was ever faster is no bicycle")
+    time: float = Field(
+        3.0,
+        gt=0,
+        le=60,
+        description="s, for which the same two reflections are seen, with room for a bicycle and `edge` between and "
+        "nothing there, from behind or ahead, until they are two",
+    )
+
+
 class ReflectionSettings(Settings):
     """When several detections are one vehicle."""
 
@@ -198,6 +211,7 @@ class ReflectionSettings(Settings):
     stood: StoodSettings = Field(default_factory=StoodSettings.defaults)
     alone: AloneSettings = Field(default_factory=AloneSettings.defaults)
     stray: StraySettings = Field(default_factory=StraySettings.defaults)
+    riders: RidersSettings = Field(default_factory=RidersSettings.defaults)
     merge_time: float = Field(
         0.5,
         ge=0,

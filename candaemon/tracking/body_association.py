@@ -359,9 +359,9 @@ def beside(
 ) -> Indices:
     """Return for each of some detections the body that it is one more reflection of, or −1.
 
-    It lies near one of the body's reflections, or within its box where its size and course are known. Beside who is
-    known to walk, what stands is none of them. Nor is what lies before a body that was seen for long: a sensor sees the
-    near side of what it sees, and not something else of it seconds later.
+    It lies near one of the body's reflections, as far as its size leaves room for, or within its box where its size
+    and course are known. Beside who is known to walk, what stands is none of them. Nor is what lies before a body that
+    was seen for long: a sensor sees the near side of what it sees, and not something else of it seconds later.
 
     Args:
         bodies: that are known.
@@ -377,7 +377,7 @@ def beside(
     reach = to_travel_axes(measurement.position[left, None] - bodies.moments().shown[owner, :2], axis)
     longest = np.maximum(obstacles.length[owner] + extent.along, extent.along)
     close = (
-        (np.abs(place[..., 0]) < extent.along)
+        (np.abs(place[..., 0]) < np.minimum(extent.along, obstacles.length[owner] + extent.edge))
         & (np.abs(place[..., 1]) < extent.across)
         & (np.abs(reach[..., 0]) < np.minimum(longest, extent.extent))
         & (np.abs(reach[..., 1]) < 2 * extent.across)

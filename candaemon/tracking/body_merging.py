@@ -8,7 +8,7 @@ from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.body_filter import POSITION, VELOCITY
-from candaemon.tracking.body_sizes import TOLD_LENGTH, WALKER
+from candaemon.tracking.body_sizes import ENOUGH, RIDER, SMALL, TOLD_LENGTH, WALKER
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.box import NARROW
 from candaemon.tracking.reflections import near_pairs, to_travel_axes
@@ -25,11 +25,12 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     be parked across; but what was last seen in one scan is two, as who stands beside a car, unless reflections of both
     lie close together: so do those of a car parked across, and who stands that close to one is a part of it. What has
     stood apart for long stays apart, as cars side by side at a light, and so does what has driven apart in another
-    lane. What is small is one only where both sizes leave room for no more than an edge between. What moves one behind
-    the other as fast is one vehicle where no driver would follow so closely. What has stood all the time is none of
-    what has moved: a car that stops beside a post stays a car. Of two that never were faster than someone walks, one
-    that surely walks is none of one that stands. Two that were each found to be a person, and are no nearer
-    than one is wide, stay two.
+    lane. What is small is one only where both sizes leave room for no more than an edge between, and with what was
+    found to be small only what lies within its size. What moves one behind the other as fast is one vehicle where no
+    driver would follow so closely; who rides does, and two who may be riders, each by itself for long, stay two. What
+    has stood all the time is none of what has moved: a car that stops beside a post stays a car. Of two that never
+    were faster than someone walks, one that surely walks is none of one that stands. Two that were each found to be a
+    person, and are no nearer than one is wide, stay two.
 
     Args:
         bodies: of the cycle.
@@ -42,7 +43,8 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     found, needed = _alongside(bodies, settings, time_ns)
     young = (found >= 0).nonzero()[0]
     if len(young):
-        young = young[_are_people(bodies, young) & _are_people(bodies, found[young])]
+        people = found_small(bodies) & (bodies.obstacles.length < NARROW)
+        young = young[people[young] & people[found[young]]]
     if len(young):
         place = bodies.moments().shown[:, :2]
         apart = place[young] - place[found[young]]
@@ -50,11 +52,10 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     return found, needed
 
 
-def _are_people(bodies: Bodies, rows: Indices) -> Booleans:
-    """Return which bodies (m,) were found to be a person; what a sensor tells to be as small may be a part of a car."""
+def found_small(bodies: Bodies) -> Booleans:
+    """Return which bodies (k,) were found to be small; what a sensor tells to be as small may be a part of a car."""
     obstacles = bodies.obstacles
-    found_small = (obstacles.alone[rows] > 1.0) | (obstacles.length_variance[rows] > TOLD_LENGTH)
-    return found_small & (obstacles.length[rows] < NARROW)
+    return (obstacles.length < SMALL) & ((obstacles.alone > 1.0) | (obstacles.length_variance > TOLD_LENGTH))
 
 
 def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tuple[Integers, Floats]:
@@ -63,6 +64,7 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
     course, standing = settings.course, settings.stood
     since_ns = time_ns - round(settings.patience * 1e9)
     stood = (obstacles.fastest < standing.speed) & (time_ns - obstacles.first_ns > round(standing.time * 1e9))
+    rides, small = may_ride(bodies, settings), found_small(bodies)
     if compiled.in_use:
         return compiled.kernels.bodies_to_merge(
             moments.shown,
@@ -77,6 +79,8 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
             obstacles.last_ns,
             obstacles.first_ns,
             stood,
+            rides,
+            small,
             obstacles.fastest,
             reflections.body,
             reflections.last_ns,
@@ -100,6 +104,8 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
             settings.following_speed,
             settings.extent,
             settings.edge,
+            RIDER,
+            SMALL,
             course.speed,
             course.along,
             course.across,
@@ -121,16 +127,20 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
     speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
     moving = np.minimum(speed[young], speed[old]) > course.speed
     late = obstacles.confirmed[young] & (obstacles.first_ns[young] <= time_ns - round(course.apart_for * 1e9))
-    lane = np.where(late, course.apart, np.inf)
+    ride = late & rides[young] & rides[old]
+    lane = np.where(late, np.where(ride, min(course.apart, RIDER[1]), course.apart), np.inf)
+    along = 0.5 * (obstacles.length[young] + obstacles.length[old]) + settings.edge
+    shorter = np.minimum(obstacles.length[young], obstacles.length[old])
+    along = np.where(small[young] | small[old], shorter + settings.edge, along)
+    along = np.where(ride, np.minimum(along, RIDER[0]), along)
     by_course = (
         moving
-        & (apart[:, 0] < course.along)
+        & (apart[:, 0] < np.minimum(course.along, along))
         & (apart[:, 1] < np.minimum(course.across, lane))
         & (faster[:, 0] < course.faster)
         & (faster[:, 1] < course.drift)
     )
     stands = stand_without_course(bodies, standing.speed, standing.moved)
-    along = 0.5 * (obstacles.length[young] + obstacles.length[old]) + settings.edge
     across = np.minimum(lane, 0.5 * (obstacles.width[young] + obstacles.width[old]) + settings.edge)
     near = (apart[:, 0] < np.minimum(settings.along, along)) & (apart[:, 1] < np.minimum(settings.across, across))
     squared = (apart * apart).sum(axis=1)
@@ -153,6 +163,8 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
     beyond = to_travel_axes(place[young] - (moments.mean[old, POSITION] - obstacles.facing[old]), axis)
     by_box = (
         moving
+        & ~ride
+        & (shorter >= SMALL)
         & (np.abs(beyond[:, 0]) - 0.5 * obstacles.length[old] < gap[old])
         & (np.abs(beyond[:, 0]) < settings.extent)
         & ((apart[:, 1] < course.across) | (np.abs(beyond[:, 1]) - 0.5 * obstacles.width[old] < settings.beside))
@@ -168,6 +180,13 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
     unclear = 1.0 + (spread[young] + spread[old]) / course.clear**2
     needed[young[by_course]] = np.minimum(course.time * unclear[by_course], settings.merge_time)
     return found, needed
+
+
+def may_ride(bodies: Bodies, settings: ReflectionSettings) -> Booleans:
+    """Return which bodies may be someone on a bicycle (k,): never faster, and neither told nor seen to be longer."""
+    obstacles = bodies.obstacles
+    told = (obstacles.length_variance < TOLD_LENGTH) & (obstacles.length > ENOUGH)
+    return (obstacles.fastest < settings.riders.fastest) & (obstacles.extent < ENOUGH) & ~told
 
 
 def _close_by(bodies: Bodies, stands: Booleans, young: Indices, old: Indices, reach: float, since_ns: int) -> Booleans:

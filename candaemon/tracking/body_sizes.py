@@ -12,7 +12,11 @@ RIDER: Final = (1.8, 0.7)
 """m, length and width of who walks or rides."""
 TOLD_LENGTH: Final = 1.0
 """m²; a length known better was told by a sensor."""
+TOLD_WIDTH: Final = 0.1
+"""m²; a width known better was told by a sensor."""
 SMALL: Final = CAR_LENGTH / 2
 """m; what is shorter was found to be small."""
 ENOUGH: Final = 2.5
 """m of a length that reflections have shown: it is no rider."""
+SURELY_ALONE: Final = 1.0 + 1e-9
+"""`BodyTable.alone` of who was told from others so surely that nothing but someone small shows."""

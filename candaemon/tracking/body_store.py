@@ -59,7 +59,7 @@ class BodyReflectionTable(Table):
         serial: number that no other reflection ever has.
         object_id: that sensor's own id, −1 once the id has gone to something else.
         body: row of its body.
-        last_ns: when it was last detected.
+        first_ns, last_ns: first and latest detection.
         offset: where it lies (n, 2), along and across the body's axis, m.
         variance: of each component of the offset, m².
         rate_difference: smoothed difference of its range rate from that of its body, m/s.
@@ -76,6 +76,7 @@ class BodyReflectionTable(Table):
     serial: Integers = field(default_factory=_integers)
     object_id: Integers = field(default_factory=_integers)
     body: Integers = field(default_factory=_integers)
+    first_ns: Integers = field(default_factory=_integers)
     last_ns: Integers = field(default_factory=_integers)
     offset: Floats = field(default_factory=_pairs)
     variance: Floats = field(default_factory=_numbers)
@@ -487,6 +488,7 @@ class Bodies:
             serial=np.array([self._state.serials]),
             object_id=np.array([-1]),
             body=np.array([body]),
+            first_ns=np.array([time_ns]),
             last_ns=np.array([time_ns]),
             offset=offset[None],
             variance=np.array([0.0 if leads else self._places.spread**2]),
@@ -515,6 +517,14 @@ class Bodies:
     def keep_reflections(self, turned_round: Booleans) -> None:
         """Let the reflections of bodies whose axes turned round (k,) stay where they are."""
         self.reflections.offset[turned_round[self.reflections.body]] *= -1.0
+
+    def refer_to_leaders(self, bodies: Indices) -> None:
+        """Move the reference points of bodies to where their leading reflections are."""
+        obstacles, reflections = self.obstacles, self.reflections
+        step = np.zeros((len(self), 2))
+        step[bodies] = reflections.offset[obstacles.leader[bodies]]
+        reflections.offset -= step.take(reflections.body, axis=0)
+        self.shift(from_travel_axes(step, obstacles.axis))
 
     def note_detections(self, bodies: Indices, time_ns: int) -> None:
         """Note that bodies (m,) are detected at a time, and how long that is after their detections before.

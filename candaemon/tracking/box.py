@@ -18,7 +18,7 @@ from candaemon.estimation.outline import LEAST, ROUNDS, facing_point
 from candaemon.frames.bodies import CLASSES
 from candaemon.radar.detections import Detections
 from candaemon.tracking.body_axes import LEADS
-from candaemon.tracking.body_sizes import CAR_LENGTH, CAR_WIDTH, ENOUGH, RIDER, SMALL, TOLD_LENGTH, WALKER
+from candaemon.tracking.body_sizes import CAR_LENGTH, CAR_WIDTH, ENOUGH, RIDER, SMALL, TOLD_LENGTH, TOLD_WIDTH, WALKER
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
@@ -35,7 +35,6 @@ _MOVED, _RIDING = 0.5, 9.0  # m/s
 _CROSSING = 1.5  # times the speed along the line of sight, from which on that across it shows a side
 _PACE_TIME = 4.0  # s, time constant with which the greatest speed of something small is forgotten, down to a walk
 _TURN_ERROR = 0.15  # rad/s, by which a turn rate is wrong
-_TOLD = 0.1  # m²; a width known better was told
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 TRUCK_LENGTH, NARROW, WALKING = 7.0, 1.1, 3.5
 _PACE = 0.9 * WALKING  # m/s
@@ -155,7 +154,7 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
             _CROSSING,
             _NEVER_ALONE,
             _AXIS_AGE,
-            _TOLD,
+            TOLD_WIDTH,
             _MOVED,
             WALKING,
             _RIDING,
@@ -181,7 +180,7 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     obstacles.alone = np.where(count > 1, _NEVER_ALONE, obstacles.alone + obstacles.interval * counts / settings.time)
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE
     obstacles.fastest = np.maximum(obstacles.fastest, np.where(sure, speed, 0.0))
-    small = (obstacles.alone > 1.0) & (size_variance > _TOLD) & (obstacles.fastest > _MOVED)
+    small = (obstacles.alone > 1.0) & (size_variance > TOLD_WIDTH) & (obstacles.fastest > _MOVED)
     # a walker far away or crossing may have seemed to run; what stops may be a rider still
     walking = small & (count > 0) & (speed > _MOVED) & (obstacles.fastest < _RIDING)
     faster = np.maximum(obstacles.fastest - np.maximum(speed, _PACE), 0.0) * walking
@@ -194,7 +193,7 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
 def _suit_widths(bodies: Bodies) -> None:
     """Let what is told to be as long as walkers, riders, cars or lorries be as wide, where no width is told."""
     obstacles = bodies.obstacles
-    untold = (obstacles.length_variance < TOLD_LENGTH) & (obstacles.width_variance > _TOLD)
+    untold = (obstacles.length_variance < TOLD_LENGTH) & (obstacles.width_variance > TOLD_WIDTH)
     usual = _WIDTHS.take(np.searchsorted(_LENGTHS, obstacles.length))
     obstacles.width = np.where(untold, usual, obstacles.width)
 
@@ -239,7 +238,7 @@ def _grow(bodies: Bodies, time_ns: int, sensor: int, since_ns: int) -> None:
             _AXIS_AGE,
             _MARGIN,
             TRUCK_LENGTH,
-            _TOLD,
+            TOLD_WIDTH,
             TRUCK_WIDTH,
         )
         return
@@ -258,7 +257,7 @@ def _grow(bodies: Bodies, time_ns: int, sensor: int, since_ns: int) -> None:
     shown = np.where(known & (high > low), high - low + _MARGIN, 0.0)
     obstacles.length += share * np.maximum(shown - obstacles.length, 0.0)
     obstacles.extent += share * np.maximum(shown - obstacles.extent, 0.0)
-    long = (obstacles.length > TRUCK_LENGTH) & (obstacles.width_variance > _TOLD)
+    long = (obstacles.length > TRUCK_LENGTH) & (obstacles.width_variance > TOLD_WIDTH)
     obstacles.width = np.where(long, TRUCK_WIDTH, obstacles.width)
 
 

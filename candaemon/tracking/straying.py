@@ -18,7 +18,7 @@ from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.measurement import Measurement
 from candaemon.tracking.body_modes import STANDING
-from candaemon.tracking.body_sizes import WALKER
+from candaemon.tracking.body_sizes import SURELY_ALONE, WALKER
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import to_travel_axes
 
@@ -28,7 +28,6 @@ _LEAST_JUMP = 0.3  # m more than someone walks in a scan: an outlier is farther 
 _STILL = 0.5  # of the speed of what stands: a single reflection that is slower than that does not move
 _LEAST_STEP = 1e-3  # s
 _LEAST_SPEED = 0.1  # m/s; slower, nothing has a course
-_SURELY_ALONE = 1.0 + 1e-9  # of who has walked so long that nothing but a person shows
 _NEAREST = 1.0  # m², keeps the turn rate of a line of sight without length finite
 _WALKING, _STANDING = (0.5, 0.1, 0.1, 0.05, 0.01, 0.24), (0.08, 0.01, 0.01, 0.89, 0.0, 0.01)  # modes of the two parts
 _PLACE_SPREAD = 0.3  # m
@@ -213,7 +212,7 @@ def part_abreast(bodies: Bodies, rows: Indices, settings: ReflectionSettings) ->
     _go_on(bodies, known, left, bodies.split_together(rows[own]), settings)
     people = np.concatenate([left, np.arange(known, len(bodies))])
     obstacles.length[people], obstacles.width[people] = WALKER
-    obstacles.alone[people] = _SURELY_ALONE
+    obstacles.alone[people] = SURELY_ALONE
 
 
 def _distance(apart: Floats) -> Floats:

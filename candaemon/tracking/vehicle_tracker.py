@@ -34,6 +34,7 @@ from candaemon.tracking.body_measurement import of_bodies
 from candaemon.tracking.body_merging import alongside_long, merge_candidates, split_candidates
 from candaemon.tracking.body_modes import MANOEUVRING
 from candaemon.tracking.body_report import report
+from candaemon.tracking.body_riders import in_line, part_in_line
 from candaemon.tracking.body_store import Bodies, BodiesState
 from candaemon.tracking.body_width import beside_widest, wide_together
 from candaemon.tracking.columns import longer_ago
@@ -804,17 +805,19 @@ class VehicleTracker:
             self.counts.obstacles += len(bodies) - before
             self._delete(splitting & ~detected, np.zeros(len(bodies), dtype=np.bool_))
         if len(bodies.reflections) > len(bodies):
-            self._part()
+            self._part(pose)
         self._merge(pose)
 
-    def _part(self) -> None:
-        """Let several be several: who walks away from what stands, who walk abreast, and vehicles side by side."""
+    def _part(self, pose: EgoPose) -> None:
+        """Let several be several: who walks away from what stands, who walk abreast, riders, cars side by side."""
         bodies, settings, time_ns = self._bodies, self.settings.reflections, self._state.time_ns
         before = len(bodies)
         if (straying := strays(bodies, settings, time_ns)) is not None:
             part(bodies, straying, settings)
         if (people := abreast(bodies, settings, time_ns)) is not None:
             part_abreast(bodies, people, settings)
+        if (riders := in_line(bodies, settings, pose)) is not None:
+            self.counts.confirmed += part_in_line(bodies, riders)
         if (beside := beside_widest(bodies, settings, time_ns)) is not None:
             bodies.split_together(beside)
         self.counts.obstacles += len(bodies) - before

@@ -622,6 +622,10 @@ def stood(**settings: float) -> ReflectionSettings:
     return ReflectionSettings.model_validate({"stood": settings})
 
 
+def riders(**settings: float) -> ReflectionSettings:
+    return ReflectionSettings.model_validate({"riders": settings})
+
+
 @pytest.mark.parametrize("confirmed", [True, False])
 def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     def computed() -> list[Floats]:
@@ -651,6 +655,12 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         bodies.changed()
         behind, abreast = (merge_candidates(bodies, ReflectionSettings(beside=each), 10**9)[0] for each in (0.0, 3.0))
         assert (behind != abreast).any()
+        bodies.obstacles.first_ns[::2], bodies.obstacles.extent[:], bodies.obstacles.length[::3] = -4 * 10**9, 0.0, 1.8
+        bodies.obstacles.length_variance[:] = 4.0
+        bodies.filter.state.mean[:, :, 1] *= 0.2
+        bodies.changed()
+        fast, slow = (merge_candidates(bodies, riders(fastest=each), 10**9)[0] for each in (5.0, 10.0))
+        assert (fast != slow).any()
         alongside_ns = np.arange(60) * 10**7
         merging = alongside_long(alongside_ns, older, needed, 5 * 10**7)
         assert 0 < len(merging) < np.count_nonzero(older >= 0)
@@ -658,7 +668,7 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         return [
             older.astype(np.float64),
             across.astype(np.float64),
-            *(each.astype(np.float64) for each in (apart, close, behind, abreast)),
+            *(each.astype(np.float64) for each in (apart, close, behind, abreast, fast, slow)),
             needed,
             alongside_ns.astype(np.float64),
             np.array(merging, np.float64),

@@ -85,7 +85,8 @@ def test_two_of_which_one_walks_past_the_other_do_not_become_one() -> None:
 @pytest.mark.parametrize(("apart_for", "obstacles"), [(3.0, 2), (60.0, 1)])
 def test_who_has_driven_in_another_lane_for_long_stays_by_itself(apart_for: float, obstacles: int) -> None:
     """In a jam the near side of the car beside is nearer to the middle of the one ahead than a lorry is wide."""
-    fed = HandFedVehicles(noise=(0.2, 0.2, 0.1), reflections={"course": {"apart_for": apart_for}})
+    alone = {"course": {"apart_for": apart_for}, "riders": {"time": 60.0}}  # else riders would be parted again
+    fed = HandFedVehicles(noise=(0.2, 0.2, 0.1), reflections=alone)
     for t in times(1, 320):
         told = fed.scan(t, [Seen(1, 20.0 + 5.0 * t, 0.0, 5.0), Seen(2, 31.0 + 4.1 * t, 1.5, 4.1)])
     assert len(told) == obstacles
