@@ -34,7 +34,8 @@ def in_line(bodies: Bodies, settings: ReflectionSettings, pose: EgoPose) -> Indi
     """
     reflections, obstacles, riders = bodies.reflections, bodies.obstacles, settings.riders
     along, room = reflections.offset[:, 0], RIDER[0] + settings.edge
-    if along.max() - along.min() < room:  # of all bodies together, which takes less time
+    slow = obstacles.confirmed & obstacles.directed & (obstacles.fastest < riders.fastest)
+    if not (slow.take(reflections.body) & (np.abs(along) > 0.5 * room)).any():  # none lies so far from another one
         return None
     steady = reflections.first_ns <= pose.time_ns - round(riders.time * 1e9)
     steady &= reflections.last_ns >= pose.time_ns - round(settings.patience * 1e9)
@@ -42,9 +43,8 @@ def in_line(bodies: Bodies, settings: ReflectionSettings, pose: EgoPose) -> Indi
     velocity, sight = mean[:, VELOCITY], mean[:, POSITION] - (pose.east, pose.north)
     distance, aside = np.abs(to_travel_axes(sight, obstacles.axis)).T
     moves = (velocity * velocity).sum(axis=1) > settings.stood.moved**2
-    slow = obstacles.confirmed & obstacles.directed & moves & (obstacles.fastest < riders.fastest)
+    slow &= moves & (aside < np.maximum(0.5 * settings.widest, _ASIDE * distance))
     slow &= (obstacles.width < NARROW) | (obstacles.width_variance > TOLD_WIDTH)  # a sensor may tell that it is a car
-    slow &= aside < np.maximum(0.5 * settings.widest, _ASIDE * distance)
     several = (np.bincount(reflections.body[steady], minlength=len(bodies)) > 1) & slow
     found = [_beyond_gap(bodies, each, steady.nonzero()[0], room) for each in several.nonzero()[0].tolist()]
     rows = [each for each in found if len(each)]
