@@ -50,8 +50,8 @@ LONGEST_HORIZON: Final = 60.0
 MOST_HORIZONS: Final = 20
 """Most horizons of one replay."""
 _NEW_OBJECTS: Final = 10_000
-"""How many objects more than have gone come before unreachable ones are looked for: a look takes as long as two cycles,
-for it passes over the lists of a log's block, and the cycles that wait to be written are some hundreds of objects."""
+"""Objects made, less those freed, between two looks for unreachable ones. A look passes over the lists of a log's
+block, which takes as long as two cycles; the cycles that wait to be written are some hundreds of objects."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -120,13 +120,17 @@ class ReflectionPlaceSettings(Settings):
 
 
 class BackingSettings(Settings):
-    """When what moves against the direction it went ahead in backs, and when it must have turned round."""
+    """When a body that moves against its heading backs, and when it must have turned round."""
 
     speed: float = Field(
-        5.0, ge=2, le=30, description="m/s, what moves faster drives ahead; slower, it backs if it went ahead faster …"
+        5.0, ge=2, le=30, description="m/s, nothing backs faster; what is slower backs if it was faster ahead before"
     )
     distance: float = Field(
-        50.0, gt=1, le=1e4, description="… m, on which it forgets a speed ahead as great as `speed`, less sooner"
+        50.0,
+        gt=1,
+        le=1e4,
+        description="m backwards after which a speed ahead of `speed` is forgotten, so that a wrong heading is healed; "
+        "a lower one sooner",
     )
 
 

@@ -24,8 +24,8 @@ _AXIS_ERROR = 0.1  # rad, by which an axis may be wrong: so much of what lies al
 def beside_widest(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indices | None:
     """Return of bodies wider than any vehicle the reflections on the other side of the widest gap than the leading one.
 
-    Of a body that moves, and whose axis is not known, nobody knows how wide it is. What stood all the time is looked at
-    once it has for long, and as one scan shows it.
+    How wide a body is that moves and whose axis is not known, nobody knows. One that stood all the time counts once it
+    has stood for `stood.time`, by the reflections of a single scan.
 
     Args:
         bodies: with their reflections.
@@ -56,9 +56,14 @@ def beside_widest(bodies: Bodies, settings: ReflectionSettings, time_ns: int) ->
 
 
 def _beside(bodies: Bodies, body: int, rows: Indices, widest: float, least: float) -> Indices:
-    """Return which of a body's reflections (m,) lie beside it, as `beside_widest` does: none of one not too wide.
+    """Return which of a body's reflections (m,) lie beside it, as `beside_widest` does; none of one not too wide.
 
-    Nor of one without a gap of so many m at least.
+    Args:
+        bodies: with their reflections.
+        body: row of the body.
+        rows: of its reflections that count.
+        widest: m.
+        least: width of the gap between the two at least, m.
     """
     reflections = bodies.reflections
     rows = rows[reflections.offset[rows, 1].argsort(kind="stable")]
