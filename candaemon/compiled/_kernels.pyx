@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 126
+REVISION = 127
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3090,6 +3090,12 @@ cdef bint close_by(
     return False
 
 
+cdef enum:  # of bodies, rows of what `bodies_to_merge` keeps of them
+    STOOD  # all the time, for long
+    RIDES  # may be someone on a bicycle
+    TINY  # was found to be small
+
+
 def bodies_to_merge(
     const double[:, :] shown,
     object[double, ndim=3] spread,
@@ -3102,13 +3108,15 @@ def bodies_to_merge(
     const unsigned char[:] directed,
     object[Py_ssize_t, ndim=1] last_ns,
     object[Py_ssize_t, ndim=1] first_ns,
-    object[unsigned char, ndim=1] stood,
-    object[unsigned char, ndim=1] rides,
-    object[unsigned char, ndim=1] found_small,
+    object[double, ndim=1] length_variance,
+    object[double, ndim=1] grown,
+    object[double, ndim=1] alone,
     const double[:] fastest,
     const Py_ssize_t[:] body,
     const Py_ssize_t[:] seen_ns,
     const double[:, :] offset,
+    Py_ssize_t time_ns,
+    Py_ssize_t stood_ns,
     Py_ssize_t since_ns,
     Py_ssize_t begun_ns,
     Py_ssize_t fresh_ns,
@@ -3129,7 +3137,10 @@ def bodies_to_merge(
     double extent,
     double edge,
     tuple rider,
+    double rider_fastest,
+    double told_length,
     double small,
+    double enough,
     double course_speed,
     double course_along,
     double course_across,
@@ -3141,46 +3152,62 @@ def bodies_to_merge(
 ):
     """Return of each body the row of the oldest one it may be merged into, or −1, and the time alongside it takes, s."""
     cdef Py_ssize_t n = mean.shape[0], young, old
-    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, squared, lane, shorter, room
+    cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, beyond_aside, squared, lane, shorter, room
     cdef double reach = larger(larger(along, course_along), larger(standing_extent, extent)) + larger(across, course_across)
+    cdef double widest = larger(across, course_across), nearest = larger(along * along, standing_extent * standing_extent)
     cdef double rider_length = rider[0], rider_width = rider[1]
     cdef bint moving, by_course, by_box, near, stand, late, ride
     found_array, needed_array = np.empty(n, np.int64), np.empty(n)
     cdef object[Py_ssize_t, ndim=1, mode="c"] found = found_array
     cdef double[::1] needed = needed_array, fast = np.empty(n)
+    cdef double[:, ::1] place = np.empty((2, n))
+    cdef object[unsigned char, ndim=2, mode="c"] kind = np.empty((3, n), np.uint8)
     with nogil:
         for young in range(n):
             fast[young] = velocity_of(mean, young)
+            place[0, young], place[1, young] = shown[young, 0], shown[young, 1]
+            kind[STOOD, young] = fastest[young] < slow and time_ns - first_ns[young] > stood_ns
+            kind[RIDES, young] = (
+                fastest[young] < rider_fastest
+                and grown[young] < enough
+                and not (length_variance[young] < told_length and length[young] > enough)
+            )
+            kind[TINY, young] = length[young] < small and (alone[young] > 1.0 or length_variance[young] > told_length)
             found[young], needed[young] = -1, merge_time
             for old in range(young):
-                x, y = shown[young, 0] - shown[old, 0], shown[young, 1] - shown[old, 1]
+                x, y = place[0, young] - place[0, old], place[1, young] - place[1, old]
                 if not (fabs(x) < reach and fabs(y) < reach):
                     continue
-                vx, vy = mean[young, 2] - mean[old, 2], mean[young, 3] - mean[old, 3]
                 ahead = fabs(x * axis[old, 0] + y * axis[old, 1])
                 aside = fabs(y * axis[old, 0] - x * axis[old, 1])
+                x = shown[young, 0] - (mean[old, 0] - facing[old, 0])
+                y = shown[young, 1] - (mean[old, 1] - facing[old, 1])
+                beyond = fabs(x * axis[old, 0] + y * axis[old, 1])
+                beyond_aside = fabs(y * axis[old, 0] - x * axis[old, 1])
+                squared = ahead * ahead + aside * aside
+                if not (aside < widest or squared < nearest or beyond_aside - 0.5 * width[old] < beside):
+                    continue  # in no way alongside: so are most, each in its lane
+                if not (ahead < larger(along, course_along) or squared < nearest or beyond < extent):
+                    continue
+                vx, vy = mean[young, 2] - mean[old, 2], mean[young, 3] - mean[old, 3]
                 faster = fabs(vx * axis[old, 0] + vy * axis[old, 1])
                 drift = fabs(vy * axis[old, 0] - vx * axis[old, 1])
                 moving = smaller(fast[young], fast[old]) > course_speed
                 moving = moving and drift < course_drift
                 late = confirmed[young] and first_ns[young] <= late_ns
-                ride = late and rides[young] and rides[old]
+                ride = late and kind[RIDES, young] and kind[RIDES, old]
                 lane = smaller(course_apart, rider_width) if ride else course_apart if late else INFINITY
                 shorter = smaller(length[young], length[old])
-                room = shorter if found_small[young] or found_small[old] else 0.5 * (length[young] + length[old])
+                room = shorter if kind[TINY, young] or kind[TINY, old] else 0.5 * (length[young] + length[old])
                 room = room + edge
                 if ride:
                     room = smaller(room, rider_length)
                 by_course = moving and aside < smaller(course_across, lane) and ahead < smaller(course_along, room)
                 by_course = by_course and faster < course_faster
-                x = shown[young, 0] - (mean[old, 0] - facing[old, 0])
-                y = shown[young, 1] - (mean[old, 1] - facing[old, 1])
-                beyond = fabs(x * axis[old, 0] + y * axis[old, 1])
                 by_box = moving and not ride and shorter >= small
                 by_box = by_box and beyond - 0.5 * length[old] < smaller(following * fast[old], following_gap)
                 by_box = by_box and beyond < extent and faster < following_speed
-                beyond = fabs(y * axis[old, 0] - x * axis[old, 1])
-                by_box = by_box and (aside < course_across or beyond - 0.5 * width[old] < beside) and aside < lane
+                by_box = by_box and (aside < course_across or beyond_aside - 0.5 * width[old] < beside) and aside < lane
                 if by_course:
                     unclear = spread[young, 0, 0] + spread[young, 1, 1] + (spread[old, 0, 0] + spread[old, 1, 1])
                     unclear = 1.0 + unclear / clear
@@ -3188,8 +3215,7 @@ def bodies_to_merge(
                 elif not by_box:
                     near = ahead < smaller(along, room)
                     near = near and aside < smaller(across, smaller(lane, 0.5 * (width[young] + width[old]) + edge))
-                    squared = ahead * ahead + aside * aside
-                    if near or squared < larger(along * along, standing_extent * standing_extent):
+                    if near or squared < nearest:
                         stand = stands(mean, directed, fastest, young, slow, moved)
                         stand = stand and stands(mean, directed, fastest, old, slow, moved)
                         if stand and first_ns[young] <= fresh_ns:
@@ -3209,7 +3235,7 @@ def bodies_to_merge(
                         unclear = 0.0
                     if not (near and squared < speed + deviations * unclear):
                         continue
-                if stood[young] and fastest[old] > moved or stood[old] and fastest[young] > moved:
+                if kind[STOOD, young] and fastest[old] > moved or kind[STOOD, old] and fastest[young] > moved:
                     continue
                 if confirmed[old] and found[young] < 0:
                     found[young] = old
@@ -3881,6 +3907,7 @@ def shares_in_sight(
     cdef double total, shared, round, half, azimuth, inside, turn = 2.0 * half_turn
     out_array, low_array, high_array = np.empty(k), np.empty(k), np.empty(k)
     cdef object[double, ndim=1, mode="c"] out = out_array, low = low_array, high = high_array
+    cdef object[double, ndim=2, mode="c"] first = np.empty((more, k)), last = np.empty((more, k))
     with nogil:
         for t in range(k):
             azimuth = fmod(bearing[t] - yaw + half_turn, turn)
@@ -3889,16 +3916,18 @@ def shares_in_sight(
             azimuth = azimuth - half_turn
             half = angle[t] + margin
             low[t], high[t] = azimuth - half, azimuth + half
+            first[0, t], last[0, t] = low[t] + margin + 0.0, high[t] - margin + 0.0
+            if behind:
+                round = -turn if low[t] + high[t] > 0.0 else turn
+                first[1, t], last[1, t] = low[t] + margin + round, high[t] - margin + round
         for t in range(k):
             total = 0.0
             for times in range(more):
                 for other in range(k):
+                    if first[times, other] >= high[t] or last[times, other] <= low[t]:
+                        continue  # most are beside one another: they share nothing
                     if away[other] < distance[t] and (times or other != t):
-                        round = 0.0
-                        if times:
-                            round = -turn if low[other] + high[other] > 0.0 else turn
-                        shared = smaller(high[t], high[other] - margin + round)
-                        shared = shared - larger(low[t], low[other] + margin + round)
+                        shared = smaller(high[t], last[times, other]) - larger(low[t], first[times, other])
                         total = total + larger(shared, 0.0)
             out[t] = 1.0 - total / (high[t] - low[t])
             if opening < half_turn:

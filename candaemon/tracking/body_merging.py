@@ -62,9 +62,7 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
     """Return for each obstacle an older one that it is alongside of, as `merge_candidates`: of two people, too."""
     obstacles, reflections, moments = bodies.obstacles, bodies.reflections, bodies.moments()
     course, standing = settings.course, settings.stood
-    since_ns = time_ns - round(settings.patience * 1e9)
-    stood = (obstacles.fastest < standing.speed) & (time_ns - obstacles.first_ns > round(standing.time * 1e9))
-    rides, small = may_ride(bodies, settings), found_small(bodies)
+    since_ns, stood_ns = time_ns - round(settings.patience * 1e9), round(standing.time * 1e9)
     if compiled.in_use:
         return compiled.kernels.bodies_to_merge(
             moments.shown,
@@ -78,13 +76,15 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
             obstacles.directed,
             obstacles.last_ns,
             obstacles.first_ns,
-            stood,
-            rides,
-            small,
+            obstacles.length_variance,
+            obstacles.extent,
+            obstacles.alone,
             obstacles.fastest,
             reflections.body,
             reflections.last_ns,
             reflections.offset,
+            time_ns,
+            stood_ns,
             since_ns,
             time_ns - _YOUNG_NS,
             time_ns - round(standing.apart_for * 1e9),
@@ -105,7 +105,10 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
             settings.extent,
             settings.edge,
             RIDER,
+            settings.riders.fastest,
+            TOLD_LENGTH,
             SMALL,
+            ENOUGH,
             course.speed,
             course.along,
             course.across,
@@ -115,6 +118,8 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
             course.time,
             course.clear**2,
         )
+    stood = (obstacles.fastest < standing.speed) & (time_ns - obstacles.first_ns > stood_ns)
+    rides, small = may_ride(bodies, settings), found_small(bodies)
     found, needed = np.full(len(obstacles), -1, dtype=np.int64), np.full(len(obstacles), settings.merge_time)
     place, velocity = moments.shown[:, :2], moments.mean[:, VELOCITY]
     reach = max(settings.along, course.along, standing.extent, settings.extent) + max(settings.across, course.across)
