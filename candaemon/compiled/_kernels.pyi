@@ -458,11 +458,14 @@ def note_sizes(
     fastest: Floats,
     length: Floats,
     width: Floats,
-    size_variance: Floats,
+    length_variance: Floats,
+    width_variance: Floats,
     first_ns: Integers,
     mean: Floats,
     body: Indices,
-    sight: Floats,
+    rows: Integers,
+    position: Floats,
+    origin: Floats,
     own: Floats,
     interval: Floats,
     time_ns: int,
@@ -783,3 +786,25 @@ class InsEpochs:
     def load(self, signals: Sequence[_Heard], waiting: int, memory: _InsMemory, last: tuple[float, ...]) -> None: ...
     def memory(self) -> tuple[list[_Heard], int, _InsMemory, tuple[int, int, int, int]]: ...
     def take(self, begin: int, end: int, kind: type[_SampleT]) -> tuple[int, list[_SampleT]]: ...
+
+def offsets_of_reflections(offset: Floats, axis: Floats, body: Integers, rows: Integers) -> Floats: ...
+def arms_of_reflections(shown: Floats, offset: Floats, body: Integers, pivot: Floats, variance: Floats) -> Floats: ...
+def sure_swings(
+    mean: Floats,
+    standing: Floats,
+    rate: Floats,
+    variance: Floats,
+    pivot: Floats,
+    deviations: float,
+    dt: float,
+) -> Floats | None: ...
+def lies_far_along(
+    offset: Floats,
+    body: Integers,
+    confirmed: Booleans,
+    directed: Booleans,
+    fastest: Floats,
+    slower: float,
+    far: float,
+) -> bool: ...
+def widest_across(offset: Floats) -> float: ...

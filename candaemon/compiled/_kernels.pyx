@@ -3734,11 +3734,14 @@ def note_sizes(
     object[double, ndim=1] fastest,
     object[double, ndim=1] length,
     object[double, ndim=1] width,
-    object[double, ndim=1] size_variance,
+    object[double, ndim=1] length_variance,
+    object[double, ndim=1] width_variance,
     object[Py_ssize_t, ndim=1] first_ns,
     const double[:, :] mean,
     object[Py_ssize_t, ndim=1] body,
-    object[double, ndim=2] sight,
+    object[Py_ssize_t, ndim=1] rows,
+    object[double, ndim=2] position,
+    object[double, ndim=1] origin,
     object[double, ndim=1] own,
     object[double, ndim=1] interval,
     Py_ssize_t time_ns,
@@ -3767,7 +3770,7 @@ def note_sizes(
     with nogil:
         for i in range(m):
             t = body[i]
-            x, y = sight[i, 0], sight[i, 1]
+            x, y = position[rows[i], 0] - origin[0], position[rows[i], 1] - origin[1]
             across, along = mean[t, 3] * x - mean[t, 2] * y, mean[t, 2] * x + mean[t, 3] * y
             seen[0, t] += 1
             if sqrt(x * x + y * y) < near:
@@ -3787,7 +3790,7 @@ def note_sizes(
                 if speed > moved:
                     alone[t] = alone[t] + interval[t] * counts / alone_time
             fastest[t] = larger(fastest[t], speed if (time_ns - first_ns[t]) * 1e-9 > age else 0.0)
-            if alone[t] > 1.0 and size_variance[t] > told and fastest[t] > moved:
+            if alone[t] > 1.0 and smaller(length_variance[t], width_variance[t]) > told and fastest[t] > moved:
                 if seen[0, t] > 0 and speed > moved and fastest[t] < riding:
                     faster = larger(fastest[t] - larger(speed, pace), 0.0)
                     fastest[t] -= smaller(interval[t] / pace_time, 1.0) * faster
@@ -5269,3 +5272,102 @@ cdef class InsEpochs:
                 del rows[made:]
                 return i, rows
         return end, rows
+
+
+def offsets_of_reflections(
+    object[double, ndim=2] offset,
+    object[double, ndim=2] axis,
+    object[Py_ssize_t, ndim=1] body,
+    object[Py_ssize_t, ndim=1] rows,
+):
+    """Return the offsets of reflections, by their rows (m,), in the local frame (m, 2); they are along and across the
+    axes of their bodies (k, 2)."""
+    cdef Py_ssize_t m = len(rows), i, r, t
+    out_array = np.empty((m, 2))
+    cdef object[double, ndim=2, mode="c"] out = out_array
+    with nogil:
+        for i in range(m):
+            r = rows[i]
+            t = body[r]
+            out[i, 0] = offset[r, 0] * axis[t, 0] - offset[r, 1] * axis[t, 1]
+            out[i, 1] = offset[r, 1] * axis[t, 0] + offset[r, 0] * axis[t, 1]
+    return out_array
+
+
+def arms_of_reflections(
+    object[double, ndim=2] shown,
+    object[double, ndim=2] offset,
+    object[Py_ssize_t, ndim=1] body,
+    object[double, ndim=2] pivot,
+    object[double, ndim=1] variance,
+):
+    """Return how far from the pivots of their bodies (k, 2) reflections lie (m, 2), an offset from where those are shown
+    (k, 4); zero where the turn rate has no variance."""
+    cdef Py_ssize_t m = len(body), i, t
+    cdef double known
+    cdef int a
+    out_array = np.empty((m, 2))
+    cdef object[double, ndim=2, mode="c"] out = out_array
+    with nogil:
+        for i in range(m):
+            t = body[i]
+            known = 1.0 if variance[t] > 0.0 else 0.0
+            for a in range(2):
+                out[i, a] = (shown[t, a] + offset[i, a] - pivot[t, a]) * known
+    return out_array
+
+
+def sure_swings(
+    object[double, ndim=2] mean,
+    object[double, ndim=1] standing,
+    object[double, ndim=1] rate,
+    object[double, ndim=1] variance,
+    object[double, ndim=2] pivot,
+    double deviations,
+    double dt,
+):
+    """Return by which steps the reference points of bodies (k, 2) swing about their pivots in a time, by what of their
+    turn rates is beyond so many deviations, as far as they do not stand; None: none does."""
+    cdef Py_ssize_t k = len(rate), t
+    cdef double turn, x, y
+    cdef bint turns = False, swings = False
+    out_array = np.empty((k, 2))
+    cdef object[double, ndim=2, mode="c"] out = out_array
+    with nogil:
+        for t in range(k):
+            turn = larger(fabs(rate[t]) - deviations * sqrt(variance[t]), 0.0)
+            turn = copysign((1.0 - standing[t]) * turn, rate[t])
+            x = turn * -(mean[t, 1] - pivot[t, 1])
+            y = turn * (mean[t, 0] - pivot[t, 0])
+            turns = turns or turn != 0.0
+            swings = swings or x != 0.0 or y != 0.0
+            out[t, 0], out[t, 1] = dt * x, dt * y
+    return out_array if turns and swings else None
+
+
+def lies_far_along(
+    object[double, ndim=2] offset,
+    object[Py_ssize_t, ndim=1] body,
+    object[unsigned char, ndim=1] confirmed,
+    object[unsigned char, ndim=1] directed,
+    object[double, ndim=1] fastest,
+    double slower,
+    double far,
+):
+    """Return whether any reflection of a confirmed, directed and slower body lies farther along it than that."""
+    cdef Py_ssize_t n = len(body), i, t
+    for i in range(n):
+        if fabs(offset[i, 0]) > far:
+            t = body[i]
+            if confirmed[t] and directed[t] and fastest[t] < slower:
+                return True
+    return False
+
+
+def widest_across(object[double, ndim=2] offset):
+    """Return how far apart across the first and the last of reflections lie, whatever their bodies; −1 of none."""
+    cdef Py_ssize_t n = len(offset), i
+    cdef double low = INFINITY, high = -INFINITY
+    for i in range(n):
+        low, high = smaller(low, offset[i, 1]), larger(high, offset[i, 1])
+    return high - low if n else -1.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Indices
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.ego.pose import EgoPose
@@ -33,10 +34,10 @@ def in_line(bodies: Bodies, settings: ReflectionSettings, pose: EgoPose) -> Indi
         Rows (m,), none of which leads; None: there are none.
     """
     reflections, obstacles, riders = bodies.reflections, bodies.obstacles, settings.riders
-    along, room = reflections.offset[:, 0], RIDER[0] + settings.edge
-    slow = obstacles.confirmed & obstacles.directed & (obstacles.fastest < riders.fastest)
-    if not (slow.take(reflections.body) & (np.abs(along) > 0.5 * room)).any():  # none lies so far from another one
+    room = RIDER[0] + settings.edge
+    if not any_far_along(bodies, riders.fastest, 0.5 * room):  # none lies so far from another one
         return None
+    slow = obstacles.confirmed & obstacles.directed & (obstacles.fastest < riders.fastest)
     steady = reflections.first_ns <= pose.time_ns - round(riders.time * 1e9)
     steady &= reflections.last_ns >= pose.time_ns - round(settings.patience * 1e9)
     mean = bodies.moments().mean
@@ -49,6 +50,22 @@ def in_line(bodies: Bodies, settings: ReflectionSettings, pose: EgoPose) -> Indi
     found = [_beyond_gap(bodies, each, steady.nonzero()[0], room) for each in several.nonzero()[0].tolist()]
     rows = [each for each in found if len(each)]
     return np.concatenate(rows) if rows else None
+
+
+def any_far_along(bodies: Bodies, slower: float, far: float) -> bool:
+    """Return whether a reflection of a known body lies farther along it than that.
+
+    Args:
+        bodies: with their reflections.
+        slower: m/s; what was ever faster does not count.
+        far: m from the reference point.
+    """
+    reflections, obstacles = bodies.reflections, bodies.obstacles
+    offset, body, confirmed, directed = reflections.offset, reflections.body, obstacles.confirmed, obstacles.directed
+    if compiled.in_use:
+        return compiled.kernels.lies_far_along(offset, body, confirmed, directed, obstacles.fastest, slower, far)
+    slow = confirmed & directed & (obstacles.fastest < slower)
+    return bool((slow.take(body) & (np.abs(offset[:, 0]) > far)).any())
 
 
 def _beyond_gap(bodies: Bodies, body: int, steady: Indices, room: float) -> Indices:

@@ -333,6 +333,14 @@ class Bodies:
         Args:
             dt: s; below 0 for a scan that comes late.
         """
+        if compiled.in_use:
+            if (turning := self.turning()) is not None:
+                mean, standing, sure = self.moments().mean, self.filter.probability[:, STANDING], self._places.sure_turn
+                rate, variance, pivot = turning.rate, turning.variance, turning.pivot
+                step = compiled.kernels.sure_swings(mean, standing, rate, variance, pivot, sure, dt)
+                if step is not None:
+                    self.shift(step)
+            return
         turning = self.sure_turning()
         if turning is None:
             return
@@ -364,10 +372,12 @@ class Bodies:
 
     def offsets(self, rows: Indices | None = None) -> Floats:
         """Return the offsets of some reflections, None: of all, (n, 2), local frame, m."""
-        body, offset = self.reflections.body, self.reflections.offset
-        if rows is not None:
-            body, offset = body.take(rows), offset.take(rows, axis=0)
-        return from_travel_axes(offset, self.obstacles.axis.take(body, axis=0))
+        body, offset, axis = self.reflections.body, self.reflections.offset, self.obstacles.axis
+        if rows is None:
+            return from_travel_axes(offset, axis.take(body, axis=0))
+        if compiled.in_use:
+            return compiled.kernels.offsets_of_reflections(offset, axis, body, rows)
+        return from_travel_axes(offset.take(rows, axis=0), axis.take(body.take(rows), axis=0))
 
     def learn_offsets(self, rows: Indices, position: Floats, noise: Floats, before: Floats) -> None:
         """Update where on their bodies reflections lie.

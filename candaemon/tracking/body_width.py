@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats, Indices
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.tracking.body_merging import stand_without_course
@@ -36,9 +37,9 @@ def beside_widest(bodies: Bodies, settings: ReflectionSettings, time_ns: int) ->
         Rows (m,), none of which leads; None: there are none.
     """
     reflections = bodies.reflections
-    across = reflections.offset[:, 1]
-    if across.max() - across.min() < settings.widest:  # of all bodies together, which takes less time
+    if extent_across(reflections.offset) < settings.widest:  # of all bodies together, which takes less time
         return None
+    across = reflections.offset[:, 1]
     obstacles, stood = bodies.obstacles, settings.stood
     stands = stand_without_course(bodies, 2 * stood.speed, stood.moved)
     stands &= time_ns - obstacles.first_ns > round(stood.time * 1e9)
@@ -53,6 +54,13 @@ def beside_widest(bodies: Bodies, settings: ReflectionSettings, time_ns: int) ->
     found = [_beside(bodies, each, seen[body == each], settings.widest, least[each]) for each in wide.tolist()]
     beside = [rows for rows in found if len(rows)]
     return np.concatenate(beside) if beside else None
+
+
+def extent_across(offset: Floats) -> float:
+    """Return how far apart across the first and the last of reflections (n, 2) lie, whatever their bodies, m."""
+    if compiled.in_use:
+        return compiled.kernels.widest_across(offset)
+    return float(offset[:, 1].max() - offset[:, 1].min())
 
 
 def _beside(bodies: Bodies, body: int, rows: Indices, widest: float, least: float) -> Indices:

@@ -131,19 +131,20 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     sooner. Who walks does so all the time.
     """
     obstacles, mean, measurement = bodies.obstacles, bodies.moments().mean, detections.measurement
-    sight = measurement.position.take(rows, axis=0) - measurement.origin
-    size_variance = np.minimum(obstacles.length_variance, obstacles.width_variance)
     if compiled.in_use:
         compiled.kernels.note_sizes(
             obstacles.alone,
             obstacles.fastest,
             obstacles.length,
             obstacles.width,
-            size_variance,
+            obstacles.length_variance,
+            obstacles.width_variance,
             obstacles.first_ns,
             mean,
             body,
-            sight,
+            rows,
+            measurement.position,
+            measurement.origin,
             measurement.velocity,
             obstacles.interval,
             detections.time_ns,
@@ -164,8 +165,9 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
             RIDER,
         )
         return
-    count = np.bincount(body, minlength=len(obstacles))
-    x, y = sight.T
+    count, size_variance = np.bincount(body, minlength=len(obstacles)), obstacles.length_variance
+    size_variance = np.minimum(size_variance, obstacles.width_variance)
+    x, y = (measurement.position.take(rows, axis=0) - measurement.origin).T
     near, crosses = np.zeros((2, len(obstacles)), dtype=np.bool_)
     near[body[np.sqrt(x * x + y * y) < settings.within]] = True
     vx, vy = mean[:, 2].take(body), mean[:, 3].take(body)

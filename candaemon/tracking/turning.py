@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats, Indices
 from candaemon.estimation.measurement import Measurement
 
@@ -49,14 +50,17 @@ class Turning:
         beyond = np.maximum(np.abs(self.rate) - deviations * np.sqrt(self.variance), 0.0)
         return Turning(np.copysign(share * beyond, self.rate), self.variance, self.pivot)
 
-    def arms(self, body: Indices, place: Floats) -> Floats:
-        """Return r of places on bodies (n, 2), local frame, m; zero where no turning is known.
+    def arms(self, body: Indices, shown: Floats, offset: Floats) -> Floats:
+        """Return r of reflections of bodies (n, 2), local frame, m; zero where no turning is known.
 
         Args:
             body: row of the body of each (n,).
-            place: (n, 2), local frame, m.
+            shown: place where the leading reflections of the bodies are expected, and velocity (k, 4), local frame.
+            offset: of the reflections from those (n, 2), local frame, m.
         """
-        known = self.variance.take(body) > 0.0
+        if compiled.in_use:
+            return compiled.kernels.arms_of_reflections(shown, offset, body, self.pivot, self.variance)
+        known, place = self.variance.take(body) > 0.0, shown.take(body, axis=0)[:, :2] + offset
         return np.asarray((place - self.pivot.take(body, axis=0)) * known[:, None])
 
     def left_out(self, measurement: Measurement, body: Indices, place: Floats) -> Measurement:

@@ -504,9 +504,10 @@ class VehicleTracker:
         offset = bodies.offsets(row)
         arm = None
         if (turning := bodies.turning()) is not None:
-            place = bodies.moments().shown.take(body, axis=0)[:, :2] + offset
-            arm = turning.arms(body, place)
+            shown = bodies.moments().shown
+            arm = turning.arms(body, shown, offset)
             if measurement.projections:
+                place = shown.take(body, axis=0)[:, :2] + offset
                 measurement = turning.left_out(measurement, body, place)
         bodies.note_detections(body, detections.time_ns)
         self._note_rates(row, body, offset, measurement)

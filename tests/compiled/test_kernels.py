@@ -60,7 +60,9 @@ from candaemon.tracking.body_measurement import of_bodies
 from candaemon.tracking.body_merging import alongside_long, merge_candidates, split_candidates
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.body_report import report
+from candaemon.tracking.body_riders import any_far_along
 from candaemon.tracking.body_store import UNUSED, Bodies
+from candaemon.tracking.body_width import extent_across
 from candaemon.tracking.columns import longer_ago
 from candaemon.tracking.estimator_factory import make_estimator
 from candaemon.tracking.id_rows import IdRows
@@ -69,6 +71,7 @@ from candaemon.tracking.innovation_correlation import _innovations
 from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
 from candaemon.tracking.sensor_visibility import Visibility
 from candaemon.tracking.straying import note_strays, strays
+from candaemon.tracking.turning import Turning
 from candaemon.tracking.update import Used
 from candaemon.tracking.vehicle_tracker import VehicleTracker, _standing, expected_places
 from tests.benchmarks.chains import full_binding, imm_binding, reduced_binding, simulated_log
@@ -728,6 +731,61 @@ def test_reflections_are_followed_for_themselves_and_stray(monkeypatch: pytest.M
         return [*followed, *noted, straying.astype(np.float64)]
 
     both(monkeypatch, computed)
+
+
+def test_reflections_of_what_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows, random = np.array([28, 3, 0, 11, 22]), np.random.default_rng(8)
+    rate, variance = random.normal(size=20), np.where(np.arange(20) % 3 > 0, random.random(20), 0.0)
+    pivot = random.uniform(-25.0, 25.0, (20, 2))
+
+    def computed() -> list[Floats]:
+        bodies = bodies_on_road(20, 9)
+        body, shown = bodies.reflections.body[rows], bodies.moments().shown
+        offset = bodies.offsets(rows)
+        np.testing.assert_array_equal(offset, bodies.offsets()[rows])
+        arm = Turning(rate, variance, pivot).arms(body, shown, offset)
+        assert 0 < np.count_nonzero(arm) < arm.size
+        return [offset, arm]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("turning", [True, False])
+def test_reference_points_swing_with_what_turns(turning: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        bodies = bodies_on_road(20, 9)
+        bodies.obstacles.directed[:], bodies.obstacles.length[:] = True, 4.5
+        bodies.obstacles.length_variance[:] = 0.5
+        bodies.filter.state.mean[::2, :, TURN] = 0.9 if turning else 0.0
+        bodies.filter.state.covariance[:, :, TURN, TURN] = 0.01
+        bodies.changed()
+        before = bodies.moments().mean.copy()
+        bodies.swing_references(0.05)
+        moved = (bodies.moments().mean != before).any(axis=1)
+        assert np.count_nonzero(moved) == (10 if turning else 0)
+        return [*told(bodies.filter), bodies.moments().mean, bodies.moments().shown]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("by_kernels", [True, False])
+def test_whether_reflections_lie_far_from_one_another(by_kernels: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "in_use", by_kernels)
+    bodies = bodies_on_road(20, 9)
+    obstacles, reflections = bodies.obstacles, bodies.reflections
+    reflections.offset[:] = 0.0
+    reflections.offset[25, 0] = -2.0
+    body, span = int(reflections.body[25]), 2.5
+    obstacles.confirmed[:], obstacles.directed[:], obstacles.fastest[:] = True, True, 4.0
+    assert any_far_along(bodies, 5.0, 1.9)
+    assert not any_far_along(bodies, 5.0, 2.0)
+    assert not any_far_along(bodies, 4.0, 1.9)
+    for column in (obstacles.confirmed, obstacles.directed):
+        column[body] = False
+        assert not any_far_along(bodies, 5.0, 1.9)
+        column[body] = True
+    reflections.offset[3, 1], reflections.offset[7, 1] = -1.0, span - 1.0
+    assert extent_across(reflections.offset) == span
 
 
 def test_what_leads_is_confirmed_forgotten_and_stands(monkeypatch: pytest.MonkeyPatch) -> None:

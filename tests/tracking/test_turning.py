@@ -154,4 +154,4 @@ def test_a_heading_and_a_course_that_agree_overrule_the_axis_of_what_drove() -> 
 
 
 def test_arms_are_those_of_bodies_that_are_known_to_turn() -> None:
-    np.testing.assert_allclose(TURNING.arms(BODY, PLACE), [[2.0, 0.0], [0.0, -1.0], [0.0, 0.0]])
+    np.testing.assert_allclose(TURNING.arms(BODY, np.zeros((2, 4)), PLACE), [[2.0, 0.0], [0.0, -1.0], [0.0, 0.0]])
