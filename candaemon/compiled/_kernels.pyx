@@ -3136,6 +3136,8 @@ def bodies_to_merge(
     double following_speed,
     double extent,
     double edge,
+    tuple walker,
+    double narrow,
     tuple rider,
     double rider_fastest,
     double told_length,
@@ -3155,7 +3157,7 @@ def bodies_to_merge(
     cdef double x, y, vx, vy, ahead, aside, faster, drift, unclear, beyond, beyond_aside, squared, lane, shorter, room
     cdef double reach = larger(larger(along, course_along), larger(standing_extent, extent)) + larger(across, course_across)
     cdef double widest = larger(across, course_across), nearest = larger(along * along, standing_extent * standing_extent)
-    cdef double rider_length = rider[0], rider_width = rider[1]
+    cdef double rider_length = rider[0], rider_width = rider[1], person = walker[0]
     cdef bint moving, by_course, by_box, near, stand, late, ride
     found_array, needed_array = np.empty(n, np.int64), np.empty(n)
     cdef object[Py_ssize_t, ndim=1, mode="c"] found = found_array
@@ -3239,6 +3241,11 @@ def bodies_to_merge(
                     continue
                 if confirmed[old] and found[young] < 0:
                     found[young] = old
+            old = found[young]
+            if old >= 0 and kind[TINY, young] and kind[TINY, old] and length[young] < narrow and length[old] < narrow:
+                x, y = place[0, young] - place[0, old], place[1, young] - place[1, old]
+                if x * x + y * y > person * person:
+                    found[young] = -1
     return found_array, needed_array
 
 
@@ -5371,3 +5378,94 @@ def widest_across(object[double, ndim=2] offset):
     for i in range(n):
         low, high = smaller(low, offset[i, 1]), larger(high, offset[i, 1])
     return high - low if n else -1.0
+
+
+def turns_of_modes(double[:, :, ::1] mean, const double[:, :, ::1] drive, Py_ssize_t component, Py_ssize_t time, double most):
+    """Keep the turn rates, a component of means (8, M, n), within limits in place; return by how much bodies turn in the
+    time that a row of what drives modes (7, M, 1) tells: (M, n)."""
+    cdef Py_ssize_t modes = mean.shape[1], n = mean.shape[2], i, t
+    out_array = np.empty((modes, n))
+    cdef double[:, ::1] out = out_array
+    with nogil:
+        for i in range(modes):
+            for t in range(n):
+                mean[component, i, t] = smaller(larger(mean[component, i, t], -most), most)
+                out[i, t] = mean[component, i, t] * drive[time, i, 0]
+    return out_array
+
+
+def loosen_offsets(object[double, ndim=1] variance, object[Py_ssize_t, ndim=1] leader, double kept, double added):
+    """Let variances of offsets (n,) return to where they come from, in place: a share is kept, and so much added; those of
+    leading reflections, by their rows (k,), are zero."""
+    cdef Py_ssize_t n = len(variance), k = len(leader), i
+    with nogil:
+        for i in range(n):
+            variance[i] = kept * variance[i] + added
+        for i in range(k):
+            variance[leader[i]] = 0.0
+
+
+def steps_of_trails(
+    object[Py_ssize_t, ndim=1] trail_ns, object[Py_ssize_t, ndim=1] rows, Py_ssize_t time_ns, double patience, double least
+):
+    """Return for how long reflections, by their rows (m,), have been followed to nowhere (m,), s, within limits, and
+    whether that is longer than is waited for."""
+    cdef Py_ssize_t m = len(rows), i
+    cdef double passed
+    dt_array, lost_array = np.empty(m), np.empty(m, np.bool_)
+    cdef object[double, ndim=1, mode="c"] dt = dt_array
+    cdef object[unsigned char, ndim=1, mode="c"] lost = lost_array
+    with nogil:
+        for i in range(m):
+            passed = (time_ns - trail_ns[rows[i]]) * 1e-9
+            lost[i] = passed > patience
+            dt[i] = smaller(larger(passed, least), patience)
+    return dt_array, lost_array
+
+
+def detected_after(object[double, ndim=1] interval, object[Py_ssize_t, ndim=1] last_ns, Py_ssize_t time_ns):
+    """Return the intervals (k,) before what was detected at a time, 0 of the rest."""
+    cdef Py_ssize_t k = len(interval), t
+    out_array = np.empty(k)
+    cdef object[double, ndim=1, mode="c"] out = out_array
+    with nogil:
+        for t in range(k):
+            out[t] = interval[t] if last_ns[t] == time_ns else 0.0
+    return out_array
+
+
+def scaled_noise(object[double, ndim=3] noise, object[double, ndim=1] factor):
+    """Return covariances (m, 2, 2), multiplied by a factor each (m,)."""
+    cdef Py_ssize_t m = len(noise), i
+    cdef int a, b
+    out_array = np.empty((m, 2, 2))
+    cdef object[double, ndim=3, mode="c"] out = out_array
+    with nogil:
+        for i in range(m):
+            for a in range(2):
+                for b in range(2):
+                    out[i, a, b] = noise[i, a, b] * factor[i]
+    return out_array
+
+
+def possible_sizes(object[double, ndim=2] values, Py_ssize_t row, double most):
+    """Return quantities (Q, n) with NaN for what in a row is no size, None where all are; and how many are odd: neither
+    sizes nor NaN."""
+    cdef Py_ssize_t quantities = len(values), n = (<object>values).shape[1], q, t, odd = 0
+    cdef bint all_are = True
+    for t in range(n):
+        if not (values[row, t] > 0.0 and values[row, t] <= most):
+            all_are = False
+            odd += values[row, t] == values[row, t]
+    if all_are:
+        return None, 0
+    out_array = np.empty((quantities, n))
+    cdef object[double, ndim=2, mode="c"] out = out_array
+    with nogil:
+        for q in range(quantities):
+            for t in range(n):
+                out[q, t] = values[q, t]
+        for t in range(n):
+            if not (values[row, t] > 0.0 and values[row, t] <= most):
+                out[row, t] = NAN
+    return out_array, odd

@@ -411,8 +411,11 @@ class BodyFilter:
         mean, covariance, constants = self._state.mean.T, self._state.covariance.T, self._constants(dt)
         drive, decay = constants.drive, constants.decay
         # an estimate that ran away would be blamed for all that follows
-        np.minimum(np.maximum(mean[TURN], -_FULL_TURN), _FULL_TURN, out=mean[TURN])
-        turn = mean[TURN] * drive[6]
+        if self._compiled:
+            turn = compiled.kernels.turns_of_modes(mean, drive, TURN, 6, _FULL_TURN)
+        else:
+            np.minimum(np.maximum(mean[TURN], -_FULL_TURN), _FULL_TURN, out=mean[TURN])
+            turn = mean[TURN] * drive[6]
         turned = np.empty((2, *turn.shape))
         np.cos(turn, out=turned[0])
         np.sin(turn, out=turned[1])

@@ -122,14 +122,14 @@ class Measurement:
 
     def scaled(self, factor: Floats) -> Measurement:
         """Return the detections with the variances of their positions multiplied by a factor each (m,)."""
-        return replace(self, noise=self.noise * factor[:, None, None])
+        return replace(self, noise=_scaled(self.noise, factor))
 
     def weakened(self, factor: Floats) -> Measurement:
         """Return the detections with all their variances multiplied by a factor each (m,)."""
         rate = self.range_rate_variance
         return Measurement(
             self.position,
-            self.noise * factor[:, None, None],
+            _scaled(self.noise, factor),
             self.origin,
             self.velocity,
             self.range_rate,
@@ -137,6 +137,13 @@ class Measurement:
             tuple(replace(each, variance=each.variance * factor) for each in self.projections),
             self.sensor,
         )
+
+
+def _scaled(noise: Floats, factor: Floats) -> Floats:
+    """Return covariances (m, 2, 2), multiplied by a factor each (m,)."""
+    if compiled.in_use:
+        return compiled.kernels.scaled_noise(noise, factor)
+    return noise * factor[:, None, None]
 
 
 def in_order(rows: Indices) -> bool:

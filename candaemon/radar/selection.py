@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats, Integers
 from candaemon.binding.bound import BoundSensor
 from candaemon.objects.object_batch import ObjectBatch
@@ -82,6 +83,10 @@ class Selection:
 
     def _with_sizes(self, values: Floats, row: int, most: float) -> Floats:
         """Return the quantities with NaN for what is no size; count it unless nothing was said."""
+        if compiled.in_use:
+            possible, odd = compiled.kernels.possible_sizes(values, row, most)
+            self.counts.odd_sizes += odd
+            return values if possible is None else possible
         sizes = values[row]
         possible = (sizes > 0.0) & (sizes <= most)
         if np.count_nonzero(possible) == len(sizes):

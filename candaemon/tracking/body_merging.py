@@ -41,14 +41,13 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         Rows (k,), and the time alongside that is needed (k,), s.
     """
     found, needed = _alongside(bodies, settings, time_ns)
+    if compiled.in_use:  # the kernel leaves them out by itself
+        return found, needed
     young = (found >= 0).nonzero()[0]
-    if len(young):
-        people = found_small(bodies) & (bodies.obstacles.length < NARROW)
-        young = young[people[young] & people[found[young]]]
-    if len(young):
-        place = bodies.moments().shown[:, :2]
-        apart = place[young] - place[found[young]]
-        found[young[(apart * apart).sum(axis=1) > WALKER[0] * WALKER[0]]] = -1
+    people = found_small(bodies) & (bodies.obstacles.length < NARROW)
+    young, place = young[people[young] & people[found[young]]], bodies.moments().shown[:, :2]
+    apart = place[young] - place[found[young]]
+    found[young[(apart * apart).sum(axis=1) > WALKER[0] * WALKER[0]]] = -1
     return found, needed
 
 
@@ -59,7 +58,7 @@ def found_small(bodies: Bodies) -> Booleans:
 
 
 def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tuple[Integers, Floats]:
-    """Return for each obstacle an older one that it is alongside of, as `merge_candidates`: of two people, too."""
+    """Return for each obstacle an older one that it is alongside of, as `merge_candidates`; in numpy of people, too."""
     obstacles, reflections, moments = bodies.obstacles, bodies.reflections, bodies.moments()
     course, standing = settings.course, settings.stood
     since_ns, stood_ns = time_ns - round(settings.patience * 1e9), round(standing.time * 1e9)
@@ -104,6 +103,8 @@ def _alongside(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> tu
             settings.following_speed,
             settings.extent,
             settings.edge,
+            WALKER,
+            NARROW,
             RIDER,
             settings.riders.fastest,
             TOLD_LENGTH,

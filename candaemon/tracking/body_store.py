@@ -590,11 +590,14 @@ class Bodies:
                 obstacles.first_ns, obstacles.last_ns, obstacles.interval, time_ns, return_time, _LEAST_TIME
             )
         age = (time_ns - obstacles.first_ns) * 1e-9
-        return np.asarray(-self._detected_after(time_ns) / np.maximum(np.minimum(age, return_time), _LEAST_TIME))
+        return np.asarray(-self.detected_after(time_ns) / np.maximum(np.minimum(age, return_time), _LEAST_TIME))
 
-    def _detected_after(self, time_ns: int) -> Floats:
+    def detected_after(self, time_ns: int) -> Floats:
         """Return how long after the detection before bodies are detected at a time (k,), s; 0 where they are not."""
-        return np.where(self.obstacles.last_ns == time_ns, self.obstacles.interval, 0.0)
+        interval, last_ns = self.obstacles.interval, self.obstacles.last_ns
+        if compiled.in_use:
+            return compiled.kernels.detected_after(interval, last_ns, time_ns)
+        return np.where(last_ns == time_ns, interval, 0.0)
 
     def shift(self, step: Floats) -> None:
         """Move the reference points by steps (k, 2), m; what the filter says moves along."""
@@ -663,9 +666,9 @@ class Bodies:
         """
         obstacles = self.obstacles
         beyond, some = _beyond(self.moments().mean, obstacles, self._places.beyond)
-        if not some and not obstacles.drift.any():
+        if not some and not np.count_nonzero(obstacles.drift):
             return
-        dt = self._detected_after(time_ns)
+        dt = self.detected_after(time_ns)
         step, spread = _following(obstacles, beyond, dt, -np.expm1(-dt / _BEYOND_TIME), -np.expm1(-dt / _DRIFT_TIME))
         self.filter.settle(step, spread)
         self.changed()

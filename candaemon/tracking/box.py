@@ -213,7 +213,7 @@ def _grow(bodies: Bodies, time_ns: int, sensor: int, since_ns: int) -> None:
         since_ns: from when on reflections that others detected count.
     """
     obstacles, reflections, mean = bodies.obstacles, bodies.reflections, bodies.moments().mean
-    passed = np.where(obstacles.last_ns == time_ns, obstacles.interval, 0.0)
+    passed = bodies.detected_after(time_ns)
     several = len(reflections) > len(obstacles)
     share = -np.expm1(passed / -_GROWTH_TIME) if several else passed  # alone, none tells a length
     if compiled.in_use:

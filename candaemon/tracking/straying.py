@@ -51,9 +51,12 @@ def note_strays(
         settings: how fast, how far.
     """
     reflections, stray = bodies.reflections, settings.stray
-    dt = (time_ns - reflections.trail_ns.take(rows)) * 1e-9
-    lost = dt > settings.patience
-    dt = np.minimum(np.maximum(dt, _LEAST_STEP), settings.patience)
+    if compiled.in_use:
+        steps = reflections.trail_ns, rows, time_ns, settings.patience, _LEAST_STEP
+        dt, lost = compiled.kernels.steps_of_trails(*steps)
+    else:
+        passed = (time_ns - reflections.trail_ns.take(rows)) * 1e-9
+        dt, lost = np.clip(passed, _LEAST_STEP, settings.patience), passed > settings.patience
     keep = np.exp(dt / -stray.memory)
     trail, walked, stood = reflections.trail, reflections.walked, reflections.stood
     position, noise, sensor = measurement.position, measurement.noise, measurement.origin

@@ -456,9 +456,13 @@ class VehicleTracker:
         if len(reflections) == len(self):  # all of them lead
             reflections.variance = np.zeros(len(reflections))
             return
-        keep = exp(-dt / places.spread_time)
-        reflections.variance = keep * keep * reflections.variance + places.spread**2 * (1.0 - keep * keep)
-        reflections.variance[self._bodies.obstacles.leader] = 0.0
+        keep, leader = exp(-dt / places.spread_time), self._bodies.obstacles.leader
+        kept, added = keep * keep, places.spread**2 * (1.0 - keep * keep)
+        if compiled.in_use:
+            compiled.kernels.loosen_offsets(reflections.variance, leader, kept, added)
+            return
+        reflections.variance = kept * reflections.variance + added
+        reflections.variance[leader] = 0.0
 
     def _associate(self, detections: Detections) -> Association:
         """Return which body and reflection each detection belongs to."""
@@ -562,8 +566,10 @@ class VehicleTracker:
         """Keep what the scan's detections updated or initiated, for those who ask after the step."""
         rows = (association.reflection >= 0).nonzero()[0]
         self.counts.used += len(rows)
-        measured = detections.measurement.measured
-        self.update = Update(rows, association.reflection.take(rows), association.nis.take(rows), measured.take(rows))
+        reflection, nis, measured = association.reflection, association.nis, detections.measurement.measured
+        if len(rows) < len(reflection):
+            reflection, nis, measured = reflection.take(rows), nis.take(rows), measured.take(rows)
+        self.update = Update(rows, reflection, nis, measured)
 
     def _turn_axes(self) -> None:
         """Turn the axes of what moves towards its course, the faster the better the course is known."""
@@ -605,7 +611,7 @@ class VehicleTracker:
             if self._by_existence and detections is not None:
                 self._existence.learn_clutter(detections.sensor, obstacles.history)
             return
-        promoted, ended = self._promoted(detections), np.zeros(len(self), dtype=np.bool_)
+        promoted, ended = self._promoted(detections), None
         if len(promoted):
             obstacles.confirmed[promoted] = True
             self.counts.confirmed += len(promoted)
@@ -613,15 +619,17 @@ class VehicleTracker:
                 ended = self._taken_up(promoted)
         forgotten = self._forgotten() if self._by_existence else self._ended_by_hits(pose)
         if forgotten is not None:
-            ended |= forgotten
-        some = np.count_nonzero(ended) > 0
+            ended = forgotten if ended is None else ended | forgotten
+        if ended is not None and not np.count_nonzero(ended):
+            ended = None
         if self._by_existence and detections is not None:
-            clutter = ended & ~obstacles.confirmed if some else _NONE
-            self._existence.learn_clutter(detections.sensor, obstacles.history[clutter])
+            clutter = _NONE if ended is None else obstacles.history[ended & ~obstacles.confirmed]
+            self._existence.learn_clutter(detections.sensor, clutter)
         silent = longer_ago(reflections.last_ns, self._state.time_ns, lifecycle.reflection_coast)
         if silent is not None:
             silent[obstacles.leader] = False
-        if some or (silent is not None and silent.any()):
+        if ended is not None or (silent is not None and silent.any()):
+            ended = np.zeros(len(self), dtype=np.bool_) if ended is None else ended
             lost = ended.take(reflections.body)
             self._delete(lost if silent is None else lost | silent, ended)
 
@@ -634,7 +642,7 @@ class VehicleTracker:
         existence, last_ns, time_ns = obstacles.existence, obstacles.last_ns, self._state.time_ns
         if compiled.in_use:
             rows = compiled.kernels.bodies_to_confirm(existence, last_ns, obstacles.confirmed, time_ns, lifecycle.sure)
-            promoted = np.array(rows, dtype=np.intp)
+            promoted = np.array(rows, dtype=np.intp) if rows else _NONE
         else:
             promoted = np.flatnonzero((existence >= lifecycle.sure) & (last_ns == time_ns) & ~obstacles.confirmed)
         if len(promoted):

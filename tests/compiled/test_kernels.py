@@ -51,6 +51,8 @@ from candaemon.pipeline.saved_state import dump
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.radar.detections import Detections
 from candaemon.radar.mounting import _placed, sensor_views
+from candaemon.radar.scan import ScanCounts
+from candaemon.radar.selection import Selection
 from candaemon.tracking import box
 from candaemon.tracking.association import pair_nis
 from candaemon.tracking.body_association import Association, associate
@@ -61,6 +63,7 @@ from candaemon.tracking.body_merging import alongside_long, merge_candidates, sp
 from candaemon.tracking.body_modes import dynamics_of, modes_of
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_riders import any_far_along
+from candaemon.tracking.body_sizes import WALKER
 from candaemon.tracking.body_store import UNUSED, Bodies
 from candaemon.tracking.body_width import extent_across
 from candaemon.tracking.columns import longer_ago
@@ -274,6 +277,8 @@ def test_prediction_of_bodies(
     def computed() -> list[Floats]:
         tracked = bodies_of(bodies, modes)
         tracked.linking = linking
+        tracked.state.mean[::5, :, TURN] = 99.0  # an estimate that ran away
+        tracked.state.mean[1::5, :, TURN] = -99.0
         for _ in range(3):
             tracked.predict(0.07, axis, walk, hidden * settling, 0.5 + hidden)
         return told(tracked)
@@ -664,6 +669,16 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         bodies.changed()
         fast, slow = (merge_candidates(bodies, riders(fastest=each), 10**9)[0] for each in (5.0, 10.0))
         assert (fast != slow).any()
+        bodies = bodies_on_road(60, 0)
+        bodies.filter.state.mean[:, :, :2] *= 0.1
+        bodies.filter.state.mean[:, :, 2:4] = (1.0, 0.0)
+        bodies.obstacles.length[:], bodies.obstacles.width[:] = WALKER
+        bodies.obstacles.confirmed[:], bodies.obstacles.fastest[:], bodies.obstacles.alone[:] = True, 1.2, 2.0
+        bodies.changed()
+        people, _ = merge_candidates(bodies, ReflectionSettings(), 10**9)
+        bodies.obstacles.length_variance[:], bodies.obstacles.alone[:] = 0.5, 0.0  # small, as told by a sensor
+        parts, _ = merge_candidates(bodies, ReflectionSettings(), 10**9)
+        assert 0 < np.count_nonzero(people >= 0) < np.count_nonzero(parts >= 0)
         alongside_ns = np.arange(60) * 10**7
         merging = alongside_long(alongside_ns, older, needed, 5 * 10**7)
         assert 0 < len(merging) < np.count_nonzero(older >= 0)
@@ -671,7 +686,7 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
         return [
             older.astype(np.float64),
             across.astype(np.float64),
-            *(each.astype(np.float64) for each in (apart, close, behind, abreast, fast, slow)),
+            *(each.astype(np.float64) for each in (apart, close, behind, abreast, fast, slow, people, parts)),
             needed,
             alongside_ns.astype(np.float64),
             np.array(merging, np.float64),
@@ -820,8 +835,12 @@ def test_what_leads_is_confirmed_forgotten_and_stands(monkeypatch: pytest.Monkey
         standing = _standing(velocity, sight, np.hypot(sight[:, 0], sight[:, 1]), body, obstacles.confirmed)
         assert 0 < np.count_nonzero(standing) < 30
         bodies.note_detections(np.array([3, 7, 3, 12]), 31 * 10**8)
-        found = (obstacles.leader, silent, forgotten, promoted, standing, obstacles.last_ns, obstacles.interval)
-        return [each.astype(np.float64) for each in found]
+        tracker._let_wander(0.05)
+        assert not bodies.reflections.variance[obstacles.leader].any()
+        assert np.count_nonzero(bodies.reflections.variance) == 9
+        found = (obstacles.leader, silent, forgotten, promoted, standing, obstacles.last_ns)
+        times = [obstacles.interval, bodies.detected_after(31 * 10**8)]
+        return [*(each.astype(np.float64) for each in found), *times, bodies.reflections.variance]
 
     both(monkeypatch, computed)
 
@@ -978,6 +997,23 @@ def test_where_reflections_are_and_what_a_scan_says_of_existence(extra: int, mon
         existence.predict(bodies, 0.3)
         states = (*bodies.reflection_states(), *bodies.reflection_states(np.arange(5, 12)))
         return [obstacles.existence, obstacles.in_sight, obstacles.unseen, *states]
+
+    both(monkeypatch, computed)
+
+
+def test_sizes_that_can_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    values = np.random.default_rng(5).uniform(-1.0, 7.0, (4, 40))
+    values[2, 3::9], values[2, 5] = np.nan, 6.0
+
+    def computed() -> list[Floats]:
+        selection = Selection(full_binding().sensors[0], ScanCounts())
+        assert selection._with_sizes(values, 3, np.inf)[:, values[3] > 0.0].shape[1] < 40
+        counted = selection.counts.odd_sizes
+        sized = selection._with_sizes(values, 2, 6.0)
+        assert 3 < np.count_nonzero(np.isnan(sized)) < 30
+        some = values[:, values[1] > 0.0]
+        assert selection._with_sizes(some, 1, 7.0) is some
+        return [sized, np.array([counted, selection.counts.odd_sizes], np.float64)]
 
     both(monkeypatch, computed)
 
