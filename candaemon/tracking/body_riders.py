@@ -11,6 +11,7 @@ import numpy as np
 
 from candaemon import compiled
 from candaemon.arrays import Indices
+from candaemon.arrays.rows import distinct
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import POSITION, VELOCITY
@@ -96,7 +97,7 @@ def part_in_line(bodies: Bodies, rows: Indices) -> int:
         bodies: of which some become two.
         rows: of their reflections (m,), as `in_line` returns them.
     """
-    obstacles, known, left = bodies.obstacles, len(bodies), np.unique(bodies.reflections.body[rows])
+    obstacles, known, left = bodies.obstacles, len(bodies), distinct(bodies.reflections.body[rows])
     bodies.split_together(rows)
     bodies.refer_to_leaders(left)
     riders = np.concatenate([left, np.arange(known, len(bodies))])

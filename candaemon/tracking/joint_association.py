@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.arrays import Floats, Indices
+from candaemon.arrays.rows import distinct
 from candaemon.estimation.measurement import Measurement
 
 EXACT = 8
@@ -113,6 +114,6 @@ def _competing(track: Indices, detection: Indices, body: Indices) -> list[Indice
         left &= ~members
         rows = np.flatnonzero(members)
         owners = np.unique(np.stack([detection[rows], body[rows]]), axis=1)[0]
-        if len(owners) > len(np.unique(owners)):
+        if len(owners) > len(distinct(owners)):
             clusters.append(rows)
     return clusters

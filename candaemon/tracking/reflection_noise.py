@@ -23,6 +23,7 @@ from typing import Final
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices, Integers
+from candaemon.arrays.rows import distinct
 from candaemon.config.sensors import ObjectNoise, SensorSettings
 
 MOST_FOLLOWED: Final = 512
@@ -411,7 +412,7 @@ def _rows_of(keys: Integers, scan: StandingScan) -> Indices:
 def _learnt_noise(returns: StandingDisplacements) -> LearntNoise | None:
     """Return what displacements show of the noise; None where they are too few, or of too few reflections."""
     taken = min(returns.taken, MOST_DISPLACEMENTS)
-    if taken < FEWEST_DISPLACEMENTS or len(np.unique(returns.of[:taken])) < FEWEST_REFLECTIONS:
+    if taken < FEWEST_DISPLACEMENTS or len(distinct(returns.of[:taken])) < FEWEST_REFLECTIONS:
         return None
     squares = np.square(returns.displacements[:taken])
     short, long = _variances(squares)

@@ -15,6 +15,7 @@ import numpy as np
 
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.arrays.rows import distinct
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.measurement import Measurement
 from candaemon.tracking.body_modes import STANDING
@@ -233,7 +234,7 @@ def part(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
         rows: of the reflections, none of them leads (m,).
         settings: for how long one stands.
     """
-    known, left = len(bodies), np.unique(bodies.reflections.body[rows])
+    known, left = len(bodies), distinct(bodies.reflections.body[rows])
     _go_on(bodies, known, left, _split_off(bodies, rows, settings.stray.still), settings)
 
 
@@ -260,7 +261,7 @@ def _split_off(bodies: Bodies, rows: Indices, still: float) -> Indices:
     reflections, obstacles = bodies.reflections, bodies.obstacles
     owner, place, first = reflections.body[rows], bodies.offsets(rows), np.arange(len(rows))
     together = (reflections.stood[rows] >= still) & (reflections.walked[obstacles.leader[owner]] >= 1.0)
-    for body in np.unique(owner[together]).tolist():
+    for body in distinct(owner[together]).tolist():
         mates = np.flatnonzero(together & (owner == body))
         first[mates] = mates[0]
     leads = first == np.arange(len(rows))
