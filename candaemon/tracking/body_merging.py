@@ -30,7 +30,8 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     driver would follow so closely; who rides does, and two who may be riders, each by itself for long, stay two. What
     has stood all the time is none of what has moved: a car that stops beside a post stays a car. Of two that never
     were faster than someone walks, one that surely walks is none of one that stands. Two that were each found to be a
-    person, and are no nearer than one is wide, stay two.
+    person, and are no nearer than one is wide, stay two. So do two side by side that were apart for long, while one of
+    them is not seen, and who was found to be a person or a rider for as long, beside what is larger.
 
     Args:
         bodies: of the cycle.
@@ -41,14 +42,43 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
         Rows (k,), and the time alongside that is needed (k,), s.
     """
     found, needed = _alongside(bodies, settings, time_ns)
-    if compiled.in_use:  # the kernel leaves them out by itself
-        return found, needed
     young = (found >= 0).nonzero()[0]
-    people = found_small(bodies) & (bodies.obstacles.length < NARROW)
-    young, place = young[people[young] & people[found[young]]], bodies.moments().shown[:, :2]
-    apart = place[young] - place[found[young]]
-    found[young[(apart * apart).sum(axis=1) > WALKER[0] * WALKER[0]]] = -1
+    if len(young):
+        if not compiled.in_use:  # the kernel leaves people out by itself
+            found[young[_people_apart(bodies, young, found[young])]] = -1
+        found[young[_known_as_two(bodies, young, found[young], settings, time_ns)]] = -1
     return found, needed
+
+
+def _people_apart(bodies: Bodies, young: Indices, old: Indices) -> Booleans:
+    """Return which pairs of bodies (m,) are people, and no nearer than one is wide."""
+    people, place = found_small(bodies) & (bodies.obstacles.length < NARROW), bodies.moments().shown[:, :2]
+    apart = place[young] - place[old]
+    return np.asarray(people[young] & people[old] & ((apart * apart).sum(axis=1) > WALKER[0] * WALKER[0]))
+
+
+def _known_as_two(bodies: Bodies, young: Indices, old: Indices, settings: ReflectionSettings, time_ns: int) -> Booleans:
+    """Return which pairs of bodies (m,) are two, as was found before they came close.
+
+    A car that is out of sight goes on as it went when it was seen last, and so may seem to drive into the one beside
+    it. Two that a sensor has told apart for long are one only while it sees both.
+
+    Args:
+        bodies: of the cycle.
+        young: later rows of the pairs (m,).
+        old: earlier rows (m,).
+        settings: how long is long, and how near is beside.
+        time_ns: of the cycle.
+    """
+    obstacles, place = bodies.obstacles, bodies.moments().shown[:, :2]
+    late = obstacles.confirmed[young] & (obstacles.first_ns[young] <= time_ns - round(settings.course.apart_for * 1e9))
+    if not late.any():
+        return late
+    apart, small = place[young] - place[old], found_small(bodies)
+    latest_ns = np.minimum(obstacles.last_ns[young], obstacles.last_ns[old])
+    unseen = latest_ns < time_ns - round(settings.patience * 1e9)
+    unseen &= (apart * apart).sum(axis=1) < settings.course.along**2
+    return np.asarray(late & (unseen | (small[young] & ~small[old])))
 
 
 def found_small(bodies: Bodies) -> Booleans:

@@ -11,6 +11,7 @@ from candaemon import compiled
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.tracking.body_merging import merge_candidates
+from candaemon.tracking.body_sizes import RIDER
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.identities import Identities
 from tests.support.builders import HandFedVehicles, Seen, times
@@ -103,5 +104,49 @@ def test_what_is_small_is_one_with_nothing_that_its_size_leaves_no_room_for(size
         bodies.add(NOW_NS - 2 * 10**9, np.array([1.0, 0.0]), size, 0.4 * size)
         bodies.add_reflection(row, 0, row, NOW_NS, np.zeros(2))
     bodies.obstacles.confirmed[:], bodies.obstacles.fastest[:], bodies.obstacles.last_ns[:] = True, 1.3, NOW_NS
+    found, _ = merge_candidates(bodies, ReflectionSettings(), NOW_NS)
+    assert found.tolist() == [-1, older]
+
+
+def _two(velocity: float, apart: tuple[float, float], ages: tuple[float, float]) -> Bodies:
+    """Return two confirmed cars that drive along x, the second so far from the first, of such ages, s."""
+    bodies = Bodies(VehicleEstimatorSettings(kind="vehicle"), Identities())
+    modes = bodies.filter.probability.shape[1]
+    velocities, spread = np.tile([velocity, 0.0], (2, modes, 1)), np.tile(np.eye(2) * 0.01, (2, modes, 1, 1))
+    place = np.array([[20.0, 0.0], [20.0 + apart[0], apart[1]]])
+    noise, even = np.tile(np.eye(2) * 0.04, (2, 1, 1)), np.full((2, modes), 1 / modes)
+    bodies.filter.spawn(place, noise, velocities, spread, even)
+    for row, age in enumerate(ages):
+        bodies.add(NOW_NS - round(age * 1e9), np.array([1.0, 0.0]), 4.5, 1.8)
+        bodies.add_reflection(row, 0, row, NOW_NS, np.zeros(2))
+    obstacles = bodies.obstacles
+    obstacles.confirmed[:], obstacles.directed[:], obstacles.fastest[:] = True, True, velocity
+    return bodies
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+@pytest.mark.parametrize(
+    ("age", "unseen", "along", "older"),
+    [(4.0, 0.3, 2.0, -1), (4.0, 0.0, 2.0, 0), (1.0, 0.3, 2.0, 0), (4.0, 0.3, -5.0, 0)],
+    ids=["out of sight", "both seen", "just found", "behind"],
+)
+def test_who_has_driven_apart_for_long_is_one_with_nothing_that_is_out_of_sight(
+    age: float, unseen: float, along: float, older: int, lost: int
+) -> None:
+    """A lorry's rear and front are one however long they were two; a car beside us in a jam does not drive into us."""
+    bodies = _two(15.0, (along, 0.8), (4.5, age))
+    bodies.obstacles.last_ns[:] = NOW_NS
+    bodies.obstacles.last_ns[lost] -= round(unseen * 1e9)
+    found, _ = merge_candidates(bodies, ReflectionSettings(), NOW_NS)
+    assert found.tolist() == [-1, older]
+
+
+@pytest.mark.parametrize(("alone", "age", "older"), [(2.0, 4.0, -1), (2.0, 1.0, 0), (0.0, 4.0, 0)])
+def test_who_was_found_to_ride_for_long_becomes_no_part_of_a_car(alone: float, age: float, older: int) -> None:
+    bodies = _two(3.0, (0.4, 0.5), (4.5, age))
+    obstacles = bodies.obstacles
+    obstacles.last_ns[:] = NOW_NS
+    obstacles.length[1], obstacles.width[1] = RIDER if alone > 1.0 else (4.5, 1.8)
+    obstacles.alone[1] = alone
     found, _ = merge_candidates(bodies, ReflectionSettings(), NOW_NS)
     assert found.tolist() == [-1, older]
