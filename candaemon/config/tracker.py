@@ -82,7 +82,11 @@ class CourseSettings(Settings):
         3.0, ge=0, le=60, description="s since its first detection, after which a confirmed one stays by itself …"
     )
     apart: float = Field(
-        1.0, gt=0, le=5, description="… where it is farther than so many m across the course: it drives in another lane"
+        1.0,
+        gt=0,
+        le=5,
+        description="… where it is farther than so many m across the course: it drives in another lane; and wherever "
+        "it is while one of the two is out of sight, or it was found to ride or walk",
     )
 
 
