@@ -80,6 +80,13 @@ class ReflectionPlaceSettings(Settings):
         2.0, gt=0.05, le=60, description="s, likewise where the sensor's reflections are found to walk: a walk lasts"
     )
     first_bias: float = Field(0.2, gt=0, le=5, description="m, standard deviation of a new body's bias")
+    passing: float = Field(
+        1.0,
+        ge=0,
+        le=10,
+        description="s that a vehicle takes to pass us: so long its reflection may slide along it as fast as the point "
+        "that faces us, of what has shown one only and no size; 0: it does not",
+    )
     settling: float = Field(
         1.0,
         gt=0.02,

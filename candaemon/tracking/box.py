@@ -35,6 +35,8 @@ _MOVED, _RIDING = 0.5, 9.0  # m/s
 _CROSSING = 1.5  # times the speed along the line of sight, from which on that across it shows a side
 _PACE_TIME = 4.0  # s, time constant with which the greatest speed of something small is forgotten, down to a walk
 _TURN_ERROR = 0.15  # rad/s, by which a turn rate is wrong
+_BESIDE = 8.0  # m; what passes farther off than about twice its length slides too slowly to matter
+_SLIDE_STEP = 0.05  # s
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 TRUCK_LENGTH, NARROW, WALKING = 7.0, 1.1, 3.5
 _PACE = 0.9 * WALKING  # m/s
@@ -277,6 +279,35 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
     centre = mean[:, POSITION] - obstacles.facing
     observer = to_travel_axes(np.array([pose.east, pose.north]) - centre, obstacles.axis)
     return from_travel_axes(facing_point(observer, obstacles.length / 2, obstacles.width / 2), obstacles.axis)
+
+
+def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
+    """Return how fast what is seen of bodies would slide along them as they pass near us (k,), m/s; None: of none.
+
+    That is of those that have shown one reflection and no size: `follow_aspect` does not move their reference points,
+    but a car of which we see the side pass by shows another point of it all the time. What is small does not.
+
+    Args:
+        bodies: of the time before.
+        pose: of the vehicle, whose origin they face.
+    """
+    obstacles, mean = bodies.obstacles, bodies.moments().mean
+    sight = mean[:, POSITION] - np.array([pose.east, pose.north])
+    near = (sight * sight).sum(axis=1) < _BESIDE * _BESIDE
+    if not np.count_nonzero(near):
+        return None
+    near &= obstacles.confirmed & obstacles.directed & (obstacles.alone >= 0.0) & ~obstacles.sized
+    rows = near.nonzero()[0]
+    if not len(rows):
+        return None
+    axis, half_length, half_width = obstacles.axis[rows], obstacles.length[rows] / 2, obstacles.width[rows] / 2
+    observer = to_travel_axes(obstacles.facing[rows] - sight[rows], axis)
+    passing = to_travel_axes(mean[rows, VELOCITY] - np.array([pose.ve, pose.vn]), axis)
+    before = facing_point(observer, half_length, half_width)
+    after = facing_point(observer - _SLIDE_STEP * passing, half_length, half_width)
+    found = np.zeros(len(obstacles))
+    found[rows] = (after - before)[:, 0] / _SLIDE_STEP
+    return found
 
 
 def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:

@@ -365,11 +365,16 @@ class VehicleTracker:
         return hidden
 
     def _walks(self, pose: EgoPose) -> Floats:
-        """Return how the bodies' biases walk along and across (k, 2), m²/s."""
-        walks = self._noise.walks()
+        """Return how the bodies' biases walk along and across (k, 2), m²/s.
+
+        What slides along a body steadily, or not at all, walks as far in the time that it takes to pass.
+        """
+        walks, sliding = self._noise.walks(), box.slides(self._bodies, pose)
+        walk = self._of_leaders(walks.walk) if walks.some else np.zeros((len(self), 2))
+        if sliding is not None:
+            walk[:, 0] += self._places.passing * sliding * sliding
         if not walks.some:
-            return np.zeros((len(self), 2))
-        walk = self._of_leaders(walks.walk)
+            return walk
         if walk.any():
             distance = pose.to_vehicle(self._bodies.moments().mean[:, POSITION])
             share, told = self._of_leaders(walks.growth).T

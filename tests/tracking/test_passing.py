@@ -1,0 +1,27 @@
+"""What passes beside us shows its side: what is seen of it slides along it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.support.builders import HandFedVehicles, Seen, times
+
+SPEED, SIDE, HALF = 4.0, 2.6, 1.0
+"""m/s of a car that passes us, who stand; m from us to its side, and how far from its centre that is seen."""
+
+
+@pytest.mark.parametrize("half", [HALF, 0.0], ids=["car", "motorcycle"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_car_that_passes_is_as_fast_while_it_shows_us_the_point_beside_us(half: float, seed: int) -> None:
+    """One reflection, which stays where the side is nearest to us, tells nothing of the speed; nor is it a post."""
+    fed, rng, told = HandFedVehicles(), np.random.default_rng(seed), list[float]()
+    for t in times(1, 75):
+        centre = -9.0 + SPEED * t
+        x, y = rng.normal(size=2) * 0.1 + (np.clip(0.0, centre - half, centre + half), SIDE)
+        obstacles = fed.scan(t, [Seen(1, x, y, SPEED)])
+        if -1.0 < centre < HALF:
+            told += obstacles.vx.tolist()
+    assert len(set(obstacles.id.tolist())) == 1
+    assert min(told) > 0.7 * SPEED
+    assert max(told) < 1.3 * SPEED
