@@ -358,16 +358,25 @@ def _named(models: Sequence[ModelSettings]) -> str:
 
 
 def _tracker(title: str, settings: TrackerSettings) -> Sheet:
-    life = settings.lifecycle
     merge = settings.reflections
     rows = (
         ("estimator", _estimator(settings.estimator)),
         ("association", settings.association.method),
         ("reflections", f"joined within {merge.along:g} m × {merge.across:g} m" if merge.merge else "kept apart"),
-        ("confirmed", f"by {life.confirm} of {life.window} scans"),
-        ("coasts", f"{life.coast:g} s"),
+        *_lifecycle(settings),
     )
     return Sheet(title, rows)
+
+
+def _lifecycle(settings: TrackerSettings) -> Iterator[tuple[str, str]]:
+    """Yield when obstacles are confirmed, and for how long one lives undetected."""
+    life = settings.lifecycle
+    if settings.estimator.kind == "vehicle" and life.by == "existence":
+        yield "confirmed", f"by existence above {life.sure:g}, {life.earliest} detections in succession at least"
+        yield "coasts", f"{life.longest_unseen:g} s at most, while its existence is above {life.doubtful:g}"
+        return
+    yield "confirmed", f"by {life.confirm} of {life.window} scans"
+    yield "coasts", f"{life.coast:g} s"
 
 
 def _signals(title: str, bound: Iterable[tuple[MessageSpec, SignalBinding]]) -> Sheet:
