@@ -832,7 +832,7 @@ class VehicleTracker:
             part_abreast(bodies, people, settings)
         if (riders := in_line(bodies, settings, pose)) is not None:
             self.counts.confirmed += part_in_line(bodies, riders)
-        if (beside := beside_widest(bodies, settings, time_ns)) is not None:
+        if (beside := beside_widest(bodies, settings, time_ns, pose)) is not None:
             bodies.split_together(beside)
         self.counts.obstacles += len(bodies) - before
 

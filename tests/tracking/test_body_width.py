@@ -7,7 +7,7 @@ import pytest
 
 from candaemon.tracking.body_width import is_wide
 from candaemon.tracking.obstacles import CONFIRMED, Obstacles
-from tests.support.builders import HandFedVehicles, Seen, times
+from tests.support.builders import HandFedVehicles, Seen, pose, times
 
 SPEED, STEADY, WANDERED, NEAR_BY = 8.0, 1.5, 3.0, 8.0
 
@@ -85,3 +85,14 @@ def test_two_that_stand_and_seemed_one_from_afar_are_two(apart: float, between: 
     for t in times(0, 200):
         told = vehicles.scan(t, side_by_side(t, apart, between))
     assert len(told) == obstacles
+
+
+@pytest.mark.parametrize(
+    "where", [{"heading": np.pi / 2}, {"east": 40.0, "north": -20.0}], ids=["we turned off", "we are beside it"]
+)
+def test_who_waits_at_a_crossing_and_is_seen_from_beside_shows_how_long_it_is(where: dict[str, float]) -> None:
+    """What seems its axis is our own heading as it was seen first, across which it stands."""
+    vehicles = HandFedVehicles()
+    for t in times(0, 200):
+        told = vehicles.scan(t, side_by_side(t, 3.4, False), ego=pose(t, **(where if t > 2.0 else {})))
+    assert len(told) == 1
