@@ -373,7 +373,7 @@ def _lifecycle(settings: TrackerSettings) -> Iterator[tuple[str, str]]:
     life = settings.lifecycle
     if settings.estimator.kind == "vehicle" and life.by == "existence":
         yield "confirmed", f"by existence above {life.sure:g}, {life.earliest} detections in succession at least"
-        yield "coasts", f"{life.longest_unseen:g} s at most, while its existence is above {life.doubtful:g}"
+        yield "coasts", f"{life.coast:g} s in sight, {life.hidden:g} s hidden, at an existence above {life.doubtful:g}"
         return
     yield "confirmed", f"by {life.confirm} of {life.window} scans"
     yield "coasts", f"{life.coast:g} s"

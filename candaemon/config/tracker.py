@@ -275,8 +275,8 @@ class LifecycleSettings(Settings):
         1.0,
         gt=0,
         le=30,
-        description="s that a confirmed obstacle lives on undetected; by existence: though it is in sight, and as long "
-        "as `hidden` where this is not given; never longer than it was seen",
+        description="s that a confirmed obstacle lives on undetected, by existence: though it is in sight; never "
+        "longer than it was seen",
     )
     image: float = Field(
         3.0,
@@ -315,11 +315,6 @@ class LifecycleSettings(Settings):
         """Detections in succession that confirm at least, by existence."""
         given = self.model_fields_set
         return self.confirm if "confirm" in given and "confirm_early" not in given else self.confirm_early
-
-    @property
-    def longest_unseen(self) -> float:
-        """How long a confirmed obstacle is reported that could have been detected, by existence, s."""
-        return self.coast if "coast" in self.model_fields_set else self.hidden
 
     @model_validator(mode="after")
     def _window_holds_the_hits(self) -> LifecycleSettings:

@@ -691,7 +691,7 @@ class VehicleTracker:
         """Return which obstacles not detected are to be deleted, by existence: not even remembered; None: none is."""
         obstacles, lifecycle = self._bodies.obstacles, self.settings.lifecycle
         first_ns, last_ns, time_ns = obstacles.first_ns, obstacles.last_ns, self._state.time_ns
-        most, longest = _REMEMBERED * lifecycle.uncertainty, max(lifecycle.hidden, lifecycle.longest_unseen)
+        most, longest = _REMEMBERED * lifecycle.uncertainty, max(lifecycle.hidden, lifecycle.coast)
         if compiled.in_use:
             covariance, coast = self._bodies.moments().covariance, self._tentative_coast
             return compiled.kernels.bodies_to_forget(
@@ -722,7 +722,7 @@ class VehicleTracker:
         in_view = self._in_view(pose)
         self._existence.leave(self._bodies, in_view)
         away, tracked = self._state.time_ns - obstacles.last_ns, obstacles.last_ns - obstacles.first_ns
-        likely = (obstacles.existence > lifecycle.doubtful) & (obstacles.unseen <= lifecycle.longest_unseen)
+        likely = (obstacles.existence > lifecycle.doubtful) & (obstacles.unseen <= lifecycle.coast)
         likely &= away <= lifecycle.coast_share * tracked
         return ~coasting | (likely & in_view & (self._uncertain() < lifecycle.uncertainty))
 

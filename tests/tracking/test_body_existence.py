@@ -98,21 +98,6 @@ def test_what_is_in_sight_and_not_detected_is_reported_for_the_coasting_time_onl
     assert existence < 0.999
 
 
-@pytest.mark.parametrize(("lifecycle", "longest"), [({}, 3.0), ({"coast": 1.0}, 1.0), ({"hidden": 2.0}, 2.0)])
-def test_what_is_detected_seldom_is_told_in_sight_for_as_long_as_it_is_remembered(
-    lifecycle: dict[str, Any], longest: float
-) -> None:
-    """Each scan without it says little; where `coast` is given, it is told for no longer."""
-    tracker, last_detected, last_reported = _tracker(uncertainty=50.0, doubtful=1e-9, **lifecycle), 0.0, 0.0
-    for k in range(480):
-        time = k * CYCLE
-        seen = {4: (60.0, 5.0, 0.0)} if k < 400 and (k % 8 == 0 or k < 20) else {}
-        told = tracker.step(_scan(time, seen), pose(time, east=SPEED * time, ve=SPEED))
-        last_detected = time if seen else last_detected
-        last_reported = time if len(told) else last_reported
-    assert last_reported - last_detected == pytest.approx(longest, abs=2.01 * CYCLE)
-
-
 def test_what_was_given_up_for_lost_and_comes_again_exists_as_what_is_detected_first() -> None:
     tracker = _tracker(first_existence=0.2)
     for k in range(100):
