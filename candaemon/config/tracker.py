@@ -185,8 +185,7 @@ class ReflectionSettings(Settings):
         gt=0,
         le=50,
         description="m nearer to a sensor than all that it has shown of a vehicle for `course.apart_for`, beyond which "
-        "a detection is of something else; so far in any direction from all that one shows that stands and is known "
-        "for so long, it is to move like it for `merge_time` first",
+        "a detection is of something else",
     )
     extent: float = Field(15.0, gt=0, le=50, description="m, longest vehicle")
     widest: float = Field(

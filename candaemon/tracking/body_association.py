@@ -17,7 +17,7 @@ from candaemon.tracking.association import best_pairs, gated_pairs, near_pairs, 
 from candaemon.tracking.body_modes import SLIDING, STANDING
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.joint_association import doubts, likelihood_ratios
-from candaemon.tracking.near_side import detections_before, detections_elsewhere
+from candaemon.tracking.near_side import detections_before
 from candaemon.tracking.reflections import to_travel_axes
 from candaemon.tracking.turning import rate_and_pivot
 
@@ -361,8 +361,7 @@ def beside(
 
     It lies near one of the body's reflections, as far as its size leaves room for, or within its box where its size
     and course are known. Beside who is known to walk, what stands is none of them. Nor is what lies before a body that
-    was seen for long: a sensor sees the near side of what it sees, and not something else of it seconds later. What is
-    far from all that one that stands has shown for long is to show first that it moves like it.
+    was seen for long: a sensor sees the near side of what it sees, and not something else of it seconds later.
 
     Args:
         bodies: that are known.
@@ -388,8 +387,7 @@ def beside(
     speed = np.where(slow & (age > extent.stood.time), min(extent.speed, extent.stood.speed), extent.speed)
     alike = _as_fast(mean, measurement, left, speed, extent.slide / np.maximum(age, _LEAST_AGE))
     before = detections_before(bodies, mean, measurement, left, extent, time_ns)
-    elsewhere = detections_elsewhere(bodies, place, reach, extent, time_ns)
-    close &= alike & ~(before.take(owner, axis=1) | elsewhere)
+    close &= alike & ~before.take(owner, axis=1)
     distance = np.where(close, (place[..., 0] / extent.along) ** 2 + (place[..., 1] / extent.across) ** 2, np.inf)
     found = np.where(close.any(axis=1), owner[distance.argmin(axis=1)], -1)
     sized = obstacles.sized & obstacles.directed

@@ -2,9 +2,6 @@
 
 A motorcycle stops behind a car that stands, or someone crosses before it. Their range rate is that of the car, and they
 are no farther from its rear than its front is. But the rear was the nearest that the car showed for seconds.
-
-Who walks out before a car that stands beside us is no nearer than that. But it is metres from all that the car showed
-for seconds. That may be a further part of it, as of a lorry: it is one once it has moved like it for a while.
 """
 
 from __future__ import annotations
@@ -43,29 +40,6 @@ def detections_before(
     return np.asarray(nearest - distance[:, None] > extent.before)
 
 
-def detections_elsewhere(
-    bodies: Bodies, place: Floats, reach: Floats, extent: ReflectionSettings, time_ns: int
-) -> Booleans:
-    """Return which detections (m,) are far from all reflections (n,) of what stands and is known for long, (m, n).
-
-    Only those are that are near enough to where their body is shown, with room for `edge`, to become one with it later:
-    until then it shows whether they move like it.
-
-    Args:
-        bodies: that are known.
-        place: of the detections from the reflections (m, n, 2), m.
-        reach: of the detections from where the bodies of the reflections are shown (m, n, 2), m.
-        extent: how far, and for how long the bodies are known.
-        time_ns: of the scan.
-    """
-    known = _known_for_long(bodies, extent, time_ns) & _stands(bodies, extent)
-    if not known.any():
-        return np.zeros(place.shape[:2], dtype=np.bool_)
-    decided_later = (reach * reach).sum(axis=2) < (extent.along - extent.edge) ** 2
-    far = (place * place).sum(axis=2) > extent.before**2
-    return np.asarray(known[bodies.reflections.body] & decided_later & far)
-
-
 def is_before(
     bodies: Bodies, young: int, old: int, origins: Mapping[int, Floats], extent: ReflectionSettings, time_ns: int
 ) -> bool:
@@ -97,34 +71,6 @@ def is_before(
         if far - near > extent.before:
             return True
     return False
-
-
-def is_elsewhere(bodies: Bodies, young: int, old: int, extent: ReflectionSettings, time_ns: int) -> bool:
-    """Return whether a body is far from all that one shows that stands and is known for long, and faster.
-
-    Args:
-        bodies: with their reflections.
-        young: row of the one.
-        old: row of the other.
-        extent: how far, and how alike what stands is.
-        time_ns: of the cycle.
-    """
-    if not (_known_for_long(bodies, extent, time_ns) & _stands(bodies, extent))[old]:
-        return False
-    moments, reflections = bodies.moments(), bodies.reflections
-    faster = moments.mean[young, VELOCITY] - moments.mean[old, VELOCITY]
-    if faster @ faster < extent.stood.speed**2:
-        return False
-    rows, others = ((reflections.body == body).nonzero()[0] for body in (young, old))
-    place = moments.shown[young, :2] + bodies.offsets(rows)
-    apart = place[:, None] - (moments.shown[old, :2] + bodies.offsets(others))
-    return bool((apart * apart).sum(axis=2).min() > extent.before**2)
-
-
-def _stands(bodies: Bodies, extent: ReflectionSettings) -> Booleans:
-    """Return which bodies (k,) stand, as far as their speeds are known: what drives off shows its other parts, too."""
-    velocity = bodies.moments().mean[:, VELOCITY]
-    return np.asarray((velocity * velocity).sum(axis=1) < extent.stood.moved**2)
 
 
 def _known_for_long(bodies: Bodies, extent: ReflectionSettings, time_ns: int) -> Booleans:

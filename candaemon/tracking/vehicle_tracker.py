@@ -40,7 +40,7 @@ from candaemon.tracking.body_width import beside_widest, wide_together
 from candaemon.tracking.columns import longer_ago
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.innovation_correlation import InnovationCorrelation, InnovationCorrelationState
-from candaemon.tracking.near_side import is_before, is_elsewhere
+from candaemon.tracking.near_side import is_before
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.own_outline import OwnOutline
 from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoiseState, growing, stated_white
@@ -863,8 +863,6 @@ class VehicleTracker:
             return True
         one, other = pose.to_vehicle(bodies.moments().shown[[young, old], :2])
         if self._outline is not None and self._outline.lies_between(one, other):
-            return True
-        if is_elsewhere(bodies, young, old, settings, time_ns):
             return True
         origins = {view.sensor: pose.place(view.mount.x, view.mount.y)[0] for view in self._views}
         return is_before(bodies, young, old, origins, settings, time_ns)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from candaemon.config.sensors import FieldOfView, Mount
@@ -49,20 +48,3 @@ def test_who_stops_behind_a_car_that_stands_is_no_part_of_it(
 
 def test_who_was_told_from_a_car_does_not_merge_with_it_while_not_detected() -> None:
     assert obstacles_with(Seen(2, 8.8, 1.0), 100, 8) == 2
-
-
-@pytest.mark.parametrize("walks", [1.4, 0.0], ids=["walks", "is a part of it"])
-def test_who_walks_past_a_car_that_stopped_beside_us_is_no_part_of_it(walks: float) -> None:
-    """Coming out before it, he lies on its course, and nearly stands along the line of sight."""
-    fed = HandFedVehicles(views=[AHEAD])
-    for t in times(0, 120):
-        brakes = min(max(t - 1.0, 0.0), 2.0)
-        front, speed = 5.0 * min(t, 1.0) + (5.0 - 1.25 * brakes) * brakes - 5.0, 5.0 - 2.5 * brakes
-        car = [Seen(1, front, -2.6, speed), Seen(2, front - 0.5, -2.6, speed)]
-        comes = Seen(3, 7.3, -2.7 + walks * (t - 4.0), 0.0, walks)
-        told = fed.scan(t, [*car, comes] if t > 4.0 else car, identified=False)
-    assert len(told) == (2 if walks else 1)
-    at = int(np.argmin(np.hypot(told.x - 5.0, told.y + 2.6)))
-    assert np.hypot(told.vx[at], told.vy[at]) < 0.3
-    if walks:
-        assert told.vy[1 - at] == pytest.approx(walks, abs=0.3)
