@@ -5408,8 +5408,8 @@ def loosen_offsets(object[double, ndim=1] variance, object[Py_ssize_t, ndim=1] l
 def steps_of_trails(
     object[Py_ssize_t, ndim=1] trail_ns, object[Py_ssize_t, ndim=1] rows, Py_ssize_t time_ns, double patience, double least
 ):
-    """Return for how long reflections, by their rows (m,), have been followed to nowhere (m,), s, within limits, and
-    whether that is longer than is waited for."""
+    """Return how long ago reflections, by their rows (m,), were followed last, s, kept within limits (m,); and whether
+    that is longer than the patience (m,)."""
     cdef Py_ssize_t m = len(rows), i
     cdef double passed
     dt_array, lost_array = np.empty(m), np.empty(m, np.bool_)

@@ -85,8 +85,9 @@ class CourseSettings(Settings):
         1.0,
         gt=0,
         le=5,
-        description="… where it is farther than so many m across the course: it drives in another lane; and wherever "
-        "it is while one of the two is out of sight, or it was found to ride or walk",
+        description="… where it is farther than so many m across the course: it drives in another lane; within "
+        "`along`, too, while one of the two is out of sight; and beside what is larger where it was found to ride or "
+        "walk",
     )
 
 
