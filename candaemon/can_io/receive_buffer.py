@@ -25,7 +25,9 @@ _MOST: Final = (1 << 30) - 1
 
 
 def size_receive_buffer(receiving: socket.socket, request: PortRequest, frame_bytes: int) -> None:
-    """Give a socket a receive buffer for the configured traffic; warn where the kernel allows less.
+    """Give a socket a receive buffer for a full bus; warn where the kernel allows less than the configured traffic.
+
+    A sender may be faster than its DBC says, and a buffer takes no memory before frames wait in it.
 
     Args:
         receiving: the socket.
@@ -36,25 +38,29 @@ def size_receive_buffer(receiving: socket.socket, request: PortRequest, frame_by
         OSError: the kernel refuses.
     """
     settings = request.settings
-    rate = settings.bitrate / FRAME_BITS if request.rate is None else request.rate
-    wanted = int(settings.receive_buffer * rate * frame_bytes)
-    given = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-    if wanted <= given:
-        return
-    half = wanted // 2 + 1  # the kernel doubles it
-    receiving.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, min(half, _MOST))
+    full = settings.bitrate / FRAME_BITS
+    rate = full if request.rate is None else request.rate
+    needed, wanted = (int(settings.receive_buffer * each * frame_bytes) for each in (rate, max(rate, full)))
     given = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
     if given < wanted:
+        receiving.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, min(_half(wanted), _MOST))
+        given = receiving.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+    if given < needed:
         logger.warning(
             "bus '%s': the kernel keeps %d frames (%.2f s) while the daemon is busy, expected %d (receive_buffer: "
             "%g s); set the sysctl net.core.rmem_max to %d or more, as config/sysctl.d/90-candaemon.conf does",
             request.name,
             given // frame_bytes,
             given / frame_bytes / rate,
-            wanted // frame_bytes,
+            needed // frame_bytes,
             settings.receive_buffer,
-            half,
+            _half(needed),
         )
+
+
+def _half(size: int) -> int:
+    """Return what to ask for, as the kernel doubles it."""
+    return size // 2 + 1
 
 
 class ReceiveDrops:

@@ -49,7 +49,11 @@ class BusSettings(Settings):
         " else the kernel's; kernel: the kernel's always",
     )
     receive_buffer: float = Field(
-        1.0, gt=0, le=60, description="s of the configured traffic that the kernel keeps while the daemon is busy"
+        1.0,
+        gt=0,
+        le=60,
+        description="s of a full bus that the kernel keeps while the daemon is busy, as far as net.core.rmem_max "
+        "allows; less than as many s of the configured traffic is warned of",
     )
     send_queue: int = Field(1000, ge=1, le=100_000, description="frames that wait to be sent at most")
     send_timeout: float = Field(
