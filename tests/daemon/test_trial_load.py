@@ -53,15 +53,15 @@ def refusal(tried: TriedConfig) -> str:
 
 def children() -> list[str]:
     """Return the trials under way; other tests of this process may have left children of other kinds."""
-    tasks = Path("/proc/self/task")
-    pids = [pid for task in tasks.iterdir() for pid in (task / "children").read_text(encoding="ascii").split()]
-    return [pid for pid in pids if "trial_load" in command(pid)]
+    threads = Path("/proc/self/task")
+    pids = [pid for thread in threads.iterdir() for pid in told(thread / "children").split()]
+    return [pid for pid in pids if "trial_load" in told(Path("/proc", pid, "cmdline"))]
 
 
-def command(pid: str) -> str:
-    """Return the words of a process; nothing where it has ended."""
+def told(file: Path) -> str:
+    """Return what the kernel tells of a thread or process; nothing where it has ended."""
     try:
-        return Path("/proc", pid, "cmdline").read_text(encoding="utf-8", errors="replace")
+        return file.read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
 
