@@ -14,6 +14,7 @@ from tests.accuracy.experiments.on_own_filters import run as later_words
 from tests.accuracy.experiments.on_recorded_drive import drive_findings
 from tests.accuracy.experiments.on_ring import run as around
 from tests.accuracy.experiments.on_unidentified import run as unidentified
+from tests.support.paths import ROOT
 
 VEHICLE = (("estimator.kind", "vehicle"),)
 
@@ -36,16 +37,16 @@ def test_a_figure_tells_whether_it_is_what_it_should_be() -> None:
 
 @pytest.mark.usefixtures("drive")
 def test_the_recorded_drive_is_predicted() -> None:
-    found = figures(list(drive_findings("toyota_rav4_ins", (), 150)))
+    found = figures(list(drive_findings(ROOT / "config" / "toyota_rav4_ins.yaml", (), 150)))
     assert 0.0 < found["0.5 s ahead, along"] < found["1 s ahead, along"] < 1.0
     assert found["duplicates"] < 5.0
 
 
 @pytest.mark.usefixtures("drive")
 @pytest.mark.parametrize("config", ["toyota_rav4", "toyota_rav4_ins"])
-def test_the_recorded_drive_needs_no_tracker_section(config: str) -> None:
-    """Its predictions, and what stands, keep within the same bounds with all defaults."""
-    found = list(drive_findings(config, (("default", None),), None))
+def test_the_recorded_drive_is_told_within_its_bounds(config: str) -> None:
+    """Its predictions, and what stands, with all defaults."""
+    found = list(drive_findings(ROOT / "config" / f"{config}.yaml", (), None))
     bounded = [one for one in found if "ahead" in one.name or "stands" in one.name]
     assert len(bounded) == 6
     assert [one.name for one in bounded if not one.met] == []

@@ -128,14 +128,9 @@ def test_smoothing_without_a_table_is_2(capsys: pytest.CaptureFixture[str]) -> N
 def test_the_recorded_drives_standing_objects_stand_stiller(
     drive: Path, tmp_path: Path, kind: str, most: float
 ) -> None:
-    """The car's own configuration takes lateral drift of the radar for motion; what stands to `vehicle` is still."""
-    text = (ROOT / "config" / "toyota_rav4_ins.yaml").read_text(encoding="utf-8")
-    estimator, lifecycle = text.index("  estimator:"), text.index("  lifecycle:")
-    config = tmp_path / "default.yaml"
-    chosen = f"  estimator: {{kind: {kind}}}\n"
-    config.write_text(
-        (text[:estimator] + chosen + text[lifecycle:]).replace("../dbc", str(ROOT / "dbc")), encoding="utf-8"
-    )
+    text = (ROOT / "config" / "toyota_rav4_ins.yaml").read_text(encoding="utf-8").replace("../dbc", str(ROOT / "dbc"))
+    config = tmp_path / "kind.yaml"
+    config.write_text(f"{text}tracker: {{estimator: {{kind: {kind}}}}}\n", encoding="utf-8")
     log = tmp_path / "second_half.log"
     with gzip.open(drive / "drive_with_ins.log.gz", "rt") as lines:
         log.write_text("".join(islice(lines, 80_000, None)))

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from candaemon.arrays import Floats
 from candaemon.cli.main import main
 from tests.support.paths import ROOT
+from tests.support.rav4 import of_points
 
 CYCLES, SLOTS = 1200, 16
 MOUNT = 3.6  # m, the radar ahead of the rear axle, as configured
@@ -80,20 +81,32 @@ def radar(drive: Path) -> Radar:
 
 @dataclass(frozen=True)
 class Result:
-    config: str
+    config: Path
     folder: Path
     summary: dict[str, Any]
     tracks: list[dict[str, str]]
     predictions: list[dict[str, str]]
 
 
-@pytest.fixture(scope="module", params=["toyota_rav4_ins", pytest.param("toyota_rav4", marks=pytest.mark.slow)])
+VEHICLES, POINTS = "vehicles", "points"
+"""An obstacle is a vehicle, as the configurations have it; or a point, by a tracker that was set for this drive."""
+
+
+def runs(*trackers: str) -> pytest.MarkDecorator:
+    """Let a test have the results of some trackers, each with both configurations."""
+    both = (("toyota_rav4_ins", ()), ("toyota_rav4", pytest.mark.slow))
+    params = [pytest.param((name, each), id=f"{name}-{each}", marks=marks) for each in trackers for name, marks in both]
+    return pytest.mark.parametrize("result", params, indirect=True, scope="module")
+
+
+@pytest.fixture(scope="module")
 def result(request: pytest.FixtureRequest, drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Result:
-    config, folder = str(request.param), tmp_path_factory.mktemp(request.param)
-    return replayed(config, drive, folder)
+    name, tracker = request.param
+    folder = tmp_path_factory.mktemp(f"{name}-{tracker}")
+    return replayed(of_points(name, folder) if tracker == POINTS else ROOT / "config" / f"{name}.yaml", drive, folder)
 
 
-def replayed(config: str, drive: Path, folder: Path) -> Result:
+def replayed(config: Path, drive: Path, folder: Path) -> Result:
     outputs = {
         "-o": folder / "out.log",
         "--tracks": folder / "t.csv",
@@ -101,7 +114,7 @@ def replayed(config: str, drive: Path, folder: Path) -> Result:
         "--summary": folder / "s.json",
     }
     options = [str(word) for pair in outputs.items() for word in pair]
-    code = main(["replay", str(ROOT / "config" / f"{config}.yaml"), str(drive / LOGS[config]), *options])
+    code = main(["replay", str(config), str(drive / LOGS[config.stem]), *options])
     assert code == 0
     tables = []
     for name in ("t.csv", "p.csv"):
@@ -111,9 +124,10 @@ def replayed(config: str, drive: Path, folder: Path) -> Result:
 
 
 def with_ins(result: Result) -> bool:
-    return result.config.endswith("ins")
+    return result.config.stem.endswith("ins")
 
 
+@runs(VEHICLES, POINTS)
 def test_no_frame_is_lost_and_none_uncounted(result: Result) -> None:
     summary = result.summary
     sensor = summary["sensors"]["front"]
@@ -128,6 +142,7 @@ def test_no_frame_is_lost_and_none_uncounted(result: Result) -> None:
 
 
 @pytest.mark.slow
+@runs(VEHICLES, POINTS)
 def test_two_runs_give_the_same_bytes(result: Result, drive: Path, tmp_path: Path) -> None:
     replayed(result.config, drive, tmp_path)
     for name in ("out.log", "t.csv", "p.csv", "s.json"):
@@ -149,6 +164,7 @@ def prediction_errors(result: Result, radar: Radar) -> dict[float, Floats]:
     return {horizon: np.sqrt(np.mean(np.square(each), axis=0)) for horizon, each in errors.items()}
 
 
+@runs(VEHICLES, POINTS)
 def test_predictions_meet_the_radars_own_later_word(result: Result, radar: Radar) -> None:
     allowance = 1.0 if with_ins(result) else 1.15
     errors = prediction_errors(result, radar)
@@ -158,21 +174,33 @@ def test_predictions_meet_the_radars_own_later_word(result: Result, radar: Radar
         assert errors[horizon][1] <= across * allowance
 
 
+@runs(VEHICLES, POINTS)
 def test_what_stands_still_is_told_to_stand_still(result: Result, radar: Radar) -> None:
     assert result.summary["stationary"]["runs"] >= 20
     assert result.summary["stationary"]["vx"] <= 0.27
     assert result.summary["stationary"]["speed"] <= 0.45
 
 
+@runs(POINTS)
 def test_nis_is_what_it_should_be(result: Result) -> None:
     nis = result.summary["nis"]
     assert nis["mean"] == pytest.approx(nis["expected"], rel=0.15)
 
 
-def ids_of_runs(result: Result, radar: Radar) -> dict[int, list[tuple[int, int, str]]]:
-    """Return for each of the radar's tracks (cycle, slot, id) of the obstacles that used it."""
+@runs(VEHICLES)
+def test_innovations_are_within_the_bounds_that_are_told(result: Result) -> None:
+    """Of vehicles they are mostly smaller than those of white noise, and now and then larger, as reflections slide."""
+    assert result.summary["nis"]["coverage_95"] == pytest.approx(0.95, abs=0.015)
+
+
+def ids_of_runs(
+    result: Result, radar: Radar, *, told: frozenset[str] = frozenset(("tentative", "confirmed", "coasting"))
+) -> dict[int, list[tuple[int, int, str]]]:
+    """Return for each of the radar's tracks (cycle, slot, id) of the obstacles of some states that used it."""
     found = defaultdict(list)
     for row in result.tracks:
+        if row["state"] not in told:
+            continue
         k = radar.cycle(float(row["time"]))
         assert k is not None
         for used in filter(None, row["objects"].split(";")):
@@ -181,12 +209,22 @@ def ids_of_runs(result: Result, radar: Radar) -> dict[int, list[tuple[int, int, 
     return found
 
 
+@runs(POINTS)
 def test_no_obstacle_changes_its_id_over_a_radar_track(result: Result, radar: Radar) -> None:
     found = ids_of_runs(result, radar)
     assert radar.long_runs <= found.keys()
     assert [run for run in radar.long_runs if len({name for _, _, name in found[run]}) > 1] == []
 
 
+@runs(VEHICLES)
+def test_no_vehicle_changes_its_id_over_a_radar_track_once_confirmed(result: Result, radar: Radar) -> None:
+    """Tentative, one that was lost sight of has a number of its own; confirmed, that which it had before."""
+    found = ids_of_runs(result, radar, told=frozenset(("confirmed", "coasting")))
+    assert radar.long_runs <= found.keys()
+    assert [run for run in radar.long_runs if len({name for _, _, name in found[run]}) > 1] == []
+
+
+@runs(VEHICLES, POINTS)
 def test_no_id_survives_a_slot_reuse_onto_another_vehicle(result: Result, radar: Radar) -> None:
     """A slot that jumps by more than a vehicle moves in a cycle, and more than it is long, has another vehicle."""
     at = {(k, slot): name for uses in ids_of_runs(result, radar).values() for k, slot, name in uses}
@@ -201,6 +239,7 @@ def test_no_id_survives_a_slot_reuse_onto_another_vehicle(result: Result, radar:
     assert jumps > 30
 
 
+@runs(VEHICLES, POINTS)
 def test_a_vehicle_is_one_obstacle(result: Result) -> None:
     cycles = defaultdict(list)
     for row in result.tracks:

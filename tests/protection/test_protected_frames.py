@@ -227,7 +227,7 @@ def test_another_s_data_id_is_another_s_message(told: list[Frame], tmp_path: Pat
 def test_health_says_when_nothing_can_be_relied_on(tmp_path: Path) -> None:
     """Two radars: one whose frames all fail is a sensor lost, both are a fault; own motion lost is one too."""
     text = (ROOT / "config" / "toyota_rav4_ins.yaml").read_text()
-    start, end = text.index("  front:\n"), text.index("tracker:\n")
+    start, end = text.index("  front:\n"), text.index("output:\n")
     second = text[start:end].replace("front:", "rear:").replace("bus: radar", "bus: radar2")
     buses = ("  ins: {channel: can2}\n", "  ins: {channel: can2}\n  radar2: {channel: can7}\n")
     bound = configured(tmp_path, "toyota_rav4_ins", (text[start:end], text[start:end] + second), buses)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
@@ -27,6 +28,7 @@ from candaemon.tracking.update import Update
 from tests.accuracy.experiments.finding import Effort, Experiment, Finding
 from tests.accuracy.simulated_runs import bound
 from tests.support.paths import DATA, ROOT
+from tests.support.rav4 import of_points
 
 LOGS: Final = {"toyota_rav4_ins": "drive_with_ins.log.gz", "toyota_rav4": "drive.log.gz"}
 AHEAD: Final = {0.5: (0.20, 0.27), 1.0: (0.30, 0.37)}
@@ -92,24 +94,24 @@ def cycles_of_log(pipeline: Pipeline, log: Path) -> Iterator[Cycle]:
     yield from pipeline.finish()
 
 
-def drive_findings(config: str, tracker: tuple[tuple[str, Any], ...], most_cycles: int | None) -> Iterator[Finding]:
+def drive_findings(config: Path, tracker: tuple[tuple[str, Any], ...], most_cycles: int | None) -> Iterator[Finding]:
     """Yield the figures of the drive.
 
     Args:
-        config: a name of `LOGS`.
+        config: of a name of `LOGS`.
         tracker: settings in place of the configuration's; the key `default` drops those.
         most_cycles: that are run; None: all.
     """
-    pipeline = Pipeline(bound(ROOT / "config" / f"{config}.yaml", tracker))
+    pipeline = Pipeline(bound(config, tracker))
     cycle_times = [sensor.settings.cycle_time for sensor in pipeline.binding.sensors]
     score, by_radar, ids = DriveScore(cycle_times, HORIZONS), ByRadar(cycle_times, HORIZONS), IdChanges(cycle_times)
     predictions = PredictionQueue(pipeline, HORIZONS, None, by_radar)
-    for cycle in islice(cycles_of_log(pipeline, DATA / "rav4_drive" / LOGS[config]), most_cycles):
+    for cycle in islice(cycles_of_log(pipeline, DATA / "rav4_drive" / LOGS[config.stem]), most_cycles):
         for each in (score, by_radar, ids):
             each.add(cycle)
         predictions.tell(predictions.add(cycle))
     predictions.tell(predictions.finish())
-    allowance = 1.0 if config.endswith("_ins") else WITHOUT_INS
+    allowance = 1.0 if config.stem.endswith("_ins") else WITHOUT_INS
     for error in by_radar.predictions.result():
         along, across = AHEAD[error.horizon]
         yield Finding(f"{error.horizon:g} s ahead, along", error.x, most=along * allowance)
@@ -127,22 +129,25 @@ def drive_findings(config: str, tracker: tuple[tuple[str, Any], ...], most_cycle
 
 
 def run(effort: Effort, most_cycles: int | None = None) -> Iterator[Finding]:
-    """Yield the figures of both configurations: with and without their `tracker` section, or with settings given."""
+    """Yield the figures of both configurations, with all defaults and by a tracker of points, or with others."""
     if not (DATA / "rav4_drive").is_dir():
         raise InputError(f"there is no recorded drive at {DATA / 'rav4_drive'}")
-    variants: dict[str, tuple[tuple[str, Any], ...]] = {"YAML": (), "defaults": (("default", None),)}
-    if effort.tracker:
-        variants = {"--tracker": (("default", None), *effort.tracker)}
-    for config in LOGS:
-        for name, tracker in variants.items():
-            for one in drive_findings(config, tracker, most_cycles):
-                yield Finding(f"{config}, {name}: {one.name}", one.value, one.unit, one.least, one.most)
+    with TemporaryDirectory() as folder:
+        for config in LOGS:
+            shipped = ROOT / "config" / f"{config}.yaml"
+            variants = {"defaults": shipped, "points": of_points(config, Path(folder))}
+            if effort.tracker:
+                variants = {"--tracker": shipped}
+            for name, path in variants.items():
+                for one in drive_findings(path, effort.tracker, most_cycles):
+                    yield Finding(f"{config}, {name}: {one.name}", one.value, one.unit, one.least, one.most)
 
 
 RECORDED_DRIVE: Final = Experiment(
     "does it tell the recorded drive's radar what it will say?",
     (
-        ("YAML, defaults, --tracker", "the configuration's tracker section; none; none but the settings given"),
+        ("defaults, --tracker", "the configuration as it is; with the settings given"),
+        ("points", "an `imm` for each reflection, set for this drive, which is nearly straight"),
         ("ahead", "RMSE of where a reflection is expected, beside where the radar places it then, vehicle axes"),
         ("tracks", f"of the radar, as its slots and flags tell; ahead: those of {LONG:g} s and more"),
         ("id", "of the confirmed obstacle that a track of the radar belongs to"),
