@@ -310,9 +310,7 @@ def _noise(lines: Lines, sensor: Sensor, factor: float, nis: str) -> None:
 
 def _filtered_tracker(lines: Lines, why: str) -> None:
     """Add the tracker for a radar that filters by itself: its reflections wander, and settle across the travel."""
-    lines.add(
-        0, "tracker:", f"for straight roads; obstacles are vehicles without it. The radar filters by itself: {why}"
-    )
+    lines.add(0, "tracker:", f"for straight roads; without it an obstacle is a vehicle. It filters by itself: {why}")
     lines.add(1, "estimator:")
     lines.add(2, "kind: imm")
     lines.add(2, "first_acceleration: 1.0")

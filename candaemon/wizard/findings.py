@@ -21,6 +21,7 @@ from candaemon.wizard.frame_checks import steps_of
 from candaemon.wizard.layouts import Layout, Part
 from candaemon.wizard.object_motion import (
     NO_SLOPE,
+    Pairs,
     Slope,
     approach_slope,
     derivative_slope,
@@ -45,6 +46,8 @@ FEW: Final = 0.02
 """Share of failures that any bus may have."""
 SCATTER: Final = 6.0
 """Times the scatter from scan to scan, beyond which noise is too large even for a radar that filters by itself."""
+HIDDEN: Final = 3.0
+"""Times the noise, beyond which the scatter from scan to scan shows that it is too small."""
 STEADIEST: Final = 0.01
 """m, m/s or rad: less scatter than that says nothing."""
 YAW_OFF_DEG: Final = 2.0
@@ -470,7 +473,7 @@ def _own(scans: tuple[tuple[Scan, EgoPose | None], ...]) -> OwnMotion | None:
 
 
 def _scatter(sensor: BoundSensor, table: ObjectTable, held: Occupancy) -> Iterator[LogFinding]:
-    """Yield noise that is far larger than what values scatter by."""
+    """Yield noise that is far larger or smaller than what values scatter by."""
     noise = sensor.settings.noise
     turn = np.pi / 180
     stated = {"x": noise.x, "y": noise.y, "range": noise.range, "range_rate": noise.range_rate, "vx": noise.vx}
@@ -479,12 +482,14 @@ def _scatter(sensor: BoundSensor, table: ObjectTable, held: Occupancy) -> Iterat
         if value is None or name not in table.columns:
             continue
         scatter = white_noise(table.values(name), held)
-        if np.isfinite(scatter) and value > SCATTER * max(scatter, STEADIEST):
+        too_large = value > SCATTER * max(scatter, STEADIEST)
+        if np.isfinite(scatter) and (too_large or scatter > HIDDEN * max(value, STEADIEST)):
             shown = 1 / turn if name == "azimuth" else 1.0
             key = "azimuth_deg" if name == "azimuth" else name
             yield LogFinding(
                 ("sensors", sensor.name, "noise", key),
-                f"found {value * shown:.3g}, but it scatters by {scatter * shown:.2g} from scan to scan; lower it",
+                f"found {value * shown:.3g}, but it scatters by {scatter * shown:.2g} from scan to scan; "
+                f"{'lower' if too_large else 'raise'} it",
             )
 
 
@@ -567,6 +572,12 @@ def _turns(sensor: BoundSensor, table: ObjectTable, held: Occupancy, own: OwnMot
     of = of.rows(stands[of.first] & stands[of.last])
     if len(of) < 100:
         return
+    if _goes_along(x, of, table, held, own):
+        yield LogFinding(
+            ("sensors", sensor.name, "mount", "yaw_deg"),
+            "what stands goes ahead with the vehicle, not back: the sensor looks the other way; add 180 to yaw_deg",
+        )
+        return
     ahead = 0.5 * (x[of.first] + x[of.last])
     slope: Slope = turning_slope(y, np.zeros(len(of)), ahead, of, table, own) if len(of) else NO_SLOPE
     key = "azimuth" if sensor.settings.signals.polar else "y"
@@ -584,6 +595,17 @@ def _turns(sensor: BoundSensor, table: ObjectTable, held: Occupancy, own: OwnMot
         )
         return
     yield from _from_beside(sensor, x, y, of.first, of.last, table, own)
+
+
+def _goes_along(x: Floats, of: Pairs, table: ObjectTable, held: Occupancy, own: OwnMotion) -> bool:
+    """Return whether much of what nears as fast as the vehicle drives does so from where the vehicle leaves."""
+    gone = own.way_at(table.time[of.last]) - own.way_at(table.time[of.first])
+    nears = gone > 2.0
+    if np.count_nonzero(nears) < 200:
+        return False
+    along = (x[of.last] - x[of.first])[nears] / gone[nears]
+    several = _number(held.chain[of.first[nears]]) > _STANDING * _number(held.chain)
+    return bool(several and np.median(along) > 0.5)
 
 
 def _from_beside(
