@@ -14,6 +14,7 @@ from candaemon.radar.detections import Detections
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import to_travel_axes
+from candaemon.tracking.standing_rows import StandingRow, standing_rows
 
 _PLACE = 3.0  # m between an image and where it should be
 _SPEED = 1.5  # m/s, likewise along the course or the line of sight; what stands is slower
@@ -23,8 +24,11 @@ _CONVOY = 4.0  # m/s over ground; what is slower is in no convoy
 _NEARING = 0.7  # m/s along the line of sight, relative to the sensor, that tell an image of what is in no convoy
 _MOVES = 2.0  # m/s; slower, its image is not told from what is there: who walks has company on the other side of a rail
 _STANDS = 0.5  # probability of standing; what is at twice the distance of what stands comes as fast as what is met
+_DROVE = 4.0  # m/s; what was once as fast is a vehicle, and a long row mirrors it when it is slow too
 _SPACING = 4.0  # m between the standing things of a row
 _DEPTH = 1.2  # m, how exactly they lie in the middle
+_GAP = 30.0  # m before and behind a long row for which it goes on: vehicles hide it
+_MOST_POSTS = 40  # nearest to the sensor, of which rows are looked for
 
 
 def images(bodies: Bodies, candidates: Indices, detections: Detections, brief: Booleans) -> Booleans:
@@ -46,6 +50,10 @@ def images(bodies: Bodies, candidates: Indices, detections: Detections, brief: B
         found |= _doubled(bodies, candidates, moving, detections, brief).any(axis=1)
     if len(fast):
         found |= _mirrored(bodies, candidates, fast, detections).any(axis=1)
+    drove = np.flatnonzero(others & (bodies.obstacles.fastest > _DROVE))
+    if len(drove):
+        for row in standing_rows(_posts(bodies, detections.measurement.origin)):
+            found |= _mirrored_by(row, bodies, candidates, drove, detections).any(axis=1)
     return found
 
 
@@ -124,3 +132,36 @@ def _mirrored(bodies: Bodies, candidates: Indices, sources: Indices, detections:
         away = np.abs(to_travel_axes(standing - middle, axis[j]))
         alike[i, j] = ((away[:, 0] < _SPACING) & (away[:, 1] < _DEPTH)).any()
     return alike
+
+
+def _posts(bodies: Bodies, origin: Floats) -> Floats:
+    """Return the places of what never moved (n, 2), the nearest to a sensor."""
+    shown = bodies.moments().shown
+    stands = (np.hypot(shown[:, 2], shown[:, 3]) < _SPEED) & (bodies.obstacles.fastest < _MOVES)
+    posts = shown[stands, :2]
+    return posts[np.argsort(np.hypot(*(posts - origin).T), kind="stable")[:_MOST_POSTS]]
+
+
+def _mirrored_by(
+    row: StandingRow, bodies: Bodies, candidates: Indices, sources: Indices, detections: Detections
+) -> Booleans:
+    """Return which candidates are where a row shows which sources, and as fast."""
+    obstacles, moments = bodies.obstacles, bodies.moments()
+    shown, spread = moments.shown, moments.shown_covariance[:, VELOCITY, VELOCITY]
+    us = to_travel_axes(detections.measurement.origin - row.centre, row.axis)
+    image = to_travel_axes(shown[candidates, :2] - row.centre, row.axis)
+    there = to_travel_axes(shown[sources, :2] - row.centre, row.axis)
+    # where the echo meets the row
+    met = us[0] + (image[:, 0] - us[0]) * us[1] / (us[1] - image[:, 1] + (us[1] == image[:, 1]))
+    behind = (image[:, 1] * us[1] < 0.0) & (row.begin - _GAP < met) & (met < row.end + _GAP)
+    centre = to_travel_axes(obstacles.facing[sources], row.axis)[:, 0]
+    longest = obstacles.length[sources] + np.sqrt(obstacles.length_variance[sources])
+    along = np.abs(image[:, None, 0] - there[:, 0] + centre) - 0.5 * longest
+    faster = to_travel_axes(shown[candidates, VELOCITY], row.axis)[:, None]
+    faster = faster - to_travel_axes(shown[sources, VELOCITY], row.axis) * np.array([1.0, -1.0])
+    turned = np.array([row.axis, [-row.axis[1], row.axis[0]]])
+    spread = turned @ spread @ turned.T
+    lengthwise = np.broadcast_to([1.0, 0.0], (len(sources), 2))
+    alike = _as_fast(faster, spread[candidates, None] + spread[sources], lengthwise, _ACROSS)
+    beside = np.abs(image[:, None, 1] + there[:, 1]) < 2 * _DEPTH
+    return np.asarray(alike & beside & (along < _PLACE) & behind[:, None] & (there[:, 1] * us[1] > 0.0))

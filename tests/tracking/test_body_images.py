@@ -167,3 +167,29 @@ def test_one_of_a_convoy_that_was_lost_sight_of_comes_back_at_once() -> None:
             for key, row in zip(obstacles.used_object.tolist(), obstacles.used_row.tolist(), strict=True)
         }
     assert told[49, 3] == told[29, 2]
+
+
+@pytest.mark.parametrize(
+    ("posts", "across", "last"),
+    [
+        (range(2, 6), 2 * RAIL - 2.0, TENTATIVE),
+        (range(2, 4), 2 * RAIL - 2.0, CONFIRMED),
+        (range(2, 6), 15.0, CONFIRMED),
+    ],
+    ids=["mirrored", "no row", "elsewhere"],
+)
+def test_what_stopped_beside_a_rail_has_an_image_behind_it(posts: range, across: float, last: int) -> None:
+    """Other vehicles hide the part of the rail that mirrors it: its posts are seen nearer to us."""
+    settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}, "lifecycle": {"confirm": 4}})
+    tracker, states = VehicleTracker(settings, {}), []
+    for k in range(70):
+        braked = min(max(k * CYCLE - 0.5, 0.0), 2.0)
+        x, speed = 30.0 + 8.0 * min(k * CYCLE, 0.5) + 8.0 * braked - 2.0 * braked**2, 8.0 - 4.0 * braked
+        seen = [Seen(1, x, 2.0, speed), *(Seen(10 + i, 4.0 * i, RAIL) for i in posts)]
+        if k >= 55:
+            seen.append(Seen(2, x, across))
+        at = pose(k * CYCLE)
+        told = tracker.step(detections(at, seen, sensor=0, noise=(0.2, 0.2, 0.1)), at)
+        row = told.used_row[told.used_object == 2]
+        states += told.state[row].tolist()
+    assert states[-1] == last
