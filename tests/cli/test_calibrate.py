@@ -21,6 +21,7 @@ from candaemon.playback.calibrating import calibrate
 from candaemon.playback.replay import ReplayRequest, replay
 from candaemon.playback.summary import summarise
 from tests.support.paths import DATA, ROOT
+from tests.support.rav4 import OF_POINTS
 
 CONFIGS = ROOT / "config"
 DRIVE = DATA / "rav4_drive" / "drive.log.gz"
@@ -151,15 +152,23 @@ def test_a_walk_is_found_and_proposed_to_a_filter_that_knows_of_it(tmp_path: Pat
 
 @pytest.mark.slow
 @pytest.mark.skipif(not DRIVE.exists(), reason="the recorded drive is not here")
-def test_what_the_recorded_drive_proposes_meets_its_bounds(tmp_path: Path) -> None:
-    changes = _patch(tmp_path, CONFIGS / "toyota_rav4.yaml", DRIVE)
-    config = _patched(tmp_path, "toyota_rav4", changes)
+@pytest.mark.parametrize(
+    ("settings", "allowance"), [({}, 1.15), (OF_POINTS, 1.0)], ids=["obstacles are vehicles", "obstacles are points"]
+)
+def test_what_the_recorded_drive_proposes_meets_its_bounds(
+    tmp_path: Path, settings: dict[str, Any], allowance: float
+) -> None:
+    """Without an INS; predictions of vehicles may then be worse, as they may without what is proposed."""
+    config = _patched(tmp_path, "toyota_rav4", settings)
+    tree = yaml.safe_load(config.read_text(encoding="utf-8"))
+    _merge(tree, _patch(tmp_path, config, DRIVE))
+    config.write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
     figures = summarise(replay(bind(load_config(config)), ReplayRequest(DRIVE)))
     soon, later = figures["predictions"]
-    assert soon["x"] < 0.20
-    assert later["x"] < 0.30
-    assert soon["y"] < 0.27
-    assert later["y"] < 0.37
+    assert soon["x"] < 0.20 * allowance
+    assert later["x"] < 0.30 * allowance
+    assert soon["y"] < 0.27 * allowance
+    assert later["y"] < 0.37 * allowance
     assert figures["stationary"]["vx"] < 0.27
     assert figures["stationary"]["speed"] < 0.45
 

@@ -9,30 +9,33 @@ import yaml
 
 from tests.support.paths import ROOT
 
-NOISE: Final = {"x": 0.14, "y": 0.08, "range_rate": 0.035}
-POINTS: Final[dict[str, Any]] = {
-    "estimator": {
-        "kind": "imm",
-        "first_acceleration": 1.0,
-        "models": [
-            {
-                "kind": "ca",
-                "noise": {"along": 0.1, "across": 0.1},
-                "settling": {"along": 16.0, "across": 0.6},
-                "wander": {"along": 0.0006, "across": 0.028},
-            }
-        ],
+OF_POINTS: Final[dict[str, Any]] = {
+    "tracker": {
+        "estimator": {
+            "kind": "imm",
+            "first_acceleration": 1.0,
+            "models": [
+                {
+                    "kind": "ca",
+                    "noise": {"along": 0.1, "across": 0.1},
+                    "settling": {"along": 16.0, "across": 0.6},
+                    "wander": {"along": 0.0006, "across": 0.028},
+                }
+            ],
+        },
+        "lifecycle": {"first_speed": {"along": 20.0, "across": 0.5}},
     },
-    "lifecycle": {"first_speed": {"along": 20.0, "across": 0.5}},
+    "sensors": {"front": {"noise": {"x": 0.14, "y": 0.08, "range_rate": 0.035}}},
 }
 """Set for the recorded drive, which is nearly straight: what crosses or turns is taken for drift."""
 
 
 def of_points(name: str, folder: Path) -> Path:
-    """Write a configuration of the RAV4 with that tracker, and what it must expect; return its path."""
+    """Write a configuration of the RAV4 with those settings; return its path."""
     text = (ROOT / "config" / f"{name}.yaml").read_text(encoding="utf-8")
     settings = yaml.safe_load(text.replace("../dbc", str(ROOT / "dbc")))
-    settings["tracker"], settings["sensors"]["front"]["noise"] = POINTS, NOISE
+    settings["tracker"] = OF_POINTS["tracker"]
+    settings["sensors"]["front"] |= OF_POINTS["sensors"]["front"]
     path = folder / f"{name}.yaml"
     path.write_text(yaml.safe_dump(settings, sort_keys=False), encoding="utf-8")
     return path
