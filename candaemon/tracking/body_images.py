@@ -151,8 +151,9 @@ def _mirrored_by(
     us = to_travel_axes(detections.measurement.origin - row.centre, row.axis)
     image = to_travel_axes(shown[candidates, :2] - row.centre, row.axis)
     there = to_travel_axes(shown[sources, :2] - row.centre, row.axis)
-    # where the echo meets the row
-    met = us[0] + (image[:, 0] - us[0]) * us[1] / (us[1] - image[:, 1] + (us[1] == image[:, 1]))
+    # where the line from the sensor to the image meets the row: there the echo was reflected
+    share = abs(us[1]) / np.maximum(abs(us[1]) + np.abs(image[:, 1]), 1e-9)
+    met = us[0] + share * (image[:, 0] - us[0])
     behind = (image[:, 1] * us[1] < 0.0) & (row.begin - _GAP < met) & (met < row.end + _GAP)
     centre = to_travel_axes(obstacles.facing[sources], row.axis)[:, 0]
     longest = obstacles.length[sources] + np.sqrt(obstacles.length_variance[sources])
