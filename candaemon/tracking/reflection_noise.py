@@ -57,7 +57,7 @@ _NO_GROWTH, _UNKNOWN_GROWTH = (0.0, _USUAL_RANGE), (0.5, _USUAL_RANGE)
 _LOG_VARIANCE = 0.5 * pi * pi  # of the logarithm of the square of what is normal
 _LEAST_RANGE, _LEAST_SCALE = 1.0, 0.01  # m; of a walk close by
 _TELLING = 0.25  # share of the displacements over a second that are independent: they overlap
-_REFRESH = 16  # displacements until the estimate is made again
+_REFRESH = 16  # displacements until an estimate is made again
 _NUMBERS = 65  # of sensors, 0 to 63, a bit each of what an obstacle was seen by; and one of no sensor
 
 
@@ -91,6 +91,33 @@ def _no_places(*shape: int) -> Floats:
     return np.zeros((MOST_DISPLACEMENTS, *shape))
 
 
+@dataclass(frozen=True, slots=True)
+class LearntNoise:
+    """What was learnt of a sensor's reflections, each along and across.
+
+    Attributes:
+        white: standard deviation of the white part, m.
+        walk: m²/s; across, at the range that `growth` tells.
+        growth: which share of that grows with the square of the range; and that range, m.
+        ratio: of the variance of a displacement over a second to that over a scan.
+    """
+
+    white: tuple[float, float]
+    walk: tuple[float, float]
+    growth: tuple[float, float]
+    ratio: tuple[float, float]
+
+    def validate(self) -> None:
+        """Refuse what cannot have been learnt.
+
+        Raises:
+            ValueError: a part is negative, there is no white part, or the growth is no share, or of no range.
+        """
+        is_negative = min(*self.walk, *self.ratio, self.growth[0]) < 0.0
+        if is_negative or min(self.white) <= 0.0 or self.growth[0] > 1.0 or self.growth[1] < _LEAST_RANGE:
+            raise ValueError(f"learnt noise {self}, of which a part is out of range")
+
+
 @dataclass(slots=True)
 class StandingDisplacements:
     """What is remembered of one sensor's standing returns.
@@ -103,6 +130,7 @@ class StandingDisplacements:
         of: key of the reflection that each displacement is of (m,).
         distance: of that from the sensor (m,), m.
         taken: displacements taken so far.
+        learnt: what they showed when looked at last; None while they are too few, or of too few reflections.
     """
 
     scans: list[StandingScan] = field(default_factory=list)
@@ -112,6 +140,7 @@ class StandingDisplacements:
     of: Integers = field(default_factory=lambda: np.zeros(MOST_DISPLACEMENTS, dtype=np.int64))
     distance: Floats = field(default_factory=_no_places)
     taken: int = 0
+    learnt: LearntNoise | None = None
 
     def validate(self) -> None:
         """Refuse what contradicts itself.
@@ -134,23 +163,6 @@ class ReflectionNoiseState:
     """What is remembered of each sensor, by its number."""
 
     sensors: dict[int, StandingDisplacements] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class LearntNoise:
-    """What was learnt of a sensor's reflections, each along and across.
-
-    Attributes:
-        white: standard deviation of the white part, m.
-        walk: m²/s; across, at the range that `growth` tells.
-        growth: which share of that grows with the square of the range; and that range, m.
-        ratio: of the variance of a displacement over a second to that over a scan.
-    """
-
-    white: tuple[float, float]
-    walk: tuple[float, float]
-    growth: tuple[float, float]
-    ratio: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,9 +199,7 @@ class ReflectionNoise:
         }
         self._filters = {number: settings.noise.azimuth_deg is None for number, settings in sensors.items()}
         self._state = ReflectionNoiseState({number: StandingDisplacements() for number in sensors})
-        # follow from the state
-        self._learnt: dict[int, tuple[int, LearntNoise | None]] = {}
-        self._walks: SensorWalks | None = None
+        self._walks: SensorWalks | None = None  # follows from the state
 
     @property
     def state(self) -> ReflectionNoiseState:
@@ -208,7 +218,6 @@ class ReflectionNoise:
             each.validate()
         begun = {number: StandingDisplacements() for number in self._stated}
         self._state = ReflectionNoiseState(begun | state.sensors)
-        self._learnt.clear()
         self._walks = None
 
     def renumber_sensors(self, sensors: Mapping[int, int]) -> None:
@@ -222,7 +231,6 @@ class ReflectionNoise:
         self._filters = {sensors[old]: each for old, each in self._filters.items() if old in sensors}
         remembered = self._state.sensors
         self._state.sensors = {sensors[old]: each for old, each in remembered.items() if old in sensors}
-        self._learnt.clear()
         self._walks = None
 
     def expects(self, sensor: int, time_ns: int, own_speed: float) -> bool:
@@ -279,10 +287,10 @@ class ReflectionNoise:
         rows, key = rows[:MOST_FOLLOWED], key[:MOST_FOLLOWED]
         scan = StandingScan(time_ns, key, position[rows])
         if returns.is_due:
-            known = returns.taken // _REFRESH
+            looked_at = returns.taken // _REFRESH
             _take(returns, scan, direction[rows], distance[rows])
-            if returns.taken // _REFRESH != known:
-                self._walks = None
+            if returns.learnt is None or returns.taken // _REFRESH != looked_at:
+                returns.learnt, self._walks = _learnt_noise(returns), None
         if is_spaced:
             kept = [each for each in returns.scans[1 - _MOST_KEPT :] if time_ns - each.time_ns <= _LONGEST_NS]
             returns.scans, returns.is_due = [*kept, scan], True
@@ -297,7 +305,7 @@ class ReflectionNoise:
 
     def known(self, sensor: int) -> bool:
         """Return whether enough was observed of a sensor's reflections to tell their noise."""
-        return self._estimate(sensor) is not None
+        return self._state.sensors[sensor].learnt is not None
 
     def walk_is_known(self, sensor: int) -> bool:
         """Return whether a sensor's walk, be it none, is given or was learnt."""
@@ -305,7 +313,7 @@ class ReflectionNoise:
 
     def white(self, sensor: int) -> tuple[float, float]:
         """Return the standard deviation of the white part along and across, m; the stated noise until it is known."""
-        learnt = self._estimate(sensor)
+        learnt = self._state.sensors[sensor].learnt
         return self._stated[sensor] if learnt is None else learnt.white
 
     def walk(self, sensor: int) -> tuple[float, float]:
@@ -313,25 +321,25 @@ class ReflectionNoise:
 
         Across it is that at the range which `growth` tells.
         """
-        given, learnt = self._given[sensor], self._estimate(sensor)
+        given, learnt = self._given[sensor], self._state.sensors[sensor].learnt
         usual = _WALK if self._filters[sensor] else _NO_WALK
         return given or (usual if learnt is None else learnt.walk)
 
     def growth(self, sensor: int) -> tuple[float, float]:
         """Return which share of the walk across grows with the square of the range, and the range it is told for, m."""
-        learnt = self._estimate(sensor)
+        learnt = self._state.sensors[sensor].learnt
         if self._given[sensor] is not None:
             return _NO_GROWTH
         return _UNKNOWN_GROWTH if learnt is None else learnt.growth
 
     def ratio(self, sensor: int) -> tuple[float, float]:
         """Return the variance over a second by that over a scan, along and across: 1 of white noise; NaN if unknown."""
-        learnt = self._estimate(sensor)
+        learnt = self._state.sensors[sensor].learnt
         return (nan, nan) if learnt is None else learnt.ratio
 
     def walking(self, sensor: int) -> float:
         """Return how surely a sensor's reflections walk across, 0 to 1."""
-        given, learnt = self._given[sensor], self._estimate(sensor)
+        given, learnt = self._given[sensor], self._state.sensors[sensor].learnt
         if given is not None:
             return float(given[1] > 0.0)
         if learnt is None:
@@ -347,15 +355,6 @@ class ReflectionNoise:
                 surely[number] = self.walking(number)
             self._walks = SensorWalks(walk, growth, surely, bool(walk.any()), bool(surely.any()))
         return self._walks
-
-    def _estimate(self, sensor: int) -> LearntNoise | None:
-        """Return what the displacements of a sensor's reflections show; None where they are too few."""
-        taken = self._state.sensors[sensor].taken
-        step, learnt = self._learnt.get(sensor, (-1, None))
-        if taken // _REFRESH != step:
-            learnt = _learnt_noise(self._state.sensors[sensor])
-            self._learnt[sensor] = taken // _REFRESH, learnt
-        return learnt
 
 
 def stated_white(noise: ObjectNoise) -> tuple[float, float]:

@@ -50,8 +50,8 @@ ESTIMATORS: tuple[dict[str, Any], ...] = (
 )
 
 
-def simulated(of: Binding, seconds: float = 2.0) -> list[Frame]:
-    scenario = load_scenario(ROOT / "config" / "scenarios" / "highway.yaml")
+def simulated(of: Binding, seconds: float = 2.0, name: str = "highway") -> list[Frame]:
+    scenario = load_scenario(ROOT / "config" / "scenarios" / f"{name}.yaml")
     return list(simulate(scenario.model_copy(update={"duration": seconds}), of, 5).frames())
 
 
@@ -92,6 +92,12 @@ def test_a_restored_pipeline_continues_to_the_byte_with_every_estimator(estimato
     of = bind(replace(loaded, config=loaded.config.model_copy(update={"tracker": tracker})))
     frames = simulated(of, 1.2)
     goes_on_alike(of, frames, [len(frames) // 3 + 7, 2 * len(frames) // 3 + 2])
+
+
+def test_what_was_learnt_of_a_sensors_noise_goes_on() -> None:
+    of = binding("toyota_rav4")
+    frames = simulated(of, 8.0, "traffic_motorway")
+    goes_on_alike(of, frames, range(997, len(frames), 997))
 
 
 def test_recorded_traffic_goes_on_alike(drive: Path) -> None:
