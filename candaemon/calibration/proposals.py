@@ -137,25 +137,30 @@ def _noise(sensor: BoundSensor, of: SensorFindings, *, walks: bool) -> Iterator[
 
 
 def _walk(sensor: BoundSensor, of: SensorFindings, *, walks: bool) -> Iterator[Finding]:
-    """Yield the rows of the random walk, of which both are proposed or none: they stand together."""
+    """Yield the rows of the random walk, of which both are proposed or none: they stand together.
+
+    Where none is given the tracker learns it on line, and how it grows with the range, which no setting tells: it is
+    left to that.
+    """
     given = sensor.settings.noise.walk
     seen = [parts for parts in of.walk if parts is not None]
     configured = [None, None] if given is None else [given.along, given.across]
-    is_off = walks and len(seen) == len(configured) and any(map(_walk_differs, seen, configured))
+    known = given is not None and walks and len(seen) == len(configured)
+    is_off = known and any(map(_walk_differs, seen, configured))
     for name, parts, value in zip(("along", "across"), of.walk, configured, strict=True):
         what, where = f"{sensor.name}.noise.walk.{name}", ("sensors", sensor.name, "noise", "walk", name)
         if parts is None:
             yield Finding(what, "m²/s", value, None, None)
             continue
-        found = float(f"{parts.walk:.3g}")
+        found, learnt = float(f"{parts.walk:.3g}"), "learnt by the tracker" if walks and given is None else ""
         yield Finding(
-            what, "m²/s", value, found, STATED * parts.walk_sd, "" if parts.walk else "none seen", where,
+            what, "m²/s", value, found, STATED * parts.walk_sd, learnt if parts.walk else "none seen", where,
             found if is_off else None,
         )  # fmt: skip
 
 
 def _walk_differs(parts: NoiseParts, configured: float | None) -> bool:
-    """Return whether a walk differs from the configured one, or from none."""
+    """Return whether a walk differs from the configured one; from none, where none is configured."""
     value = configured or 0.0
     return abs(parts.walk - value) > max(_SAME * value, STATED * parts.walk_sd, _LEAST_WALK)
 
