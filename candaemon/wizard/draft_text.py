@@ -23,9 +23,10 @@ _PLAIN: Final = re.compile(r"-?[A-Za-z_][A-Za-z0-9_.]*|-?\d+(\.\d+)?([eE][-+]?\d
 _MESSAGE_OF: Final = re.compile(r"([A-Za-z_]\w*)\.")
 """The messages in a reference to signals, as a configuration has it."""
 _FILTERED: Final = 3.2
-"""Times the scatter from scan to scan: what a filter must expect of places that a radar has filtered itself."""
-_FILTERED_RATE: Final = 2.0
-"""Likewise of speeds."""
+"""Times the scatter from scan to scan: what a filter must expect ahead of a radar that has filtered places itself.
+
+Aside, and of speeds, the tracker learns how they walk.
+"""
 
 
 class Lines:
@@ -94,8 +95,6 @@ def draft_text(proposal: Proposal, path_of: Callable[[Path], str], noise_factor:
     lines.add(0, "sensors:")
     for sensor in proposal.sensors:
         _sensor(lines, sensor, names[sensor.channel], path_of, noise_factor, nis)
-    if any(sensor.mapped.own_filter for sensor in proposal.sensors):
-        _filtered_tracker(lines, next(s.mapped.own_filter for s in proposal.sensors if s.mapped.own_filter))
     return lines.text()
 
 
@@ -299,24 +298,9 @@ def _tests(lines: Lines, key: str, tests: tuple[Test, ...]) -> None:
 
 
 def _noise(lines: Lines, sensor: Sensor, factor: float, nis: str) -> None:
-    lines.add(2, "noise:", nis)
-    filtered = bool(sensor.mapped.own_filter)
+    filters = f"it filters by itself, {sensor.mapped.own_filter}" if sensor.mapped.own_filter else ""
+    lines.add(2, "noise:", "; ".join(filter(None, [nis, filters])))
     for key, choice in sensor.mapped.noise.items():
-        rate = key in {"range_rate", "vx", "vy"}
-        scale = factor * ((_FILTERED_RATE if rate else _FILTERED) if filtered else 1.0)
+        scale = factor * (_FILTERED if filters and key in {"x", "range"} else 1.0)
         why = f"{choice.why}: {choice.value}, times {scale:.2g}" if scale != 1.0 else choice.why
         lines.add(3, f"{key}: {float(choice.value) * scale:.3g}", why, guess=choice.guess)
-
-
-def _filtered_tracker(lines: Lines, why: str) -> None:
-    """Add the tracker for a radar that filters by itself: its reflections wander, and settle across the travel."""
-    lines.add(0, "tracker:", f"for straight roads; without it an obstacle is a vehicle. It filters by itself: {why}")
-    lines.add(1, "estimator:")
-    lines.add(2, "kind: imm")
-    lines.add(2, "first_acceleration: 1.0")
-    lines.add(2, "models:")
-    lines.add(3, "- kind: ca", "along the travel manoeuvre; across noise and slow drift that settles within a second")
-    lines.add(4, "noise: {along: 0.1, across: 0.1}")
-    lines.add(4, "settling: {along: 16.0, across: 0.6}")
-    lines.add(4, "wander: {along: 0.0006, across: 0.028}")
-    lines.add(1, "lifecycle: {first_speed: {along: 20.0, across: 0.5}}")

@@ -91,6 +91,10 @@ _NO_SPEED: Final = frozenset(
         *("transmission", "slip", "counter", "cnt", "checksum", "up", "wheels", "lockout", "oncoming"),
     )
 )
+_FEWEST_SPEEDS: Final = 200
+"""Speeds from which on their noise is known."""
+_LEAST_SPEED_NOISE: Final = 0.05
+"""m/s, of wheels on a road, however little they scatter from frame to frame."""
 _LEFT: Final = frozenset(("fl", "lf", "rl", "lr", "left", "lft", "hl", "vl", "lh"))
 _RIGHT: Final = frozenset(("fr", "rf", "rr", "right", "rgt", "rght", "hr", "vr", "rh"))
 
@@ -489,7 +493,7 @@ def _odometry(heard: Sequence[Heard], standing: tuple[Floats, Floats] | None) ->
         speed, side = 0.5 * (vl + vr), (vr - vl) / TRACK_WIDTH
         for key, group in (("left_wheels", left), ("right_wheels", right)):
             signals[key] = Choice("[" + ", ".join(_speed_ref(each, unit) for each in group) + "]", why, guess=guess)
-        channel, dbc = left[0].channel, left[0].dbc
+        read, channel, dbc = [*left, *right], left[0].channel, left[0].dbc
     elif speeds:
         judged = [(_standing_share(each, unit, standing), each, unit) for each in speeds for unit in _units_of(each)]
         share, best, unit = max(judged, key=lambda item: (item[0], len(item[1].time)))
@@ -501,10 +505,30 @@ def _odometry(heard: Sequence[Heard], standing: tuple[Floats, Floats] | None) ->
         signals["speed"] = Choice(
             _speed_ref(best, unit), why, guess=not proven and (len(judged) > 1), ask="which speed", options=choices
         )
-        channel, dbc = best.channel, best.dbc
+        read, channel, dbc = [best], best.channel, best.dbc
+        scale = UNIT_FACTORS[unit] / best.factor if unit else 1.0
     else:
         return None
-    return _with_yaw(heard, signals, channel, dbc, time, speed, side)
+    own = _with_yaw(heard, signals, channel, dbc, time, speed, side)
+    return None if own is None else replace(own, extra={**own.extra, **_speed_noise(read, scale)})
+
+
+def _speed_noise(read: Sequence[Heard], scale: float) -> dict[str, Choice]:
+    """Return the noise of own speed, from its second differences; empty where the log is too short to tell.
+
+    Args:
+        read: the signals whose mean it is.
+        scale: of their SI values.
+    """
+    time = read[0].time
+    if len(time) < _FEWEST_SPEEDS:
+        return {}
+    bend = np.diff(np.mean([each.at(time) for each in read], axis=0) * scale, 2)
+    low, high = np.quantile(bend, [0.1587, 0.8413])
+    scatter = float((high - low) / 2 / np.sqrt(6))
+    beside = "; slip and bumps come on top" if scatter < _LEAST_SPEED_NOISE else ""
+    noise = max(scatter, _LEAST_SPEED_NOISE)
+    return {"noise": Choice(f"{{speed: {noise:.2g}}}", f"m/s; scatter from frame to frame: {scatter:.2g}{beside}")}
 
 
 def _with_yaw(
