@@ -12,7 +12,7 @@ import numpy as np
 from candaemon.arrays import Floats
 from candaemon.binding.bound import BoundSensor
 from candaemon.calibration.calibrator import GatheredWindow
-from candaemon.calibration.noise import NoiseParts, NoiseSamples, noise_parts, residual_pairs
+from candaemon.calibration.noise import WALK_TIME, NoiseParts, NoiseSamples, noise_parts, residual_pairs
 from candaemon.calibration.parameters import LATENCY, YAW, Estimate, ego_noise, prior
 from candaemon.calibration.readings import Readings, SensorReader
 from candaemon.calibration.window import WindowReader
@@ -100,8 +100,13 @@ def _with_noise(
 
 
 def _walk(parts: NoiseParts | None) -> float:
-    """Return the walk of what may have one, m²/s."""
-    return 0.0 if parts is None else parts.walk
+    """Return the walk of what may have one, m²/s.
+
+    Without what seems to drive, a walk looks as if it lasted no longer than the longest time that is told from one.
+    """
+    if parts is None or parts.time < WALK_TIME:
+        return 0.0 if parts is None else parts.walk
+    return 2.0 * parts.slow**2 / parts.time
 
 
 def _samples(
