@@ -18,7 +18,7 @@ TurnTime = Annotated[float, Field(gt=0.02, le=60, description="s, within which t
 class CruisingSettings(Settings):
     """A body that goes straight, at a speed that hardly changes: what turn rate it had fades at once."""
 
-    acceleration: Acceleration = 0.1
+    acceleration: Acceleration = 0.3
     lateral_acceleration: LateralAcceleration = 0.06
     noise: Slip = 0.001
     dwell: Dwell = 10.0

@@ -146,9 +146,14 @@ def _with_findings(sensor: Sensor, rows: Mapping[str, Finding]) -> Sensor:
 
 
 def fitted_noise(proposal: Proposal) -> tuple[float, str]:
-    """Return the factor on the standard deviations with which the NIS of a trial is as expected, and the evidence."""
+    """Return the factor on the standard deviations with which the NIS of a trial is as expected, and the evidence.
+
+    The errors of a radar that filters by itself are alike from scan to scan: a NIS below the expected one is no reason
+    to take them for smaller than they scatter.
+    """
     if proposal.traffic is None or proposal.own is None:
         return 1.0, ""
+    least = 1.0 if any(sensor.mapped.own_filter for sensor in proposal.sensors) else 0.0
     factor, told = 1.0, ""
     with tempfile.TemporaryDirectory(prefix="candaemon-init-") as folder:
         path = Path(folder) / "draft.yaml"
@@ -158,9 +163,9 @@ def fitted_noise(proposal: Proposal) -> tuple[float, str]:
             if nis.samples < LEAST_NIS or not nis.mean > 0:
                 return factor, told
             ratio = nis.mean / nis.expected
-            if 0.85 < ratio < 1.15:
+            if 0.85 < ratio < 1.15 or (ratio < 1.0 and factor <= least):
                 told = f"the NIS of the first {TRIAL_SECONDS:g} s is {nis.mean:.2f}, expected {nis.expected:.2f}"
                 return factor, told
-            factor *= min(max(ratio**0.5, 0.5), 2.5)
+            factor = max(factor * min(max(ratio**0.5, 0.5), 2.5), least)
             told = f"times {factor:.2f} for the NIS, which was {ratio:.2f} times the expected one"
     return factor, told

@@ -25,7 +25,7 @@ OF_POINTS: Final[dict[str, Any]] = {
         },
         "lifecycle": {"first_speed": {"along": 20.0, "across": 0.5}},
     },
-    "sensors": {"front": {"noise": {"x": 0.14, "y": 0.08, "range_rate": 0.035}}},
+    "sensors": {"front": {"latency": 0.0, "noise": {"x": 0.14, "y": 0.08, "range_rate": 0.035}}},
 }
 """Set for the recorded drive, which is nearly straight: what crosses or turns is taken for drift."""
 

@@ -25,8 +25,6 @@ from tests.support.paths import DATA, ROOT
 from tests.wizard.drives import survey_log
 
 MEASURED = ("x", "y", "range", "azimuth", "range_rate", "vx", "vy")
-WITHOUT_INS = 1.05
-"""What the bounds along may be times those with an INS."""
 slow = pytest.mark.slow
 
 
@@ -171,8 +169,8 @@ def test_the_recorded_drive_is_configured_by_its_public_files(drive: Path, tmp_p
     told = json.loads(summary.read_text())
     assert "tracker:" not in text
     half, second = told["predictions"]
-    assert half["x"] <= 0.20 * WITHOUT_INS
-    assert second["x"] <= 0.30 * WITHOUT_INS
+    assert half["x"] <= 0.20
+    assert second["x"] <= 0.30
     assert half["y"] <= 0.27
     assert second["y"] <= 0.37
     assert told["stationary"]["vx"] <= 0.27
