@@ -18,7 +18,7 @@ TurnTime = Annotated[float, Field(gt=0.02, le=60, description="s, within which t
 class CruisingSettings(Settings):
     """A body that goes straight, at a speed that hardly changes: what turn rate it had fades at once."""
 
-    acceleration: Acceleration = 0.3
+    acceleration: Acceleration = 0.25
     lateral_acceleration: LateralAcceleration = 0.06
     noise: Slip = 0.001
     dwell: Dwell = 10.0
@@ -37,7 +37,7 @@ class ManoeuvringSettings(Settings):
 class TurningSettings(Settings):
     """A body that turns at a speed and a turn rate that hardly change, as in a bend or a roundabout."""
 
-    acceleration: Acceleration = 0.15
+    acceleration: Acceleration = 0.08
     lateral_acceleration: LateralAcceleration = 5.0
     noise: Slip = 0.005
     dwell: Dwell = 2.2

@@ -25,6 +25,8 @@ from tests.support.paths import DATA, ROOT
 from tests.wizard.drives import survey_log
 
 MEASURED = ("x", "y", "range", "azimuth", "range_rate", "vx", "vy")
+WITHOUT_INS = 1.02
+"""What the bound along, 1 s ahead, may be times that with an INS."""
 slow = pytest.mark.slow
 
 
@@ -170,7 +172,7 @@ def test_the_recorded_drive_is_configured_by_its_public_files(drive: Path, tmp_p
     assert "tracker:" not in text
     half, second = told["predictions"]
     assert half["x"] <= 0.20
-    assert second["x"] <= 0.30
+    assert second["x"] <= 0.30 * WITHOUT_INS
     assert half["y"] <= 0.27
     assert second["y"] <= 0.37
     assert told["stationary"]["vx"] <= 0.27
