@@ -100,13 +100,14 @@ def _with_noise(
 
 
 def _walk(parts: NoiseParts | None) -> float:
-    """Return the walk of what may have one, m²/s.
+    """Return the walk that the next pass is to expect of what stands, m²/s.
 
-    Without what seems to drive, a walk looks as if it lasted no longer than the longest time that is told from one.
+    Errors that last for `WALK_TIME`, the longest time that is told from a walk, may be a walk of which the returns that
+    walked far were left out as traffic: expected is the walk that they would be.
     """
-    if parts is None or parts.time < WALK_TIME:
-        return 0.0 if parts is None else parts.walk
-    return 2.0 * parts.slow**2 / parts.time
+    if parts is None:
+        return 0.0
+    return 2.0 * parts.slow**2 / parts.time if parts.time >= WALK_TIME else parts.walk
 
 
 def _samples(

@@ -145,8 +145,9 @@ def _walk(sensor: BoundSensor, of: SensorFindings, *, walks: bool) -> Iterator[F
     given = sensor.settings.noise.walk
     seen = [parts for parts in of.walk if parts is not None]
     configured = [None, None] if given is None else [given.along, given.across]
-    known = given is not None and walks and len(seen) == len(configured)
-    is_off = known and any(map(_walk_differs, seen, configured))
+    is_off = False
+    if given is not None and walks and len(seen) == len(of.walk):
+        is_off = any(map(_walk_differs, seen, (given.along, given.across)))
     for name, parts, value in zip(("along", "across"), of.walk, configured, strict=True):
         what, where = f"{sensor.name}.noise.walk.{name}", ("sensors", sensor.name, "noise", "walk", name)
         if parts is None:
@@ -159,10 +160,9 @@ def _walk(sensor: BoundSensor, of: SensorFindings, *, walks: bool) -> Iterator[F
         )  # fmt: skip
 
 
-def _walk_differs(parts: NoiseParts, configured: float | None) -> bool:
-    """Return whether a walk differs from the configured one; from none, where none is configured."""
-    value = configured or 0.0
-    return abs(parts.walk - value) > max(_SAME * value, STATED * parts.walk_sd, _LEAST_WALK)
+def _walk_differs(parts: NoiseParts, configured: float) -> bool:
+    """Return whether a walk differs from the configured one."""
+    return abs(parts.walk - configured) > max(_SAME * configured, STATED * parts.walk_sd, _LEAST_WALK)
 
 
 def _walks(settings: Config, sensor: str) -> bool:

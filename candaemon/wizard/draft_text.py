@@ -23,9 +23,9 @@ _PLAIN: Final = re.compile(r"-?[A-Za-z_][A-Za-z0-9_.]*|-?\d+(\.\d+)?([eE][-+]?\d
 _MESSAGE_OF: Final = re.compile(r"([A-Za-z_]\w*)\.")
 """The messages in a reference to signals, as a configuration has it."""
 _FILTERED: Final = 3.2
-"""Times the scatter from scan to scan: what a filter must expect ahead of a radar that has filtered places itself.
+"""Times the scatter from scan to scan: the noise of distances ahead that a radar has filtered itself.
 
-Aside, and of speeds, the tracker learns how they walk.
+Across, the tracker learns how they walk, and it takes such a radar's speeds for noisier by itself.
 """
 
 

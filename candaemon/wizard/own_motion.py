@@ -93,8 +93,10 @@ _NO_SPEED: Final = frozenset(
 )
 _FEWEST_SPEEDS: Final = 200
 """Speeds from which on their noise is known."""
-_LEAST_SPEED_NOISE: Final = 0.05
+_LEAST_SPEED_NOISE: Final = 0.03
 """m/s, of wheels on a road, however little they scatter from frame to frame."""
+_MOST_SPEED_NOISE: Final = 1.0
+"""m/s; what scatters by more is no noise."""
 _LEFT: Final = frozenset(("fl", "lf", "rl", "lr", "left", "lft", "hl", "vl", "lh"))
 _RIGHT: Final = frozenset(("fr", "rf", "rr", "right", "rgt", "rght", "hr", "vr", "rh"))
 
@@ -514,7 +516,7 @@ def _odometry(heard: Sequence[Heard], standing: tuple[Floats, Floats] | None) ->
 
 
 def _speed_noise(read: Sequence[Heard], scale: float) -> dict[str, Choice]:
-    """Return the noise of own speed, from its second differences; empty where the log is too short to tell.
+    """Return the noise of own speed, from its second differences; empty where the log is too short to tell, or too odd.
 
     Args:
         read: the signals whose mean it is.
@@ -526,6 +528,8 @@ def _speed_noise(read: Sequence[Heard], scale: float) -> dict[str, Choice]:
     bend = np.diff(np.mean([each.at(time) for each in read], axis=0) * scale, 2)
     low, high = np.quantile(bend, [0.1587, 0.8413])
     scatter = float((high - low) / 2 / np.sqrt(6))
+    if not scatter <= _MOST_SPEED_NOISE:
+        return {}
     beside = "; slip and bumps come on top" if scatter < _LEAST_SPEED_NOISE else ""
     noise = max(scatter, _LEAST_SPEED_NOISE)
     return {"noise": Choice(f"{{speed: {noise:.2g}}}", f"m/s; scatter from frame to frame: {scatter:.2g}{beside}")}

@@ -129,10 +129,6 @@ def _rows(table: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(lines))
 
 
-def with_ins(result: Result) -> bool:
-    return result.config.stem.endswith("ins")
-
-
 @runs(VEHICLES, POINTS)
 def test_no_frame_is_lost_and_none_uncounted(result: Result) -> None:
     summary = result.summary
