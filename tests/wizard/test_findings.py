@@ -67,13 +67,13 @@ MISTAKES = {
     ),
     "noise too small": (
         "toyota_rav4",
-        "noise: {x: 0.14, y: 0.04, range_rate: 0.035}",
+        "noise: {x: 0.1, y: 0.04, range_rate: 0.035}",
         "noise: {x: 0.01, y: 0.01, range_rate: 0.006}",
         "noise",
     ),
     "noise too large": (
         "toyota_rav4",
-        "noise: {x: 0.14, y: 0.04, range_rate: 0.035}",
+        "noise: {x: 0.1, y: 0.04, range_rate: 0.035}",
         "noise: {x: 1, y: 1, range_rate: 0.6}",
         "noise",
     ),
