@@ -280,6 +280,7 @@ def turn_axes_of_bodies(
     unknown: float,
     doubt: float,
     least_turn: float,
+    tightest: Floats,
 ) -> tuple[Floats, Booleans | None]: ...
 def bodies_to_merge(
     shown: Floats,
@@ -429,10 +430,13 @@ def strays(
     last_ns: Integers,
     leader: Integers,
     body_fastest: Floats,
+    axis: Floats,
+    trail: Floats,
     mean: Floats,
     slow: float,
     still: float,
     fastest: float,
+    far: float,
     since_ns: int,
     time_ns: int,
 ) -> Indices | None: ...

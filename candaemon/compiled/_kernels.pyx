@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 128
+REVISION = 129
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2994,12 +2994,13 @@ def turn_axes_of_bodies(
     double unknown,
     double doubt,
     double least_turn,
+    object[double, ndim=1] tightest,
 ):
     """Return axes (n, 2) after a part of the turn towards the courses of the centres, and which slow ones
     turned round, None: none; note in place whom the course directs, and how fast it went ahead."""
     cdef Py_ssize_t n = len(mean), t
-    cdef double vx, vy, squared, spread, known, share, speed, along, left, forward, cx, cy, x, y, norm, rate
-    cdef bint directs, tells, slow, first, turns, some = False
+    cdef double vx, vy, squared, spread, known, share, speed, along, left, forward, cx, cy, x, y, norm, rate, bend, most
+    cdef bint directs, tells, slow, first, turns, led, some = False
     out_array, turned_array = np.empty((n, 2)), np.empty(n, np.bool_)
     cdef object[double, ndim=2, mode="c"] out = out_array
     cdef object[unsigned char, ndim=1, mode="c"] turned_round = turned_array
@@ -3015,6 +3016,7 @@ def turn_axes_of_bodies(
                 vx = vx - rate * y
                 vy = vy + rate * x
                 spread = spread + turn_variance[t] * (x * x + y * y)
+            led = directed[t] and ahead[t] >= leads
             squared = vx * vx + vy * vy
             known = squared / (squared + 4.0 * spread + unknown)
             directs = spread < course_error * squared
@@ -3043,8 +3045,12 @@ def turn_axes_of_bodies(
             if cx * axis[t, 0] + cy * axis[t, 1] < 0.0 and forward > 0.0:
                 cx, cy = -cx, -cy
             x = forward * axis[t, 0]
-            x = x + share * (cx - x)
             y = forward * axis[t, 1]
+            bend = share * fabs(x * cy - y * cx)
+            most = (speed + sqrt(spread)) * tightest[t]
+            if led and bend > most:
+                share = share * most / larger(bend, 1e-9)
+            x = x + share * (cx - x)
             y = y + share * (cy - y)
             norm = larger(sqrt(x * x + y * y), 1e-9)
             out[t, 0] = x / norm
@@ -3656,6 +3662,14 @@ def note_strays(
             stood[r] = stood[r] + dt[i] if not lost[i] and speed < still else 0.0
 
 
+cdef inline bint crosses(
+    object[double, ndim=2] axis, Py_ssize_t body, object[double, ndim=2] trail, Py_ssize_t i
+) noexcept:
+    """Return whether a reflection moves across the axis of its body rather than along it."""
+    cdef double c = axis[body, 0], s = axis[body, 1], vx = trail[i, 2], vy = trail[i, 3]
+    return fabs(vy * c - vx * s) > fabs(vx * c + vy * s)
+
+
 def strays(
     object[double, ndim=1] walked,
     object[double, ndim=1] stood,
@@ -3663,30 +3677,34 @@ def strays(
     object[Py_ssize_t, ndim=1] last_ns,
     object[Py_ssize_t, ndim=1] leader,
     object[double, ndim=1] body_fastest,
+    object[double, ndim=2] axis,
+    object[double, ndim=2] trail,
     object[double, ndim=2] mean,
     double slow,
     double still,
     double fastest,
+    double far,
     Py_ssize_t since_ns,
     Py_ssize_t time_ns,
 ):
     """Return the reflections detected now that walk while the body or the one that leads it stands, or that stand while
     that walks; None: there are none."""
     cdef Py_ssize_t n = len(body), i, t, lead
-    cdef bint rests
+    cdef bint rests, vehicle
     found = []
     for i in range(n):
         t = body[i]
         lead = leader[t]
-        if last_ns[i] != time_ns or last_ns[lead] < since_ns or not body_fastest[t] < fastest:
+        if last_ns[i] != time_ns or last_ns[lead] < since_ns:
             continue
-        rests = mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3] < slow and stood[lead] > 0.0
-        rests = rests or stood[lead] >= still
-        if walked[lead] >= 1.0:
+        vehicle = body_fastest[t] >= fastest
+        if walked[lead] >= 1.0 and (not vehicle or walked[lead] >= far or crosses(axis, t, trail, lead)):
             if stood[i] >= still:
                 found.append(i)
-        elif walked[i] >= 1.0 and rests:
-            found.append(i)
+        elif walked[i] >= 1.0 and (not vehicle or walked[i] >= far or crosses(axis, t, trail, i)):
+            rests = mean[t, 2] * mean[t, 2] + mean[t, 3] * mean[t, 3] < slow and stood[lead] > 0.0
+            if rests and not vehicle or stood[lead] >= still:
+                found.append(i)
     return np.array(found, np.intp) if found else None
 
 

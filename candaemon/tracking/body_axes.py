@@ -17,6 +17,8 @@ from candaemon.tracking.turning import Turning, rate_and_pivot
 _COURSE_ERROR: Final = 0.1  # rad, standard deviation of a course that tells the axis
 LEADS: Final = 2.0
 """m/s, who surely drove so fast has shown which end leads; backwards, a body that never did turns round at it."""
+TIGHTEST: Final = 3.0
+"""m, radius of the way of a car's rear axle where its wheels are turned fully; who walks or rides has none."""
 _ACROSS: Final = 0.5  # of its speed: a body with less of it along its axis turns, and either end may lead after that
 _TELLING: Final = 0.5  # how well a course is known that first tells which end of a body leads
 _UNKNOWN: Final = 0.25  # (m/s)², of a course that nothing is known of
@@ -35,6 +37,7 @@ def turned_axes(
     turning: Turning | None,
     backing: float,
     forgetting: float,
+    tightest: Floats,
 ) -> tuple[Floats, Booleans | None]:
     """Return axes (n, 2) turned towards the courses, and which slow ones turned round (n,); None: none did.
 
@@ -43,7 +46,8 @@ def turned_axes(
     ahead fast, stops, and comes back slower has not turned round, which takes a course across its axis. The axis was
     wrong where it is faster than it went ahead, or goes backwards for long. A fast one that turns round is not among
     those returned: its axis has turned by up to a right angle on the way, and where its reflections lie on it is learnt
-    anew.
+    anew. Nor does the axis of what once led turn faster than its way bends: who pulls at a car that has stopped, as one
+    who crosses before it and is taken for a part of it, does not turn it on the spot.
 
     Args:
         mean: states of the bodies (n, 8), as in `BodyFilter`.
@@ -56,6 +60,7 @@ def turned_axes(
         turning: of those that are known to be no points.
         backing: faster than which nothing backs, m/s.
         forgetting: what a body loses of `ahead` in this step, as a share of the speed at which it goes backwards.
+        tightest: most that each turns in this step for each m/s (n,), rad s/m.
     """
     if compiled.in_use:
         rate, pivot = rate_and_pivot(turning)
@@ -79,6 +84,7 @@ def turned_axes(
             _UNKNOWN,
             _DOUBT,
             _LEAST_TURN,
+            tightest,
         )
         return axes, turned_round
     vx, vy = mean[:, 2], mean[:, 3]
@@ -89,6 +95,7 @@ def turned_axes(
         turn = turn * np.maximum(1.0 - _DOUBT * variance / np.maximum(turn * turn, _LEAST_TURN), 0.0)
         vx, vy = vx - turn * arm_y, vy + turn * arm_x
         spread = spread + variance * (arm_x * arm_x + arm_y * arm_y)
+    led = directed & (ahead >= LEADS)
     squared = vx * vx + vy * vy
     known = squared / (squared + 4.0 * spread + _UNKNOWN)
     directs = spread < _COURSE_ERROR**2 * squared
@@ -111,6 +118,9 @@ def turned_axes(
     backs = (course_x * x + course_y * y < 0.0) & (forward > 0.0)
     course_x, course_y = np.where(backs, -course_x, course_x), np.where(backs, -course_y, course_y)
     x, y = forward * x, forward * y
+    turn = share * np.abs(x * course_y - y * course_x)
+    most = (speed + np.sqrt(spread)) * tightest
+    share = np.where(led & (turn > most), share * most / np.maximum(turn, 1e-9), share)
     x, y = x + share * (course_x - x), y + share * (course_y - y)
     norm = np.maximum(np.sqrt(x * x + y * y), 1e-9)
     opposite = turns & slow

@@ -19,7 +19,7 @@ from candaemon.config.tracker import MOST_TRACKS
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.estimation.body_filter import BIAS, POSITION, BodyFilter, BodyFilterState
 from candaemon.tracking.body_modes import STANDING, dynamics_of, modes_of
-from candaemon.tracking.body_sizes import ENOUGH, SMALL, TOLD_LENGTH
+from candaemon.tracking.body_sizes import CAR_LENGTH, CAR_WIDTH, ENOUGH, SMALL, TOLD_LENGTH
 from candaemon.tracking.columns import Table
 from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
@@ -735,6 +735,16 @@ class Bodies:
         reflections.body[splitting] = np.arange(first, len(obstacles))
         reflections.offset[splitting], reflections.variance[splitting] = 0.0, 0.0
         reflections.rate_difference[splitting] = 0.0
+        self.changed()
+
+    def forget_shape(self, rows: Indices) -> None:
+        """Forget size, course and greatest speed of bodies (m,) that were split off others unlike them."""
+        obstacles = self.obstacles
+        obstacles.directed[rows] = False
+        obstacles.length[rows], obstacles.width[rows] = CAR_LENGTH, CAR_WIDTH
+        obstacles.length_variance[rows], obstacles.width_variance[rows] = _LENGTH_SPREAD**2, _WIDTH_SPREAD**2
+        obstacles.extent[rows] = obstacles.alone[rows] = obstacles.fastest[rows] = obstacles.ahead[rows] = 0.0
+        obstacles.facing[rows] = obstacles.drift[rows] = 0.0
         self.changed()
 
     def split_together(self, splitting: Indices) -> Indices:

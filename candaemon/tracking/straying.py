@@ -2,7 +2,8 @@
 
 Things that stand close together are one obstacle, and someone between parked cars is a part of it. A range rate does
 not tell that they walk across the line of sight. So the place of each reflection is followed on its own, by a fading
-memory of first degree (Morrison 1969). Where one reflection of a body surely walks and another stands, they are two.
+memory of first degree (Morrison 1969). Where one reflection of a body surely walks and another stands, they are two. If
+it was a vehicle, who walks leaves it, and it keeps its id: it has stopped for someone who crosses before it.
 
 People who walk side by side are one obstacle too, as both sides of a car that creeps are: what they show lies as close
 together, and moves alike. But a vehicle soon shows another reflection, or is faster; who walks shows the same one all
@@ -26,6 +27,7 @@ from candaemon.tracking.reflections import to_travel_axes
 _SURELY = 3.0  # standard deviations
 _JUMP = 4.5  # sums of both variances: the square of three standard deviations along one axis. Beyond, it is an outlier
 _LEAST_JUMP = 0.3  # m more than someone walks in a scan: an outlier is farther off, however precise the sensor
+_FAR = 4.0  # times as far as surely walks: so far no reflection slides along a vehicle that brakes
 _STILL = 0.5  # of the speed of what stands: a single reflection that is slower than that does not move
 _LEAST_STEP = 1e-3  # s
 _LEAST_SPEED = 0.1  # m/s; slower, nothing has a course
@@ -121,7 +123,8 @@ def note_strays(
 def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indices | None:
     """Return the reflections detected in this cycle that walk while the leading one stands, or the other way round.
 
-    None: there are none. Vehicles are left out: their reflections slide as they brake.
+    None: there are none. Reflections of vehicles slide along them as they brake: who walks before one
+    walks across, or far.
 
     Args:
         bodies: with the reflections.
@@ -139,21 +142,26 @@ def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indice
             reflections.last_ns,
             obstacles.leader,
             obstacles.fastest,
+            obstacles.axis,
+            reflections.trail,
             mean,
             still,
             stray.still,
             stray.fastest,
+            _FAR,
             since_ns,
             time_ns,
         )
     body = reflections.body
-    lead, slow = obstacles.leader[body], obstacles.fastest < stray.fastest
-    slowly = mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3] < still
+    lead, vehicle = obstacles.leader[body], obstacles.fastest >= stray.fastest
+    slowly = (mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3] < still) & ~vehicle
+    along, across = np.abs(to_travel_axes(reflections.trail[:, 2:], obstacles.axis[body])).T
     walks, stands = reflections.walked >= 1.0, reflections.stood >= stray.still
+    walks &= ~vehicle[body] | (across > along) | (reflections.walked >= _FAR)
     rests = stands[lead] | slowly[body] & (reflections.stood[lead] > 0.0)
     apart = walks & ~walks[lead] & rests | stands & walks[lead]
     seen = (reflections.last_ns == time_ns) & (reflections.last_ns[lead] >= since_ns)
-    found = np.flatnonzero(apart & seen & slow[body])
+    found = np.flatnonzero(apart & seen)
     return found if len(found) else None
 
 
@@ -224,6 +232,30 @@ def _distance(apart: Floats) -> Floats:
     return np.asarray(np.sqrt((apart * apart).sum(axis=-1)))
 
 
+def part_strays(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
+    """Give reflections that stray bodies of their own, but where who walks leads a vehicle that stands: him.
+
+    Args:
+        bodies: of which some become two.
+        rows: of the reflections, as `strays` returns them (m,).
+        settings: for how long one stands, what is a vehicle.
+    """
+    reflections, obstacles = bodies.reflections, bodies.obstacles
+    owner = reflections.body[rows]
+    vehicle = obstacles.fastest[owner] >= settings.stray.fastest
+    led = vehicle & (reflections.stood[rows] >= settings.stray.still)
+    standing, begin = np.unique(owner[led], return_index=True)
+    walkers = obstacles.leader[standing]
+    bodies.lead(standing, rows[led][begin])
+    bodies.changed()
+    rows, known = np.concatenate([rows[~led], walkers]), len(bodies)
+    beside = obstacles.fastest[reflections.body[rows]] >= settings.stray.fastest
+    left = distinct(reflections.body[rows])
+    lead = _split_off(bodies, rows, settings.stray.still)
+    _go_on(bodies, known, left, lead, settings, surely=True)
+    bodies.forget_shape(reflections.body[rows[beside]])
+
+
 def part(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
     """Give reflections bodies of their own; these, and what is left, move as the trails of what leads them tell.
 
@@ -238,7 +270,9 @@ def part(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
     _go_on(bodies, known, left, _split_off(bodies, rows, settings.stray.still), settings)
 
 
-def _go_on(bodies: Bodies, known: int, left: Indices, lead: Indices, settings: ReflectionSettings) -> None:
+def _go_on(
+    bodies: Bodies, known: int, left: Indices, lead: Indices, settings: ReflectionSettings, *, surely: bool = False
+) -> None:
     """Let bodies that were parted go on as the trails of what leads them tell.
 
     Args:
@@ -247,12 +281,13 @@ def _go_on(bodies: Bodies, known: int, left: Indices, lead: Indices, settings: R
         left: rows of those whose reflections were taken (k,).
         lead: reflections that lead the new ones, in their order.
         settings: for how long one stands.
+        surely: whether trails of vehicles tell something, too.
     """
     reflections, obstacles = bodies.reflections, bodies.obstacles
     parted = np.concatenate([np.arange(known, len(bodies)), left])
     lead = np.concatenate([lead, obstacles.leader[left]])
     walks, stands = reflections.walked[lead] >= 1.0, reflections.stood[lead] >= settings.stray.still
-    sure = (walks | stands) & (obstacles.fastest[parted] < settings.stray.fastest)
+    sure = (walks | stands) & (surely | (obstacles.fastest[parted] < settings.stray.fastest))
     _begin_anew(bodies, parted[sure], lead[sure], walks[sure])
 
 

@@ -26,7 +26,7 @@ from candaemon.radar.mounting import SensorView, in_look, seen_by_any
 from candaemon.tracking import box
 from candaemon.tracking.association import nis_over_modes
 from candaemon.tracking.body_association import Association, associate, in_modes
-from candaemon.tracking.body_axes import turned_axes
+from candaemon.tracking.body_axes import TIGHTEST, turned_axes
 from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_images import images
 from candaemon.tracking.body_initiation import BodyInitiation
@@ -35,6 +35,7 @@ from candaemon.tracking.body_merging import alongside_long, merge_candidates, sp
 from candaemon.tracking.body_modes import MANOEUVRING
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_riders import in_line, part_in_line
+from candaemon.tracking.body_sizes import SMALL
 from candaemon.tracking.body_store import Bodies, BodiesState
 from candaemon.tracking.body_width import beside_widest, wide_together
 from candaemon.tracking.columns import longer_ago
@@ -47,7 +48,7 @@ from candaemon.tracking.reflection_noise import ReflectionNoise, ReflectionNoise
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 from candaemon.tracking.sensor_visibility import VisibilityState
 from candaemon.tracking.smoother_history import SmootherHistory
-from candaemon.tracking.straying import abreast, note_strays, part, part_abreast, strays
+from candaemon.tracking.straying import abreast, note_strays, part, part_abreast, part_strays, strays
 from candaemon.tracking.tracker import EARLIEST_NS, LATEST_RETRODICTION, MISSED_SCAN
 from candaemon.tracking.turning import rate_and_pivot
 from candaemon.tracking.update import PredictedReflections, TrackerCounts, Update, Used
@@ -598,6 +599,7 @@ class VehicleTracker:
             self._bodies.turning(),
             self._backing.speed,
             self._dt * self._backing.speed / self._backing.distance,
+            np.where(obstacles.length < SMALL, np.inf, self._dt / TIGHTEST),
         )
         obstacles.axis = axes
         if turned_round is not None:
@@ -827,7 +829,7 @@ class VehicleTracker:
         bodies, settings, time_ns = self._bodies, self.settings.reflections, self._state.time_ns
         before = len(bodies)
         if (straying := strays(bodies, settings, time_ns)) is not None:
-            part(bodies, straying, settings)
+            part_strays(bodies, straying, settings)
         if (people := abreast(bodies, settings, time_ns)) is not None:
             part_abreast(bodies, people, settings)
         if (riders := in_line(bodies, settings, pose)) is not None:

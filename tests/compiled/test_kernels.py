@@ -564,14 +564,17 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
         known, directed = (moments.mean, moments.covariance), obstacles.directed
         obstacles.ahead = np.linspace(0.0, 5.0, 20)
         assert bodies.turning() is None
-        obstacles.axis, _ = turned_axes(*known, obstacles.axis, directed, obstacles.ahead, part, facing, None, 5.0, 0.1)
+        tightest = np.where(np.arange(20) % 2, np.inf, 0.01)
+        obstacles.axis, _ = turned_axes(
+            *known, obstacles.axis, directed, obstacles.ahead, part, facing, None, 5.0, 0.1, tightest
+        )
         bodies.filter.state.mean[:, :, TURN] = 0.1
         bodies.changed()
         turning = bodies.turning()
         assert turning is not None
         assert 0 < np.count_nonzero(turning.rate) < 20
         obstacles.axis, _ = turned_axes(
-            *known, obstacles.axis, directed, obstacles.ahead, part, facing, turning, 5.0, 0.1
+            *known, obstacles.axis, directed, obstacles.ahead, part, facing, turning, 5.0, 0.1, tightest
         )
         assert 0 < np.count_nonzero(obstacles.directed) < 20
         bodies.return_reference(10**9, 0.5, 10**8)
@@ -739,11 +742,16 @@ def test_reflections_are_followed_for_themselves_and_stray(monkeypatch: pytest.M
         noted = [reflections.walked.copy(), reflections.stood.copy()]
         reflections.last_ns[:], reflections.walked[:], reflections.stood[:] = 10**9, 0.0, 0.0
         assert strays(bodies, settings, 10**9) is None
-        reflections.walked[leads], reflections.stood[20:] = 2.0, 1.0
-        straying = strays(bodies, settings, 10**9)
-        assert straying is not None
-        assert 0 < len(straying) < 9
-        return [*followed, *noted, straying.astype(np.float64)]
+        reflections.trail[:, 2:] = np.where(np.arange(29)[:, None] % 4 < 2, (1.0, 0.2), (-0.2, 1.0))
+        found = list[Floats]()
+        for walking, standing in ((leads, slice(20, 29)), (slice(20, 29), leads)):
+            reflections.walked[:], reflections.stood[:] = 0.0, 0.0
+            reflections.walked[walking], reflections.stood[standing] = 2.0, 1.0
+            straying = strays(bodies, settings, 10**9)
+            assert straying is not None
+            assert 0 < len(straying) < 9
+            found.append(straying.astype(np.float64))
+        return [*followed, *noted, *found]
 
     both(monkeypatch, computed)
 

@@ -105,6 +105,38 @@ def test_cars_that_stood_behind_who_walks_stay_where_they_are(seed: int) -> None
     assert fed.tracker.counts.obstacles == len(numbers)
 
 
+def stops(t: float) -> list[Seen]:
+    """Return both corners that a car beside us shows which drives at 6 m/s, then brakes to a stop within 2 s."""
+    ahead, speed = (6.0 * t, 6.0) if t < 1.0 else (6.0 * t - 1.5 * (t - 1.0) ** 2, max(6.0 - 3.0 * (t - 1.0), 0.0))
+    ahead = ahead if t < 3.0 else 12.0
+    return [Seen(0, ahead, -3.0, speed), Seen(1, ahead + 4.5, -3.2, speed)]
+
+
+def crosses(t: float) -> list[Seen]:
+    """Return one who steps off the kerb just before the front of that car once it stands, and walks on before it."""
+    return [Seen(9, 17.1, -4.4 + max(t - 5.0, 0.0), 0.0, 1.0 if t > 5.0 else 0.0)] if t > 4.0 else []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_who_walks_on_before_a_car_that_has_stopped_does_not_take_it_along(seed: int) -> None:
+    fed, rng = HandFedVehicles(noise=(0.1, 0.1, 0.1)), np.random.default_rng(seed)
+    ids = list[int]()
+    for t in times(1, 180):
+        shown = stops(t) + crosses(t)
+        noise = rng.normal(size=(len(shown), 2)) * 0.1
+        told = fed.scan(
+            t, [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(shown, noise, strict=True)]
+        )
+        if t > 2.0:
+            ids.append(int(told.id[obstacle_near(told, 14.2, -3.1)]))
+    assert len(set(ids)) == 1
+    car, walks = obstacle_near(told, 14.2, -3.1), obstacle_near(told, 17.1, -0.4)
+    assert np.hypot(told.vx[car], told.vy[car]) < 0.3
+    assert np.hypot(told.x[walks] - 17.1, told.y[walks] + 0.4) < 0.8
+    assert told.vy[walks] == pytest.approx(1.0, abs=0.4)
+    assert not told.length[walks] > 2.0
+
+
 @pytest.mark.parametrize(
     ("fastest", "age", "body"), [(1.4, 3.0, -1), (8.0, 3.0, 0), (1.4, 1.0, 0)], ids=["walker", "car", "young"]
 )

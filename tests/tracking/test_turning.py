@@ -15,6 +15,8 @@ BODY = np.array([1, 1, 0])
 PLACE = np.array([[22.0, 10.0], [20.0, 9.0], [3.0, 4.0]])
 """2 m ahead of the centre of the body that turns to the left, 1 m to its right, and on one that does not turn."""
 
+FREELY = np.full(1, np.inf)
+
 
 def test_the_front_of_what_turns_to_the_left_goes_to_the_left() -> None:
     np.testing.assert_allclose(TURNING.velocities(BODY, PLACE), [[0.0, 1.0], [0.5, 0.0], [0.0, 0.0]], atol=1e-12)
@@ -44,18 +46,28 @@ def test_the_axis_follows_the_course_of_the_centre_unless_the_turn_rate_is_vague
     mean = np.array([[10.0, 0.0, 7.0, 1.0, 0.5, 0.0, 0.0, 0.0]])
     turning = Turning(np.array([0.5]), np.array([variance]), mean[:, :2])
     known = mean, 1e-6 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.ones(1, np.bool_), np.zeros(1), np.ones(1)
-    axis, _ = turned_axes(*known, np.array([[2.0, 0.0]]), turning, 5.0, 0.0)
+    axis, _ = turned_axes(*known, np.array([[2.0, 0.0]]), turning, 5.0, 0.0, FREELY)
     if variance < 1.0:
         np.testing.assert_allclose(axis, [[1.0, 0.0]], atol=1e-3)
     else:
         assert axis[0, 1] > 0.05
 
 
+@pytest.mark.parametrize(("ahead", "most"), [(3.0, 0.02), (1.0, np.pi / 4)])
+def test_what_drove_turns_no_faster_than_its_way_bends(ahead: float, most: float) -> None:
+    """A car that creeps at 1 m/s for .05 s along a circle of 2.5 m; who never drove may turn on the spot."""
+    mean = np.array([[10.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
+    known = mean, 1e-6 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.array([True]), np.array([ahead])
+    axis, _ = turned_axes(*known, np.full(1, 0.5), np.zeros((1, 2)), None, 5.0, 0.0, np.full(1, 0.05 / 2.5))
+    turned = np.arctan2(axis[0, 1], axis[0, 0])
+    assert 0.5 * most < turned < 1.05 * most
+
+
 @pytest.mark.parametrize("directed", [False, True])
 def test_who_showed_no_course_turns_round_with_the_first_and_who_did_backs(directed: bool) -> None:
     mean = np.array([[10.0, 0.0, 0.0, -1.3, 0.0, 0.0, 0.0, 0.0]])
     known = mean, 0.04 * np.eye(4)[None], np.array([[0.0, 1.0]]), np.array([directed]), np.zeros(1)
-    axis, turned_round = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0)
+    axis, turned_round = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
     np.testing.assert_allclose(axis, [[0.0, 1.0 if directed else -1.0]], atol=1e-9)
     assert (turned_round is not None) != directed
 
@@ -69,7 +81,7 @@ def test_what_is_faster_than_it_went_ahead_or_than_anything_backs_turned_round(
 ) -> None:
     mean = np.array([[10.0, 0.0, -speed, 0.0, 0.0, 0.0, 0.0, 0.0]])
     known = mean, 1e-4 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.array([True]), np.array([ahead])
-    axis, _ = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0)
+    axis, _ = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
     np.testing.assert_allclose(axis, [[-1.0 if turned else 1.0, 0.0]], atol=1e-9)
     np.testing.assert_allclose(known[-1], min(speed, 5.0) if turned else ahead)
 
@@ -79,7 +91,7 @@ def test_what_moves_across_its_axis_may_have_turned_round() -> None:
     for course in (0.6 * np.pi, 0.99 * np.pi):
         mean[0, 2:4] = 4.0 * np.cos(course), 4.0 * np.sin(course)
         known = mean, 1e-4 * np.eye(4)[None], axis, np.array([True]), ahead
-        axis, _ = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0)
+        axis, _ = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
     assert axis[0, 0] < -0.9
 
 
