@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 129
+REVISION = 130
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -38,12 +38,6 @@ cdef inline double bounded(double a) noexcept nogil:
     a = larger(a, -FARTHEST)
     within = a if a < FARTHEST else FARTHEST
     return a if a != a else within
-
-
-cdef inline double explainable(double half, double variance) noexcept nogil:
-    """Return the covariance with a whitened innovation, of no more than all of a variance."""
-    cdef double most = sqrt(larger(variance, 0.0))
-    return larger(-most, -larger(-half, -most))
 
 
 def halved(double[:, :, ::1] covariance):
@@ -83,9 +77,8 @@ def update_position(
                 x = bounded(position[t, 0, 0] - mean[t, j, 0]) / first
                 y = (bounded(position[t, 0, 1] - mean[t, j, 1]) - slope * x) / second
                 for a in range(d):
-                    h[0][a] = explainable(covariance[t, j, 0, a] / first, covariance[t, j, a, a])
+                    h[0][a] = covariance[t, j, 0, a] / first
                     h[1][a] = (covariance[t, j, 1, a] - slope * h[0][a]) / second
-                    h[1][a] = explainable(h[1][a], covariance[t, j, a, a] - h[0][a] * h[0][a])
                 for a in range(d):
                     mean[t, j, a] = mean[t, j, a] + h[0][a] * x
                     mean[t, j, a] = mean[t, j, a] + h[1][a] * y
@@ -128,7 +121,7 @@ def update_scalar(
                 deviation = sqrt(larger(spread, LEAST_VARIANCE))
                 whitened = bounded(innovation[t, j]) / deviation
                 for a in range(d):
-                    h[a] = explainable(h[a] / deviation, covariance[t, j, a, a])
+                    h[a] = h[a] / deviation
                 for a in range(d):
                     mean[t, j, a] = mean[t, j, a] + h[a] * whitened
                     for b in range(d):

@@ -7,9 +7,9 @@ Where a measured speed needs it there is a second form, with its time beside it;
 Here these are `update_position` and `update_scalar`, for a radar object, which is a position (two dimensions,
 correlated) and up to two speeds: sequential scalar updates after a joint one of the position, with the root of the
 2 × 2 inverse written out, linearised at the state so far. They reduce P by what the measurement explains, which is fast
-but rounds: a variance that falls by more than some 13 digits in one update is kept at that, and none falls by more than
-itself, so that singular covariances and exact measurements leave all finite. Elsewhere: `axis_filter` and
-`plane_filter` on packed covariances, `information` on Y = P⁻¹, and `radial` for three measured components.
+but rounds: a variance that falls by more than some 13 digits in one update is kept at that, so that singular
+covariances and exact measurements leave all finite. Elsewhere: `axis_filter` and `plane_filter` on packed covariances,
+`information` on Y = P⁻¹, and `radial` for three measured components.
 
 Arrays are (…, D) for means and (…, D, D) for covariances.
 """
@@ -121,10 +121,8 @@ def update_position(mean: Floats, covariance: Floats, position: Floats, noise: F
     innovation = bounded(position - mean[..., :2])
     x = innovation[..., 0] / first
     y = (innovation[..., 1] - slope * x) / second
-    variance = np.einsum("...ii->...i", covariance)
-    half_x = _explainable(covariance[..., 0, :] / first[..., None], variance)
+    half_x = covariance[..., 0, :] / first[..., None]
     half_y = (covariance[..., 1, :] - slope[..., None] * half_x) / second[..., None]
-    half_y = _explainable(half_y, variance - half_x * half_x)
     mean += half_x * x[..., None]
     mean += half_y * y[..., None]
     covariance -= half_x[..., :, None] * half_x[..., None, :]
@@ -158,7 +156,7 @@ def update_scalar(mean: Floats, covariance: Floats, row: Floats, innovation: Flo
     s += LOST * np.abs(_summed(row[..., k] * row[..., k] * covariance[..., k, k] for k in width))
     root = np.sqrt(np.maximum(s, LEAST_VARIANCE))
     whitened = bounded(innovation) / root
-    half = _explainable(cross / root[..., None], np.einsum("...ii->...i", covariance))
+    half = cross / root[..., None]
     mean += half * whitened[..., None]
     covariance -= half[..., :, None] * half[..., None, :]
     nis = whitened * whitened
@@ -292,15 +290,6 @@ def _forget_negative(covariance: Floats) -> None:
     if variance.min(initial=0.0) < 0.0:
         known = variance < 0.0
         covariance[known[..., :, None] | known[..., None, :]] = 0.0
-
-
-def _explainable(half: Floats, variance: Floats) -> Floats:
-    """Return covariances (…, D) with a whitened innovation that explain no more than a component's whole variance.
-
-    Those that explain more have come from rounding, where what is left of P is as little as it has rounded away.
-    """
-    most = np.sqrt(np.maximum(variance, 0.0))
-    return np.minimum(np.maximum(half, -most), most)
 
 
 def _summed(terms: Iterable[Floats]) -> Floats:
