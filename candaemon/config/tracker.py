@@ -121,7 +121,14 @@ class StraySettings(Settings):
         1.6, ge=0, le=10, description="… and as many standard deviations of its place, while the leading one …"
     )
     still: float = Field(0.5, gt=0, le=60, description="… has stood for s; or the other way round")
-    fastest: float = Field(2.5, gt=0, le=30, description="m/s, what was ever faster is a vehicle")
+    fastest: float = Field(2.5, gt=0, le=30, description="m/s, what was ever faster is a vehicle …")
+    far: float = Field(
+        4.0,
+        ge=1,
+        le=100,
+        description="… of which a reflection walks that goes across its axis, or so many times as far as tells that "
+        "one walks: nearer, it slides along a vehicle that brakes",
+    )
     abreast: float = Field(
         8.0,
         ge=1,

@@ -118,9 +118,9 @@ def turned_axes(
     backs = (course_x * x + course_y * y < 0.0) & (forward > 0.0)
     course_x, course_y = np.where(backs, -course_x, course_x), np.where(backs, -course_y, course_y)
     x, y = forward * x, forward * y
-    turn = share * np.abs(x * course_y - y * course_x)
+    bend = share * np.abs(x * course_y - y * course_x)
     most = (speed + np.sqrt(spread)) * tightest
-    share = np.where(led & (turn > most), share * most / np.maximum(turn, 1e-9), share)
+    share = np.where(led & (bend > most), share * most / np.maximum(bend, 1e-9), share)
     x, y = x + share * (course_x - x), y + share * (course_y - y)
     norm = np.maximum(np.sqrt(x * x + y * y), 1e-9)
     opposite = turns & slow

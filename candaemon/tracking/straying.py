@@ -27,7 +27,6 @@ from candaemon.tracking.reflections import to_travel_axes
 _SURELY = 3.0  # standard deviations
 _JUMP = 4.5  # sums of both variances: the square of three standard deviations along one axis. Beyond, it is an outlier
 _LEAST_JUMP = 0.3  # m more than someone walks in a scan: an outlier is farther off, however precise the sensor
-_FAR = 4.0  # times as far as surely walks: so far no reflection slides along a vehicle that brakes
 _STILL = 0.5  # of the speed of what stands: a single reflection that is slower than that does not move
 _LEAST_STEP = 1e-3  # s
 _LEAST_SPEED = 0.1  # m/s; slower, nothing has a course
@@ -148,7 +147,7 @@ def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indice
             still,
             stray.still,
             stray.fastest,
-            _FAR,
+            stray.far,
             since_ns,
             time_ns,
         )
@@ -157,7 +156,7 @@ def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indice
     slowly = (mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3] < still) & ~vehicle
     along, across = np.abs(to_travel_axes(reflections.trail[:, 2:], obstacles.axis[body])).T
     walks, stands = reflections.walked >= 1.0, reflections.stood >= stray.still
-    walks &= ~vehicle[body] | (across > along) | (reflections.walked >= _FAR)
+    walks &= ~vehicle[body] | (across > along) | (reflections.walked >= stray.far)
     rests = stands[lead] | slowly[body] & (reflections.stood[lead] > 0.0)
     apart = walks & ~walks[lead] & rests | stands & walks[lead]
     seen = (reflections.last_ns == time_ns) & (reflections.last_ns[lead] >= since_ns)
@@ -240,20 +239,18 @@ def part_strays(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> 
         rows: of the reflections, as `strays` returns them (m,).
         settings: for how long one stands, what is a vehicle.
     """
-    reflections, obstacles = bodies.reflections, bodies.obstacles
-    owner = reflections.body[rows]
-    vehicle = obstacles.fastest[owner] >= settings.stray.fastest
-    led = vehicle & (reflections.stood[rows] >= settings.stray.still)
-    standing, begin = np.unique(owner[led], return_index=True)
-    walkers = obstacles.leader[standing]
-    bodies.lead(standing, rows[led][begin])
+    reflections, obstacles, known = bodies.reflections, bodies.obstacles, len(bodies)
+    owner, vehicle = reflections.body[rows], obstacles.fastest >= settings.stray.fastest
+    stand = vehicle[owner] & (reflections.stood[rows] >= settings.stray.still)
+    led, begin = np.unique(owner[stand], return_index=True)
+    walkers = obstacles.leader[led]
+    bodies.lead(led, rows[stand][begin])
     bodies.changed()
-    rows, known = np.concatenate([rows[~led], walkers]), len(bodies)
-    beside = obstacles.fastest[reflections.body[rows]] >= settings.stray.fastest
-    left = distinct(reflections.body[rows])
+    rows = np.concatenate([rows[~stand], walkers])
+    owner = reflections.body[rows]
     lead = _split_off(bodies, rows, settings.stray.still)
-    _go_on(bodies, known, left, lead, settings, surely=True)
-    bodies.forget_shape(reflections.body[rows[beside]])
+    _go_on(bodies, known, distinct(owner), lead, settings, surely=True)
+    bodies.forget_shape(reflections.body[rows[vehicle[owner]]])
 
 
 def part(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
