@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -50,7 +50,7 @@ def viewing(config: Path, folder: Path) -> Iterator[str]:
 
 
 async def looked(url: str) -> list[int]:
-    """Look with so many browsers at once, and one that reads nothing; return how many obstacles each saw last."""
+    """Look with so many browsers at once, and one that reads nothing; return how many pictures showed obstacles."""
     async with ClientSession() as session:
         silent = await session.ws_connect(f"{url}live")
         found = await asyncio.gather(*(browsed(session, url) for _ in range(BROWSERS)))
@@ -63,18 +63,21 @@ async def looked(url: str) -> list[int]:
 
 
 async def browsed(session: ClientSession, url: str) -> int:
-    """Look as a browser does until so many pictures of obstacles of the bus came; return how many the last showed."""
-    seen = obstacles = 0
-    async with session.ws_connect(f"{url}live") as socket, asyncio.timeout(120):
-        while seen < PICTURES:
-            message = json.loads((await socket.receive()).data)
-            if "n" in message:
-                await socket.send_json({"do": "shown", "n": message["n"]})
-            for picture in message.get("pictures", ()):
-                if picture["heard"]:
-                    seen += 1
-                    obstacles = len(picture["obstacles"]["id"])
-    return obstacles
+    """Look as a browser does until so many pictures showed obstacles of the bus, or too long; return how many did.
+
+    One picture alone tells nothing: where the bed is starved, scans come in bursts, and obstacles are born anew.
+    """
+    seen = 0
+    async with session.ws_connect(f"{url}live") as socket:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(120):
+                while seen < PICTURES:
+                    message = json.loads((await socket.receive()).data)
+                    if "n" in message:
+                        await socket.send_json({"do": "shown", "n": message["n"]})
+                    pictures = message.get("pictures", ())
+                    seen += sum(picture["heard"] and len(picture["obstacles"]["id"]) > 0 for picture in pictures)
+    return seen
 
 
 @pytest.mark.limit(300)
@@ -97,8 +100,8 @@ def test_ten_browsers_cost_the_service_no_frame(
         drive.play("radar", "ins")
         alone = service.wait_until_told(lambda told: told["cycles"]["told"] > 100, "a hundred cycles")
         with viewing(config, tmp_path) as url:
-            obstacles = asyncio.run(looked(url))
-        assert min(obstacles) > 0
+            seen = asyncio.run(looked(url))
+        assert min(seen) >= PICTURES
         drive.stop("radar", "ins")
         status = service.settled()
     sent = {bus: links[bus].statistic("tx_packets") for bus in ("radar", "ins")}
