@@ -11,9 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import radians
 
-import numpy as np
-
-from candaemon.arrays import Floats
 from candaemon.config.ego import BiasSettings
 from candaemon.ego.motion import StationaryReturns
 
@@ -24,13 +21,15 @@ _SCALE, _BIAS, _MISMATCH = 0, 1, 2
 class MotionBiasState:
     """Estimate of [speed factor, yaw rate bias (rad/s), wheel mismatch (rad/s)].
 
+    Three numbers are too few for arrays, which take four times as long.
+
     Attributes:
-        mean: (3,).
-        covariance: (3, 3).
+        mean: of each.
+        covariance: its rows.
     """
 
-    mean: Floats
-    covariance: Floats
+    mean: list[float]
+    covariance: list[list[float]]
 
 
 class MotionBias:
@@ -51,9 +50,9 @@ class MotionBias:
             radians(settings.yaw_rate_bias_sd_deg),
             radians(settings.wheel_mismatch_deg),
         )
-        covariance: Floats = np.diag(np.square(deviations))
-        self.state = MotionBiasState(np.array([1.0, 0.0, 0.0]), covariance)
-        self._learnt = settings.learnt**2 * covariance.diagonal()[:_MISMATCH]
+        scale, bias, mismatch = (deviation**2 for deviation in deviations)
+        self.state = MotionBiasState([1.0, 0.0, 0.0], [[scale, 0.0, 0.0], [0.0, bias, 0.0], [0.0, 0.0, mismatch]])
+        self._learnt = settings.learnt**2 * scale, settings.learnt**2 * bias
         self._drift = radians(settings.yaw_rate_drift_deg) ** 2
         self._wheel_variance = radians(settings.wheel_noise_deg) ** 2
         self._rest_variance = settings.shared_returns * yaw_rate_noise**2
@@ -62,28 +61,29 @@ class MotionBias:
     @property
     def scale(self) -> float:
         """Speed over ground divided by wheel speed."""
-        return float(self.state.mean[_SCALE])
+        return self.state.mean[_SCALE]
 
     @property
     def yaw_rate(self) -> float:
         """Bias of the yaw rate sensor, rad/s."""
-        return float(self.state.mean[_BIAS])
+        return self.state.mean[_BIAS]
 
     @property
     def mismatch(self) -> float:
         """Bias of the yaw rate that the wheels' difference gives, rad/s."""
-        return float(self.state.mean[_MISMATCH])
+        return self.state.mean[_MISMATCH]
 
     @property
     def learnt(self) -> bool:
         """Whether the speed factor and the yaw rate bias are known well enough."""
-        return bool((self.state.covariance.diagonal()[:_MISMATCH] <= self._learnt).all())
+        covariance, (scale, bias) = self.state.covariance, self._learnt
+        return covariance[_SCALE][_SCALE] <= scale and covariance[_BIAS][_BIAS] <= bias
 
     def age(self, dt: float) -> None:
         """Let the yaw rate's bias drift for a time, s."""
-        covariance = self.state.covariance
-        if covariance[_BIAS, _BIAS] > 0.0:
-            covariance[_BIAS, _BIAS] += self._drift * dt
+        of_bias = self.state.covariance[_BIAS]
+        if of_bias[_BIAS] > 0.0:
+            of_bias[_BIAS] += self._drift * dt
 
     def learn_from_wheels(self, difference: float) -> None:
         """Learn from one difference of yaw rates, wheels minus sensor, rad/s."""
@@ -119,25 +119,25 @@ class MotionBias:
     def _set(self, index: int, value: float, deviation: float) -> None:
         state = self.state
         state.mean[index] = value
-        state.covariance[index, :] = state.covariance[:, index] = 0.0
-        state.covariance[index, index] = deviation**2
+        state.covariance[index] = [0.0, 0.0, 0.0]
+        for row in state.covariance:
+            row[index] = 0.0
+        state.covariance[index][index] = deviation**2
 
     def _update(self, row: tuple[float, float, float], value: float, variance: float) -> None:
-        """Update with one scalar measurement: value = row · state + noise.
-
-        Three numbers are too few for arrays, which take four times as long.
-        """
-        mean, covariance = self.state.mean, self.state.covariance
-        x, y, z = mean.tolist()
-        first, second, third = covariance.tolist()
-        cross = u, v, w = _product(first, row), _product(second, row), _product(third, row)
+        """Update with one scalar measurement: value = row · state + noise."""
+        state = self.state
+        x, y, z = state.mean
+        first, second, third = state.covariance
+        u, v, w = cross = _product(first, row), _product(second, row), _product(third, row)
         spread = _product(cross, row) + variance
-        rest = value - _product((x, y, z), row)
+        rest = value - _product(state.mean, row)
         f, g, h = u / spread, v / spread, w / spread
-        mean[:] = x + f * rest, y + g * rest, z + h * rest
-        covariance[:] = [
-            [each - gain * other for each, other in zip(column, cross, strict=True)]
-            for column, gain in ((first, f), (second, g), (third, h))
+        state.mean = [x + f * rest, y + g * rest, z + h * rest]
+        state.covariance = [
+            [first[0] - f * u, first[1] - f * v, first[2] - f * w],
+            [second[0] - g * u, second[1] - g * v, second[2] - g * w],
+            [third[0] - h * u, third[1] - h * v, third[2] - h * w],
         ]
 
 
