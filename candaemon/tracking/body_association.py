@@ -15,7 +15,7 @@ from candaemon.estimation.measurement import Measurement
 from candaemon.radar.detections import Detections
 from candaemon.tracking.association import best_pairs, gated_pairs, near_pairs, nis_in_best_mode, pair_nis
 from candaemon.tracking.body_modes import SLIDING, STANDING
-from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.body_store import Bodies, BodyTable
 from candaemon.tracking.joint_association import doubts, likelihood_ratios
 from candaemon.tracking.near_side import detections_before
 from candaemon.tracking.reflections import to_travel_axes
@@ -88,7 +88,7 @@ def associate(
     else:
         found = _by_id(bodies, detections, settings, vague)
         if found.slot_jumps:
-            braked = _by_id_in_modes(found, bodies, detections, settings, vague)
+            braked = _by_id_in_modes(found, bodies, detections, settings, vague, extent.stray.fastest)
     if not len(bodies) or not n:
         return found
     left = (found.reflection < 0).nonzero()[0]
@@ -110,7 +110,7 @@ def associate(
             mean = _as_found(found, bodies, mean, measurement, braked)
         found.body[left] = beside(bodies, mean, measurement, left, extent, detections.time_ns)
     if settings.method == "nearest" or not detections.identified:
-        claimed = _by_modes(found, bodies, mean, covariance, vague, measurement, settings)
+        claimed = _by_modes(found, bodies, mean, covariance, vague, measurement, settings, extent.stray.fastest)
         found.slot_jumps -= _kept(found, bodies, detections, claimed)
         left = np.flatnonzero(found.body < 0)
         if extent.merge and len(claimed) and len(left):
@@ -196,7 +196,12 @@ def _fit(
 
 
 def _by_id_in_modes(
-    found: Association, bodies: Bodies, detections: Detections, settings: AssociationSettings, vague: Booleans
+    found: Association,
+    bodies: Bodies,
+    detections: Detections,
+    settings: AssociationSettings,
+    vague: Booleans,
+    walking: float,
 ) -> Indices:
     """Associate by ids what lies outside the gate of all modes together, as one of them may have moved its body.
 
@@ -208,7 +213,7 @@ def _by_id_in_modes(
     """
     rows, distinct = bodies.rows_of(detections.sensor, detections.object_id)
     body, obstacles = bodies.reflections.body.take(rows), bodies.obstacles
-    moving = (obstacles.confirmed & obstacles.directed & ~vague).take(body)
+    moving = (obstacles.confirmed & _driven(obstacles, walking) & ~vague).take(body)
     left = np.flatnonzero((rows >= 0) & (found.reflection < 0) & ~detections.new & moving & distinct)
     if not len(left):
         return left
@@ -256,6 +261,7 @@ def _by_modes(
     vague: Booleans,
     measurement: Measurement,
     settings: AssociationSettings,
+    walking: float,
 ) -> Indices:
     """Associate what is left with confirmed bodies of which nothing was found, as each of their modes has moved them.
 
@@ -268,7 +274,7 @@ def _by_modes(
     left, owner = np.flatnonzero(found.body < 0), bodies.reflections.body
     if not len(left):
         return left
-    missed = bodies.obstacles.confirmed & bodies.obstacles.directed & ~vague
+    missed = bodies.obstacles.confirmed & _driven(bodies.obstacles, walking) & ~vague
     missed[found.body[found.body >= 0]] = False
     row, detection = near_pairs(mean, np.flatnonzero(missed.take(owner)), measurement, left)
     if not len(row):
@@ -281,6 +287,11 @@ def _by_modes(
     row, detection = row[chosen], detection[chosen]
     found.reflection[detection], found.nis[detection], found.body[detection] = row, nis[chosen], owner[row]
     return detection
+
+
+def _driven(obstacles: BodyTable, walking: float) -> Booleans:
+    """Return who has a course to leave: who was ever faster than those who walk, m/s."""
+    return obstacles.directed & (obstacles.fastest > walking)
 
 
 def _kept(found: Association, bodies: Bodies, detections: Detections, claimed: Indices) -> int:
