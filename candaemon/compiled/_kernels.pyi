@@ -144,7 +144,7 @@ def mix_bodies(
     dwell: Floats,
     others: Floats,
     moves: Floats,
-    turns: Floats,
+    begins: Floats,
     hidden: Floats,
     stoppable: float,
     least: float,

@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 130
+REVISION = 131
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1783,7 +1783,7 @@ def mix_bodies(
     const double[:, :] dwell,
     const double[:, :] others,
     const double[:, :] moves,
-    const double[:, ::1] turns,
+    const double[:, ::1] begins,
     const double[:] hidden,
     double stoppable,
     double least,
@@ -1796,9 +1796,10 @@ def mix_bodies(
     A mode is left with a probability (M, 1), for the others by their dwell (M, 1), whose sum is given, too (M, 1). No
     mode is left for those that stand where all that move (M, 1) are faster than stoppable.
 
-    Of the modes' turns are told (2, M) the deviation of the lateral acceleration of one that begins where a mode is entered,
-    and whether they settle. The variance of ω in a mode grows as far as it has just been entered, and as turns are not
-    hidden (n,); the deviation of the rate of one that begins is the sharpest at most.
+    Of the modes are told (3, M) the deviation of the lateral acceleration of a turn that begins where a mode is entered,
+    whether they settle, and the deviation of an acceleration along the course that begins. The variances of ω and a in
+    a mode grow as far as it has just been entered, that of ω as turns are not hidden (n,); the deviation of the rate of
+    one that begins is the sharpest at most.
     """
     cdef Py_ssize_t m = mean.shape[1], n = mean.shape[2], group, t, lanes, i, a, b, l
     cdef double share, kept, pull, slowest, speed, stays, total
@@ -1879,11 +1880,15 @@ def mix_bodies(
                             fetch(velocity[1], &mean[3, i, t], lanes)
                             for l in range(LANES):
                                 speed = sqrt(velocity[0][l] * velocity[0][l] + velocity[1][l] * velocity[1][l])
-                                rate = smaller(turns[0, i] / larger(speed, slow), sharpest)
-                                seen = larger(1.0 - turns[1, i] * concealed[l], least_turning)
+                                rate = smaller(begins[0, i] / larger(speed, slow), sharpest)
+                                seen = larger(1.0 - begins[1, i] * concealed[l], least_turning)
                                 rate = rate * (seen * seen)
                                 entered = pooled[i][l] * (filling[l] - filled[i][l])
                                 value[i][l] = value[i][l] + entered * rate * rate
+                        elif a == 5 and b == 5:
+                            for l in range(LANES):
+                                entered = pooled[i][l] * (filling[l] - filled[i][l])
+                                value[i][l] = value[i][l] + entered * begins[2, i] * begins[2, i]
                         put(&covariance[a, b, i, t], value[i], lanes)
                         put(&covariance[b, a, i, t], value[i], lanes)
         for t in range(n):

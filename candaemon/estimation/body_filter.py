@@ -62,6 +62,8 @@ class BodyMode:
             it hardly turns.
         onset: standard deviation of turn rate × speed of a turn that begins as this mode is entered, m/s²; 0: the turn
             rate stays what it was.
+        acceleration_onset: standard deviation of an acceleration along the course that begins as this mode is entered,
+            m/s²; 0: it stays what it was.
     """
 
     moves: bool
@@ -73,6 +75,7 @@ class BodyMode:
     turn_time: float
     settles: bool = False
     onset: float = 0.0
+    acceleration_onset: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +157,8 @@ class BodyFilter:
         walk = _column([mode.bias_walk for mode in modes])
         self._settles = _column([mode.settles for mode in modes])
         self._onset = _column([mode.onset for mode in modes])
-        self._turns = np.hstack([self._onset, self._settles]).T.copy()
+        self._speeding = _column([mode.acceleration_onset for mode in modes])
+        self._begins = np.hstack([self._onset, self._settles, self._speeding]).T.copy()
         self._dwell = _column([mode.dwell for mode in modes])
         self._others = self._dwell.sum() - self._dwell
         self._has_room = len(modes) <= compiled.WIDEST
@@ -343,8 +347,8 @@ class BodyFilter:
     def _interact(self, dt: float, hidden: Floats) -> None:
         """Mix the modes' estimates, and predict the modes' probabilities (Blom and Bar-Shalom 1988).
 
-        A turn that begins may have any rate: how the body moved before tells nothing of that. So where a turn begins in
-        a mode, its rate is open to the extent that the body has just entered the mode.
+        A turn that begins may have any rate, and who brakes any acceleration: how the body moved before tells nothing
+        of that. So where they begin in a mode, they are open to the extent that the body has just entered the mode.
         """
         if len(self._dwell) == 1:
             return
@@ -354,7 +358,7 @@ class BodyFilter:
         if self._compiled:
             limits = _STOPPABLE, _LEAST_PROBABILITY, SLOW, _SHARPEST_ONSET, _LEAST_TURNING
             self._state.probability = compiled.kernels.mix_bodies(
-                mean, covariance, prior, leave, dwell, others, self._moves, self._turns, hidden, *limits
+                mean, covariance, prior, leave, dwell, others, self._moves, self._begins, hidden, *limits
             ).T
             return
         # what leaves a mode goes to the others by their dwell: the part of a pool that all modes fill, but for its own
@@ -376,6 +380,7 @@ class BodyFilter:
         entered = pooled * (_total(filled) - filled)
         rate = np.minimum(self._onset / np.maximum(_speed(mean), SLOW), _SHARPEST_ONSET) * self._seen_turning(hidden)
         covariance[TURN, TURN] += entered * rate * rate
+        covariance[ACCELERATION, ACCELERATION] += entered * self._speeding * self._speeding
         self._keep_moving(mean, predicted, (1.0 - leave) * prior)
         self._state.probability = predicted.T
 

@@ -17,7 +17,7 @@ def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
     cruising = _driving(settings.cruising, settings.cruising.turn_time)
     return (
         cruising,
-        _driving(settings.manoeuvring, settings.turn_time),
+        replace(_driving(settings.manoeuvring, settings.turn_time), acceleration_onset=settings.manoeuvring.onset),
         replace(_driving(settings.turning, settings.turning.turn_time), onset=settings.turning.onset),
         BodyMode(
             moves=False,

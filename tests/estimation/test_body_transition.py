@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from candaemon.config.vehicle import VehicleEstimatorSettings
-from candaemon.estimation.body_filter import TURN, BodyFilter
+from candaemon.estimation.body_filter import ACCELERATION, TURN, BodyFilter
 from candaemon.estimation.body_transition import BodyTransition
 from candaemon.estimation.imm import mix
-from candaemon.tracking.body_modes import TURNING, dynamics_of, modes_of
+from candaemon.tracking.body_modes import MANOEUVRING, TURNING, dynamics_of, modes_of
 
 BODIES, MODES = 7, len(modes_of(VehicleEstimatorSettings(kind="vehicle")))
 STEP = 0.05  # s
@@ -46,13 +46,16 @@ def test_mixing_in_a_pool_is_mixing_by_every_pair() -> None:
     chain = leave[:, None] * others / others.sum(axis=1, keepdims=True) + np.diag(1.0 - leave)
     state = bodies.state
     mean, covariance, probability = mix(state.mean, state.covariance, state.probability, chain)
-    # what has just entered `turning`, by every pair, may turn at any rate
-    others = np.arange(MODES) != TURNING
-    began = state.probability[:, others] @ chain[others, TURNING] / probability[:, TURNING]
+    # what has just entered `turning`, by every pair, may turn at any rate, and what entered `manoeuvring` may brake
+    began, braked = (
+        state.probability[:, others] @ chain[others, mode] / probability[:, mode]
+        for mode, others in ((mode, np.arange(MODES) != mode) for mode in (TURNING, MANOEUVRING))
+    )
     hidden = random.random(BODIES)
     speed = np.hypot(mean[:, TURNING, 2], mean[:, TURNING, 3])
     rate = np.minimum(modes[TURNING].onset / np.maximum(speed, 1.0), 0.6) * np.maximum(1.0 - hidden, 0.03) ** 2
     covariance[:, TURNING, TURN, TURN] += began * rate**2
+    covariance[:, MANOEUVRING, ACCELERATION, ACCELERATION] += braked * modes[MANOEUVRING].acceleration_onset ** 2
     bodies._interact(STEP, hidden)
     assert np.abs(bodies.state.mean - mean).max() < 1e-12
     assert np.abs(bodies.state.covariance - covariance).max() < 1e-10

@@ -520,6 +520,21 @@ def test_ids_of_what_brakes_hard_are_believed() -> None:
     assert told.vx[0] == pytest.approx(speed, abs=0.2)
 
 
+@pytest.mark.parametrize("interval", [0.05, 0.1])
+def test_the_acceleration_of_what_brakes_hard_is_told(interval: float) -> None:
+    """Whose speed falls at once by more than a vehicle's is expected to: it moves freely, and then as vehicles do."""
+    fed, rng, x, speed = HandFedVehicles(noise=(0.4, 0.4, 0.06)), np.random.default_rng(14), 30.0, 22.0
+    told: dict[float, float] = {}
+    for k in range(1, round(5.2 / interval) + 1):
+        t = round(k * interval, 3)
+        speed -= 8.0 * interval if t > 3.0 else 0.0
+        x += interval * speed
+        told[t] = float(fed.scan(t, noisy(rng, [Seen(0, x, 0.0, speed)])).ax[0])
+    assert abs(told[3.0]) < 0.5
+    assert told[3.8] < -4.0
+    assert told[5.2] == pytest.approx(-8.0, abs=1.0)
+
+
 def test_what_stops_keeps_its_heading() -> None:
     fed, rng = HandFedVehicles(), np.random.default_rng(10)
     x, speed = 40.0, 10.0
