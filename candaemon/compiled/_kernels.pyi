@@ -399,6 +399,7 @@ def note_strays(
     walked: Floats,
     stood: Floats,
     trail_ns: Integers,
+    last_ns: Integers,
     row: Indices,
     body: Integers,
     position: Floats,
@@ -420,7 +421,10 @@ def note_strays(
     jump: float,
     least_jump: float,
     walking: float,
+    running: float,
     still: float,
+    perhaps: float,
+    longest: float,
     nearest: float,
 ) -> None: ...
 def strays(
@@ -817,7 +821,15 @@ def widest_across(offset: Floats) -> float: ...
 def turns_of_modes(mean: Floats, drive: Floats, component: int, time: int, most: float) -> Floats: ...
 def loosen_offsets(variance: Floats, leader: Integers, kept: float, added: float) -> None: ...
 def steps_of_trails(
-    trail_ns: Integers, rows: Integers, time_ns: int, patience: float, least: float
+    trail_ns: Integers,
+    rows: Integers,
+    body: Integers,
+    fastest: Floats,
+    time_ns: int,
+    walking: float,
+    patience: float,
+    patience_with_vehicles: float,
+    least: float,
 ) -> tuple[Floats, Booleans]: ...
 def detected_after(interval: Floats, last_ns: Integers, time_ns: int) -> Floats: ...
 def scaled_noise(noise: Floats, factor: Floats) -> Floats: ...

@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 131
+REVISION = 136
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3608,6 +3608,7 @@ def note_strays(
     object[double, ndim=1] walked,
     object[double, ndim=1] stood,
     object[Py_ssize_t, ndim=1] trail_ns,
+    object[Py_ssize_t, ndim=1] last_ns,
     object[Py_ssize_t, ndim=1] row,
     object[Py_ssize_t, ndim=1] body,
     object[double, ndim=2] position,
@@ -3629,19 +3630,22 @@ def note_strays(
     double jump,
     double least_jump,
     double walking,
+    double running,
     double still,
+    double perhaps,
+    double longest,
     double nearest,
 ):
     """Follow in place reflections (m,) for themselves, and note how far they walk and for how long they stand."""
     cdef Py_ssize_t m = len(row), i, r
-    cdef double x, y, gain, share, variance, residual, least, turns, speed, slowest
+    cdef double x, y, gain, share, variance, residual, least, turns, speed, slowest, unsure
     with nogil:
         for i in range(m):
             r = row[i]
             x, y = trail[r, 0] + dt[i] * trail[r, 2], trail[r, 1] + dt[i] * trail[r, 3]
             variance = noise[i, 0, 0] + noise[i, 1, 1]
             residual = (position[i, 0] - x) * (position[i, 0] - x) + (position[i, 1] - y) * (position[i, 1] - y)
-            least = least_jump + walking * dt[i]
+            least = larger(walking * dt[i], running * smaller(dt[i], (time_ns - last_ns[r]) * 1e-9)) + least_jump
             if not lost[i] and residual > larger(jump * variance, least * least):
                 continue
             gain, share = (1.0 - keep[i]) * (1.0 - keep[i]) / dt[i], 1.0 - keep[i] * keep[i]
@@ -3652,12 +3656,12 @@ def note_strays(
             trail_ns[r] = time_ns
             x, y = position[i, 0] - sensor_x, position[i, 1] - sensor_y
             turns = fabs(x * own_vy - y * own_vx) / larger(x * x + y * y, nearest)
-            slowest = larger(slow, surely * sqrt(variance * dt[i] / (4.0 * memory_cubed)))
-            slowest = slowest + 0.5 * length[body[i]] * turns
+            unsure = sqrt(variance * dt[i] / (4.0 * memory_cubed))
+            slowest = larger(slow, surely * unsure) + 0.5 * length[body[i]] * turns
             speed = sqrt(trail[r, 2] * trail[r, 2] + trail[r, 3] * trail[r, 3])
-            share = dt[i] * speed / larger(distance, deviations * sqrt(variance))
-            walked[r] = walked[r] + share if speed > slowest and speed < walking else 0.0
-            stood[r] = stood[r] + dt[i] if not lost[i] and speed < still else 0.0
+            share = smaller(dt[i], longest) * speed / larger(distance, deviations * sqrt(variance))
+            walked[r] = walked[r] + share if speed > slowest and speed < running else 0.0
+            stood[r] = stood[r] + dt[i] if not lost[i] and speed < larger(still, perhaps * unsure) else 0.0
 
 
 cdef inline bint crosses(
@@ -5429,20 +5433,30 @@ def loosen_offsets(object[double, ndim=1] variance, object[Py_ssize_t, ndim=1] l
 
 
 def steps_of_trails(
-    object[Py_ssize_t, ndim=1] trail_ns, object[Py_ssize_t, ndim=1] rows, Py_ssize_t time_ns, double patience, double least
+    object[Py_ssize_t, ndim=1] trail_ns,
+    object[Py_ssize_t, ndim=1] rows,
+    object[Py_ssize_t, ndim=1] body,
+    object[double, ndim=1] fastest,
+    Py_ssize_t time_ns,
+    double walking,
+    double patience,
+    double patience_with_vehicles,
+    double least,
 ):
-    """Return how long ago reflections, by their rows (m,), were followed last, s, kept within limits (m,); and whether
-    that is longer than the patience (m,)."""
+    """Return how long ago reflections, by their rows (m,) and those of their bodies (m,), were followed last, s, kept
+    within limits (m,); and whether that is longer than the patience (m,), another one with bodies that were faster than
+    who walks."""
     cdef Py_ssize_t m = len(rows), i
-    cdef double passed
+    cdef double passed, most
     dt_array, lost_array = np.empty(m), np.empty(m, np.bool_)
     cdef object[double, ndim=1, mode="c"] dt = dt_array
     cdef object[unsigned char, ndim=1, mode="c"] lost = lost_array
     with nogil:
         for i in range(m):
             passed = (time_ns - trail_ns[rows[i]]) * 1e-9
-            lost[i] = passed > patience
-            dt[i] = smaller(larger(passed, least), patience)
+            most = patience if fastest[body[i]] < walking else patience_with_vehicles
+            lost[i] = passed > most
+            dt[i] = smaller(larger(passed, least), most)
     return dt_array, lost_array
 
 

@@ -116,7 +116,15 @@ class StraySettings(Settings):
     """When a reflection of what stands is someone who stood beside it, and walks away; of `vehicle`."""
 
     memory: float = Field(0.5, ge=0.05, le=10, description="s over which the speed of a single reflection is told")
+    patience: float = Field(
+        0.4,
+        gt=0,
+        le=10,
+        description="s without it, or with outliers alone, after which it is followed anew, as it slid: after "
+        "`reflections.patience` with a vehicle that has moved",
+    )
     distance: float = Field(0.4, gt=0, le=10, description="m that it walks, faster than `stood.speed` …")
+    running: float = Field(5.0, gt=0, le=30, description="… m/s, and slower than this: what is faster slides …")
     deviations: float = Field(
         1.6, ge=0, le=10, description="… and as many standard deviations of its place, while the leading one …"
     )

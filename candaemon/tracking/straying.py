@@ -26,8 +26,9 @@ from candaemon.tracking.reflections import to_travel_axes
 
 _SURELY = 3.0  # standard deviations
 _JUMP = 4.5  # sums of both variances: the square of three standard deviations along one axis. Beyond, it is an outlier
-_LEAST_JUMP = 0.3  # m more than someone walks in a scan: an outlier is farther off, however precise the sensor
-_STILL = 0.5  # of the speed of what stands: a single reflection that is slower than that does not move
+_LEAST_JUMP = 0.3  # m more than someone goes: an outlier is farther off, however precise the sensor
+_STILL = 0.5  # of the speed of what stands: a single reflection that is slower than that does not move …
+_PERHAPS = 2.0  # … nor does one that is slower than as many standard deviations of its speed
 _LEAST_STEP = 1e-3  # s
 _LEAST_SPEED = 0.1  # m/s; slower, nothing has a course
 _NEAREST = 1.0  # m², keeps the turn rate of a line of sight without length finite
@@ -41,8 +42,10 @@ def note_strays(
 ) -> None:
     """Note how fast reflections move over ground, how far they have walked, and for how long they have stood.
 
-    Outliers are left out. After nothing else for `ReflectionSettings.patience` the reflection has slid, and is followed
-    anew from there. On a vehicle that we pass, a reflection slides as fast as the line of sight turns: that is no walk.
+    Outliers are left out: so far nobody runs since it was last detected, nor walks since it was last no outlier. After
+    nothing else for `StraySettings.patience` the reflection has slid, and is followed anew from there: one of a vehicle
+    that has moved, which slides often, after that of its body. On a vehicle that we pass, a reflection slides as fast
+    as the line of sight turns: that is no walk. Nor is what was not seen for longer than `ReflectionSettings.patience`.
 
     Args:
         bodies: with the reflections.
@@ -54,11 +57,13 @@ def note_strays(
     """
     reflections, stray = bodies.reflections, settings.stray
     if compiled.in_use:
-        steps = reflections.trail_ns, rows, time_ns, settings.patience, _LEAST_STEP
-        dt, lost = compiled.kernels.steps_of_trails(*steps)
+        limits = stray.fastest, stray.patience, settings.patience, _LEAST_STEP
+        fastest = bodies.obstacles.fastest
+        dt, lost = compiled.kernels.steps_of_trails(reflections.trail_ns, rows, body, fastest, time_ns, *limits)
     else:
         passed = (time_ns - reflections.trail_ns.take(rows)) * 1e-9
-        dt, lost = np.clip(passed, _LEAST_STEP, settings.patience), passed > settings.patience
+        patience = np.where(bodies.obstacles.fastest[body] < stray.fastest, stray.patience, settings.patience)
+        dt, lost = np.clip(passed, _LEAST_STEP, patience), passed > patience
     keep = np.exp(dt / -stray.memory)
     trail, walked, stood = reflections.trail, reflections.walked, reflections.stood
     position, noise, sensor = measurement.position, measurement.noise, measurement.origin
@@ -70,6 +75,7 @@ def note_strays(
             walked,
             stood,
             reflections.trail_ns,
+            reflections.last_ns,
             rows,
             body,
             position,
@@ -91,7 +97,10 @@ def note_strays(
             _JUMP,
             _LEAST_JUMP,
             stray.fastest,
+            stray.running,
             _STILL * slow,
+            _PERHAPS,
+            settings.patience,
             _NEAREST,
         )
         return
@@ -99,7 +108,8 @@ def note_strays(
     expected = place + dt[:, None] * velocity
     residual = position - expected
     variance = noise[:, 0, 0] + noise[:, 1, 1]
-    least = _LEAST_JUMP + stray.fastest * dt
+    unseen = np.minimum(dt, (time_ns - reflections.last_ns[rows]) * 1e-9)
+    least = np.maximum(stray.fastest * dt, stray.running * unseen) + _LEAST_JUMP
     jump = np.maximum(_JUMP * variance, least * least)
     usable = lost | (residual[:, 0] * residual[:, 0] + residual[:, 1] * residual[:, 1] <= jump)
     gain = (1.0 - keep) * (1.0 - keep) / dt
@@ -111,8 +121,9 @@ def note_strays(
     unsure = np.sqrt(variance * dt / (4.0 * memory**3))  # of the velocity, in the steady state for steps ≪ memory
     slowest = np.maximum(slow, _SURELY * unsure) + 0.5 * length[body] * turns
     speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
-    share = dt * speed / np.maximum(stray.distance, stray.deviations * np.sqrt(variance))
-    walks, stands = (speed > slowest) & (speed < stray.fastest), ~lost & (speed < _STILL * slow)
+    share = np.minimum(dt, settings.patience) * speed / np.maximum(stray.distance, stray.deviations * np.sqrt(variance))
+    walks = (speed > slowest) & (speed < stray.running)
+    stands = ~lost & (speed < np.maximum(_STILL * slow, _PERHAPS * unsure))
     share, time = np.where(walks, walked[rows] + share, 0.0), np.where(stands, stood[rows] + dt, 0.0)
     rows = rows[usable]
     trail[rows, :2], trail[rows, 2:], reflections.trail_ns[rows] = followed[usable], velocity[usable], time_ns
@@ -234,6 +245,8 @@ def _distance(apart: Floats) -> Floats:
 def part_strays(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:
     """Give reflections that stray bodies of their own, but where who walks leads a vehicle that stands: him.
 
+    They exist as surely as what they were a part of: they were followed for as long as it takes to walk so far.
+
     Args:
         bodies: of which some become two.
         rows: of the reflections, as `strays` returns them (m,).
@@ -249,6 +262,9 @@ def part_strays(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> 
     rows = np.concatenate([rows[~stand], walkers])
     owner = reflections.body[rows]
     lead = _split_off(bodies, rows, settings.stray.still)
+    exists = np.zeros(len(bodies))
+    exists[reflections.body[rows]] = obstacles.existence[owner]
+    obstacles.existence = np.maximum(obstacles.existence, exists)
     _go_on(bodies, known, distinct(owner), lead, settings, surely=True)
     bodies.forget_shape(reflections.body[rows[vehicle[owner]]])
 

@@ -64,6 +64,21 @@ def test_who_walks_away_from_parked_cars_is_an_obstacle(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
+def test_who_walks_away_and_is_lost_again_and_again_is_an_obstacle(seed: int) -> None:
+    """For 0.2 s of 0.4."""
+    fed, rng = HandFedVehicles(noise=(0.25, 0.25, 0.1)), np.random.default_rng(seed)
+    for k, t in enumerate(times(1, 90)):
+        shown = [*parked(t), *([walker(t)] if t < STANDS_UNTIL or k % 8 < 5 else [])]
+        noise = rng.normal(size=(len(shown), 2)) * 0.1
+        told = fed.scan(
+            t, [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(shown, noise, strict=True)]
+        )
+    row = obstacle_near(told, 29.5, walker(4.5).y)
+    assert np.hypot(told.x[row] - 29.5, told.y[row] - walker(4.5).y) < 1.0
+    assert told.vy[row] == pytest.approx(WALKS, abs=0.6)
+
+
+@pytest.mark.parametrize("seed", range(5))
 def test_who_stands_between_parked_cars_is_no_further_obstacle(seed: int) -> None:
     fed, _ = seen(lambda t: walker(min(t, STANDS_UNTIL)), 6.0, seed=seed)
     before = fed.tracker.counts.obstacles
