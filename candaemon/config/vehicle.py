@@ -32,7 +32,7 @@ class ManoeuvringSettings(Settings):
     lateral_acceleration: LateralAcceleration = 1.0
     noise: Slip = 0.05
     dwell: Dwell = 3.0
-    onset: float = Field(2.0, ge=0, le=20, description="m/s², standard deviation of an acceleration that begins")
+    onset: float = Field(1.5, ge=0, le=20, description="m/s², standard deviation of an acceleration that begins")
 
 
 class TurningSettings(Settings):
