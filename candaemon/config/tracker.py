@@ -120,11 +120,11 @@ class StraySettings(Settings):
         0.4,
         gt=0,
         le=10,
-        description="s without it, or with outliers alone, after which it is followed anew, as it slid: after "
-        "`reflections.patience` with a vehicle that has moved",
+        description="s without it, or with outliers alone, after which it has slid and is followed anew; of a body "
+        "that was ever faster than `fastest`, `reflections.patience` holds",
     )
+    running: float = Field(5.0, gt=0, le=30, description="m/s; a reflection that is faster slides, and nobody runs so")
     distance: float = Field(0.4, gt=0, le=10, description="m that it walks, faster than `stood.speed` …")
-    running: float = Field(5.0, gt=0, le=30, description="… m/s, and slower than this: what is faster slides …")
     deviations: float = Field(
         1.6, ge=0, le=10, description="… and as many standard deviations of its place, while the leading one …"
     )

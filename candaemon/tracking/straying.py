@@ -42,10 +42,11 @@ def note_strays(
 ) -> None:
     """Note how fast reflections move over ground, how far they have walked, and for how long they have stood.
 
-    Outliers are left out: so far nobody runs since it was last detected, nor walks since it was last no outlier. After
-    nothing else for `StraySettings.patience` the reflection has slid, and is followed anew from there: one of a vehicle
-    that has moved, which slides often, after that of its body. On a vehicle that we pass, a reflection slides as fast
-    as the line of sight turns: that is no walk. Nor is what was not seen for longer than `ReflectionSettings.patience`.
+    Outliers are left out: places farther off than someone runs since the last detection, and than someone walks since
+    the last that was no outlier. After `StraySettings.patience` without any other, the reflection has slid, and is
+    followed anew from there; those of vehicles slide often, and are after `ReflectionSettings.patience`. Of a gap, no
+    more than that counts as walked. On a vehicle that we pass, a reflection slides as fast as the line of sight turns:
+    that is no walk.
 
     Args:
         bodies: with the reflections.

@@ -522,7 +522,7 @@ def test_ids_of_what_brakes_hard_are_believed() -> None:
 
 @pytest.mark.parametrize("interval", [0.05, 0.1])
 def test_the_acceleration_of_what_brakes_hard_is_told(interval: float) -> None:
-    """Whose speed falls at once by more than a vehicle's is expected to: it moves freely, and then as vehicles do."""
+    """Whose speed was steady until then, by a precise range rate: its acceleration seemed well known."""
     fed, rng, x, speed = HandFedVehicles(noise=(0.4, 0.4, 0.06)), np.random.default_rng(14), 30.0, 22.0
     told: dict[float, float] = {}
     for k in range(1, round(5.2 / interval) + 1):

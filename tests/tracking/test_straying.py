@@ -65,7 +65,7 @@ def test_who_walks_away_from_parked_cars_is_an_obstacle(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_who_walks_away_and_is_lost_again_and_again_is_an_obstacle(seed: int) -> None:
-    """For 0.2 s of 0.4."""
+    """By a radar that detects them in five scans, and not in the next three."""
     fed, rng = HandFedVehicles(noise=(0.25, 0.25, 0.1)), np.random.default_rng(seed)
     for k, t in enumerate(times(1, 90)):
         shown = [*parked(t), *([walker(t)] if t < STANDS_UNTIL or k % 8 < 5 else [])]
