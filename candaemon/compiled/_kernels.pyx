@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 136
+REVISION = 137
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -53,6 +53,27 @@ def halved(double[:, :, ::1] covariance):
                     covariance[t, b, a] = value
 
 
+cdef double keep_within(double* half, const double* variance, Py_ssize_t d) noexcept nogil:
+    """Let no innovation explain more of a component than there is, in place; return by what its root is larger then."""
+    cdef double excess = 1.0
+    cdef bint beyond = False
+    cdef Py_ssize_t a
+    for a in range(d):
+        if half[a] * half[a] > variance[a]:
+            beyond = True
+    if not beyond:
+        return 1.0
+    for a in range(d):
+        if half[a] * half[a] > variance[a]:
+            if variance[a] <= 0.0:
+                half[a] = 0.0
+            else:
+                excess = larger(excess, half[a] * half[a] / variance[a])
+    for a in range(d):
+        half[a] = half[a] / sqrt(excess)
+    return sqrt(excess)
+
+
 def update_position(
     double[:, :, ::1] mean,
     double[:, :, :, ::1] covariance,
@@ -61,24 +82,29 @@ def update_position(
 ):
     """Update states (k, M, D) in place with positions (k, 1, 2); return NIS and root of the determinant of S, (k, M)."""
     cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], d = mean.shape[2], t, j, a, b
-    cdef double xx, xy, yy, first, slope, second, x, y
+    cdef double xx, yy, first, slope, second, x, y
     cdef double h[2][16]
+    cdef double variance[16]
     nis_array, root_array = np.empty((n, m)), np.empty((n, m))
     cdef double[:, ::1] nis = nis_array, root = root_array
     with nogil:
         for t in range(n):
             for j in range(m):
                 xx = covariance[t, j, 0, 0] + noise[t, 0, 0, 0]
-                xy = covariance[t, j, 0, 1] + noise[t, 0, 0, 1]
                 yy = covariance[t, j, 1, 1] + noise[t, 0, 1, 1]
                 first = sqrt(larger((1.0 + LOST) * xx, LEAST_VARIANCE))
-                slope = xy / first
+                for a in range(d):
+                    variance[a] = covariance[t, j, a, a]
+                    h[0][a] = covariance[t, j, 0, a] / first
+                first = first * keep_within(&h[0][0], variance, d)
+                slope = h[0][1] + noise[t, 0, 0, 1] / first
                 second = sqrt(larger(larger((1.0 + LOST) * yy - slope * slope, LOST * yy), LEAST_VARIANCE))
+                for a in range(d):
+                    variance[a] = variance[a] - h[0][a] * h[0][a]
+                    h[1][a] = (covariance[t, j, 1, a] - slope * h[0][a]) / second
+                second = second * keep_within(&h[1][0], variance, d)
                 x = bounded(position[t, 0, 0] - mean[t, j, 0]) / first
                 y = (bounded(position[t, 0, 1] - mean[t, j, 1]) - slope * x) / second
-                for a in range(d):
-                    h[0][a] = covariance[t, j, 0, a] / first
-                    h[1][a] = (covariance[t, j, 1, a] - slope * h[0][a]) / second
                 for a in range(d):
                     mean[t, j, a] = mean[t, j, a] + h[0][a] * x
                     mean[t, j, a] = mean[t, j, a] + h[1][a] * y
@@ -101,6 +127,7 @@ def update_scalar(
     cdef Py_ssize_t n = mean.shape[0], m = mean.shape[1], d = mean.shape[2], width = row.shape[2], t, j, a, b
     cdef double spread, own, deviation, whitened
     cdef double h[16]
+    cdef double own_variance[16]
     nis_array, root_array = np.empty((n, m)), np.empty((n, m))
     cdef double[:, ::1] nis = nis_array, root = root_array
     with nogil:
@@ -119,9 +146,11 @@ def update_scalar(
                 spread = larger(spread, 0.0) + variance[t, j]
                 spread = spread + LOST * fabs(own)
                 deviation = sqrt(larger(spread, LEAST_VARIANCE))
-                whitened = bounded(innovation[t, j]) / deviation
                 for a in range(d):
+                    own_variance[a] = covariance[t, j, a, a]
                     h[a] = h[a] / deviation
+                deviation = deviation * keep_within(h, own_variance, d)
+                whitened = bounded(innovation[t, j]) / deviation
                 for a in range(d):
                     mean[t, j, a] = mean[t, j, a] + h[a] * whitened
                     for b in range(d):
@@ -788,6 +817,23 @@ def moved(const double[:, :] mean, const double[:, :, :] transition):
     return predicted_array
 
 
+cdef void keep_lanes_within(double* half, double* root, const double* variance, int owns) noexcept nogil:
+    """As `keep_within` of tracks side by side: components by lanes, and the roots, which are changed too."""
+    cdef int a, l, k, beyond = 0
+    cdef double[SIZE] own
+    cdef double[SIZE] most
+    for k in range(owns * LANES):
+        beyond |= half[k] * half[k] > variance[k]
+    if not beyond:
+        return
+    for l in range(LANES):
+        for a in range(owns):
+            own[a], most[a] = half[a * LANES + l], variance[a * LANES + l]
+        root[l] = root[l] * keep_within(own, most, owns)
+        for a in range(owns):
+            half[a * LANES + l] = own[a]
+
+
 def update_models(
     double[:, :, ::1] mean,
     double[:, :, :, ::1] covariance,
@@ -830,6 +876,7 @@ def update_models(
     cdef double certain[LANES]
     cdef double r[4][LANES]
     cdef double h[2][SIZE][LANES]
+    cdef double own_variance[SIZE][LANES]
     cdef bint[LANES] known
     cdef double* there
     nis_array, root_array = np.empty((1 + rated, m, models)), np.empty((1 + rated, m, models))
@@ -864,17 +911,28 @@ def update_models(
                         p[k][l] = there[flat[k]]
                 for l in range(LANES):
                     first[l] = sqrt(larger((1.0 + LOST) * (p[0][l] + measured[2][l]), LEAST_VARIANCE))
-                    slope[l] = (p[1][l] + measured[3][l]) / first[l]
+                for a in range(owns):
+                    k = at[a][a]
+                    for l in range(LANES):
+                        h[0][a][l] = p[a][l] / first[l]
+                        own_variance[a][l] = p[k][l]
+                keep_lanes_within(&h[0][0][0], first, &own_variance[0][0], owns)
+                for l in range(LANES):
+                    slope[l] = h[0][1][l] + measured[3][l] / first[l]
                     second[l] = p[owns][l] + measured[4][l]
                     second[l] = larger((1.0 + LOST) * second[l] - slope[l] * slope[l], LOST * second[l])
                     second[l] = sqrt(larger(second[l], LEAST_VARIANCE))
-                    along[l] = bounded(measured[0][l] - state[0][l]) / first[l]
-                    across[l] = (bounded(measured[1][l] - state[1][l]) - slope[l] * along[l]) / second[l]
                 for a in range(owns):
                     k = at[1][a]
                     for l in range(LANES):
-                        h[0][a][l] = p[a][l] / first[l]
                         h[1][a][l] = (p[k][l] - slope[l] * h[0][a][l]) / second[l]
+                        own_variance[a][l] = own_variance[a][l] - h[0][a][l] * h[0][a][l]
+                keep_lanes_within(&h[1][0][0], second, &own_variance[0][0], owns)
+                for l in range(LANES):
+                    along[l] = bounded(measured[0][l] - state[0][l]) / first[l]
+                    across[l] = (bounded(measured[1][l] - state[1][l]) - slope[l] * along[l]) / second[l]
+                for a in range(owns):
+                    for l in range(LANES):
                         state[a][l] = state[a][l] + h[0][a][l] * along[l] + h[1][a][l] * across[l]
                 for k in range(pairs):
                     a, b = row[k], column[k]
@@ -917,10 +975,16 @@ def update_models(
                     for l in range(LANES):
                         spread[l] = larger(spread[l], 0.0) + speed[1][l]
                         spread[l] = sqrt(larger(spread[l] + LOST * fabs(certain[l]), LEAST_VARIANCE))
+                    for a in range(owns):
+                        k = at[a][a]
+                        for l in range(LANES):
+                            h[0][a][l] = h[0][a][l] / spread[l]
+                            own_variance[a][l] = p[k][l]
+                    keep_lanes_within(&h[0][0][0], spread, &own_variance[0][0], owns)
+                    for l in range(LANES):
                         along[l] = bounded(along[l]) / spread[l]
                     for a in range(owns):
                         for l in range(LANES):
-                            h[0][a][l] = h[0][a][l] / spread[l]
                             state[a][l] = state[a][l] + h[0][a][l] * along[l]
                     for k in range(pairs):
                         a, b = row[k], column[k]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
@@ -167,10 +167,11 @@ def test_what_is_certain_hardly_moves_whatever_is_measured_exactly(known: float,
 
 @settings(deadline=None, max_examples=examples(100))
 @given(seed=SEEDS, rank=st.integers(0, 6), powers=st.tuples(st.floats(-8, 8), st.floats(-8, 8)), exact=st.booleans())
+@example(seed=5615, rank=1, powers=(0.0, 0.0), exact=True)  # of S, rounding leaves nothing; of P Hᵀ, a thousandth
 def test_singular_covariances_stay_positive_semidefinite(
     seed: int, rank: int, powers: tuple[float, float], exact: bool
 ) -> None:
-    """Variances to some 1e-7 of what they were before the update, below which rounding decides."""
+    """Variances to some 1e-11 of what they were before the update, below which rounding decides."""
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(1, 6, rank))
     covariance = 10 ** powers[0] * (root @ root.swapaxes(1, 2))
@@ -180,4 +181,4 @@ def test_singular_covariances_stay_positive_semidefinite(
     update_position(mean, covariance, rng.normal(size=(1, 2)), noise)
     update_scalar(mean, covariance, rng.normal(size=(1, 4)), rng.normal(size=1), noise[:, 0, 0])
     assert np.isfinite(mean).all()
-    assert np.linalg.eigvalsh(covariance[0] / scale[:, None] / scale).min() > -1e-7
+    assert np.linalg.eigvalsh(covariance[0] / scale[:, None] / scale).min() > -1e-11
