@@ -110,7 +110,8 @@ def associate(
             mean = _as_found(found, bodies, mean, measurement, braked)
         found.body[left] = beside(bodies, mean, measurement, left, extent, detections.time_ns)
     if settings.method == "nearest" or not detections.identified:
-        claimed = _by_modes(found, bodies, mean, covariance, vague, measurement, settings, extent.stray.fastest)
+        lost = detections.time_ns - bodies.obstacles.last_ns > round(settings.mode_time * 1e9)
+        claimed = _by_modes(found, bodies, mean, covariance, vague, lost, measurement, settings, extent.stray.fastest)
         found.slot_jumps -= _kept(found, bodies, detections, claimed)
         left = np.flatnonzero(found.body < 0)
         if extent.merge and len(claimed) and len(left):
@@ -259,6 +260,7 @@ def _by_modes(
     mean: Floats,
     covariance: Floats,
     vague: Booleans,
+    lost: Booleans,
     measurement: Measurement,
     settings: AssociationSettings,
     walking: float,
@@ -266,7 +268,9 @@ def _by_modes(
     """Associate what is left with confirmed bodies of which nothing was found, as each of their modes has moved them.
 
     Who brakes or turns off out of sight leaves the gate of all modes together, in which those who drive on prevail.
-    What never drove has no course to leave, and nothing but false detections drives off with it.
+    What never drove has no course to leave, and nothing but false detections drives off with it. What was lost for long
+    may be anywhere: a place without a speed does not tell that it is there, though what appears there takes up its
+    identity once confirmed.
 
     Returns:
         The detections.
@@ -277,6 +281,8 @@ def _by_modes(
     missed = bodies.obstacles.confirmed & _driven(bodies.obstacles, walking) & ~vague
     missed[found.body[found.body >= 0]] = False
     row, detection = near_pairs(mean, np.flatnonzero(missed.take(owner)), measurement, left)
+    told = ~lost[owner[row]] | (measurement.measured[detection] >= _PLACE_AND_RATE)
+    row, detection = row[told], detection[told]
     if not len(row):
         return detection
     each = measurement.take(detection)

@@ -82,6 +82,26 @@ def _obstacles_of_one_that_brakes(
     return fed.tracker.counts.obstacles
 
 
+@pytest.mark.parametrize(
+    ("rated", "mode_time", "followed"),
+    [(False, 0.5, False), (False, 5.0, True), (True, 0.5, False)],
+    ids=["by its place", "not asked for", "by its speed"],
+)
+def test_what_is_hidden_for_long_is_not_where_a_post_is_seen(rated: bool, mode_time: float, followed: bool) -> None:
+    """It may have turned off so far, but a sensor that tells places alone sees the post for the first time."""
+    fed = HandFedVehicles(association={"mode_time": mode_time})
+    for t in times(1, 110):
+        x = 30.0 + 15.0 * t
+        shown = [Seen(1, x, 0.0, 15.0, rated=rated)] if t < 3.0 else []
+        if t > 4.9:
+            shown = [Seen(2, 30.0 + 15.0 * 4.95 - 2.0, 8.0, 0.0, rated=rated)]
+        obstacles = fed.tracker.step(_unnamed(t, shown, velocities=False), pose(t))
+        told = obstacles.y[obstacles.id == 1]
+        if t > 4.9:
+            break
+    assert (len(told) > 0 and told[0] > 3.0) == followed
+
+
 @pytest.mark.parametrize("identified", [False, True])
 def test_all_reflections_of_a_car_that_braked_out_of_sight_are_its_own(identified: bool) -> None:
     """Hidden for so long that one of them is left; the sensor's ids for them are what they were."""
