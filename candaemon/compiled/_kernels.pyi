@@ -280,6 +280,7 @@ def turn_axes_of_bodies(
     unknown: float,
     doubt: float,
     least_turn: float,
+    wrong: float,
     tightest: Floats,
 ) -> tuple[Floats, Booleans | None]: ...
 def bodies_to_merge(

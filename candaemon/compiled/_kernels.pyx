@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 137
+REVISION = 138
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3056,13 +3056,14 @@ def turn_axes_of_bodies(
     double unknown,
     double doubt,
     double least_turn,
+    double wrong,
     object[double, ndim=1] tightest,
 ):
     """Return axes (n, 2) after a part of the turn towards the courses of the centres, and which slow ones
     turned round, None: none; note in place whom the course directs, and how fast it went ahead."""
     cdef Py_ssize_t n = len(mean), t
     cdef double vx, vy, squared, spread, known, share, speed, along, left, forward, cx, cy, x, y, norm, rate, bend, most
-    cdef bint directs, tells, slow, first, turns, led, some = False
+    cdef bint directs, tells, slow, first, told, turns, led, some = False
     out_array, turned_array = np.empty((n, 2)), np.empty(n, np.bool_)
     cdef object[double, ndim=2, mode="c"] out = out_array
     cdef object[unsigned char, ndim=1, mode="c"] turned_round = turned_array
@@ -3085,6 +3086,7 @@ def turn_axes_of_bodies(
             tells = directs or known > telling
             slow = squared < leads * leads
             first = not directed[t] and tells and slow
+            told = directs and not directed[t]
             directed[t] = directed[t] or directs
             share = known * known * part[t]
             speed = sqrt(larger(squared, 1e-6))
@@ -3108,7 +3110,10 @@ def turn_axes_of_bodies(
                 cx, cy = -cx, -cy
             x = forward * axis[t, 0]
             y = forward * axis[t, 1]
-            bend = share * fabs(x * cy - y * cx)
+            bend = fabs(x * cy - y * cx)
+            if told and bend > wrong:
+                share = 1.0
+            bend = share * bend
             most = (speed + sqrt(spread)) * tightest[t]
             if led and bend > most:
                 share = share * most / larger(bend, 1e-9)

@@ -24,6 +24,7 @@ _TELLING: Final = 0.5  # how well a course is known that first tells which end o
 _UNKNOWN: Final = 0.25  # (m/s)², of a course that nothing is known of
 _DOUBT: Final = 0.5  # times the variance of a turn rate, below the square of which it counts for nothing
 _LEAST_TURN: Final = 1e-9  # (rad/s)²
+_WRONG: Final = 0.3  # sine of the angle to the first course that is known well, above which an axis was a guess
 
 
 def turned_axes(
@@ -84,6 +85,7 @@ def turned_axes(
             _UNKNOWN,
             _DOUBT,
             _LEAST_TURN,
+            _WRONG,
             tightest,
         )
         return axes, turned_round
@@ -102,6 +104,7 @@ def turned_axes(
     tells = directs | (known > _TELLING)
     slow = squared < LEADS**2
     first = ~directed & tells & slow
+    told = directs & ~directed
     directed |= directs
     share = known * known * part
     speed = np.sqrt(np.maximum(squared, 1e-6))
@@ -118,7 +121,9 @@ def turned_axes(
     backs = (course_x * x + course_y * y < 0.0) & (forward > 0.0)
     course_x, course_y = np.where(backs, -course_x, course_x), np.where(backs, -course_y, course_y)
     x, y = forward * x, forward * y
-    bend = share * np.abs(x * course_y - y * course_x)
+    bend = np.abs(x * course_y - y * course_x)
+    share = np.where(told & (bend > _WRONG), 1.0, share)
+    bend = share * bend
     most = (speed + np.sqrt(spread)) * tightest
     share = np.where(led & (bend > most), share * most / np.maximum(bend, 1e-9), share)
     x, y = x + share * (course_x - x), y + share * (course_y - y)

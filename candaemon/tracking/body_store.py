@@ -524,6 +524,22 @@ class Bodies:
         """Let other reflections lead bodies; they keep their offsets, so that the reference points stay."""
         self.obstacles.leader[bodies] = leaders
 
+    def take_axes(self, axes: Floats, told: Booleans) -> None:
+        """Turn the axes of the bodies, and their reflections with them, but for those whose axes were a guess so far.
+
+        Args:
+            axes: unit vectors (k, 2), local frame.
+            told: whose axes their courses tell for the first time (k,): their reflections stay where they are.
+        """
+        reflections, before = self.reflections, self.obstacles.axis
+        self.obstacles.axis = axes
+        if not np.count_nonzero(told):
+            return
+        rows = np.flatnonzero(told[reflections.body])
+        body = reflections.body[rows]
+        place = from_travel_axes(reflections.offset[rows], before[body])
+        reflections.offset[rows] = to_travel_axes(place, axes[body])
+
     def keep_reflections(self, turned_round: Booleans) -> None:
         """Let the reflections of bodies whose axes turned round (k,) stay where they are."""
         self.reflections.offset[turned_round[self.reflections.body]] *= -1.0

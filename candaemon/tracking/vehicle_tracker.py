@@ -582,7 +582,7 @@ class VehicleTracker:
         obstacles = self._bodies.obstacles
         if self._dt == 0.0 or not len(self):
             return
-        moments = self._bodies.moments()
+        moments, directed = self._bodies.moments(), obstacles.directed.copy()
         if self._noise.walks().surely_some:
             time = _AXIS_TIME + self._hidden() * (self.settings.travel.time_constant - _AXIS_TIME)
             part = -np.expm1(-self._dt / time)
@@ -601,9 +601,10 @@ class VehicleTracker:
             self._dt * self._backing.speed / self._backing.distance,
             np.where(obstacles.length < SMALL, np.inf, self._dt / TIGHTEST),
         )
-        obstacles.axis = axes
+        told = obstacles.directed != directed
+        self._bodies.take_axes(axes, told)
         if turned_round is not None:
-            self._bodies.keep_reflections(turned_round)
+            self._bodies.keep_reflections(turned_round & ~told)
 
     def _confirm_and_delete(self, pose: EgoPose, detections: Detections | None) -> None:
         """Confirm what surely exists; delete what is not detected, out of view or too uncertain.

@@ -128,6 +128,29 @@ def test_reflections_of_what_turns_round_stay_where_they_are() -> None:
     assert abs(told.heading[0]) > 3.0
 
 
+@pytest.mark.parametrize(("angle", "directed", "followed"), [(0.2, False, 0.1), (0.8, False, 1.0), (0.8, True, 0.1)])
+def test_a_first_course_far_from_an_axis_that_was_a_guess_tells_it(
+    angle: float, directed: bool, followed: float
+) -> None:
+    mean = np.array([[10.0, 0.0, 9.0 * np.cos(angle), 9.0 * np.sin(angle), 0.0, 0.0, 0.0, 0.0]])
+    known = mean, 1e-4 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.array([directed]), np.zeros(1)
+    axis, _ = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
+    assert np.arctan2(axis[0, 1], axis[0, 0]) == pytest.approx(followed * angle, rel=0.1)
+
+
+def test_who_drives_across_heads_there_as_soon_as_that_is_told() -> None:
+    """A lorry with two reflections 6 m apart, seen for the first time as it crosses."""
+    fed, headings = HandFedVehicles(noise=(0.1, 0.1, 0.05)), []
+    for t in times(1, 40):
+        y = 12.0 * (t - 1.0)
+        told = fed.scan(t, [Seen(k, 40.0, y - 6.0 * k, 0.0, 12.0) for k in (0, 1)])
+        headings += told.heading[np.isfinite(told.heading)].tolist()
+    assert fed.tracker.counts.slot_jumps == 0
+    assert fed.tracker.counts.used > 70
+    assert len(headings) > 25
+    np.testing.assert_allclose(headings, np.pi / 2, atol=0.15)
+
+
 @pytest.mark.parametrize("heading", [0.0, 0.5 * np.pi, np.pi])
 @pytest.mark.parametrize("rate", [-0.05, 0.05])
 def test_what_stands_heads_where_a_sensor_says(heading: float, rate: float) -> None:
