@@ -3059,10 +3059,12 @@ def turn_axes_of_bodies(
     double wrong,
     object[double, ndim=1] tightest,
 ):
-    """Return axes (n, 2) after a part of the turn towards the courses of the centres, and which slow ones
-    turned round, None: none; note in place whom the course directs, and how fast it went ahead."""
+    """Return axes (n, 2) after a part of the turn towards the courses of the centres, all of it where the first that is
+    known well is far beside the axis, and which slow ones turned round, None: none; note in place whom the course
+    directs, and how fast it went ahead."""
     cdef Py_ssize_t n = len(mean), t
     cdef double vx, vy, squared, spread, known, share, speed, along, left, forward, cx, cy, x, y, norm, rate, bend, most
+    cdef double beside
     cdef bint directs, tells, slow, first, told, turns, led, some = False
     out_array, turned_array = np.empty((n, 2)), np.empty(n, np.bool_)
     cdef object[double, ndim=2, mode="c"] out = out_array
@@ -3110,10 +3112,10 @@ def turn_axes_of_bodies(
                 cx, cy = -cx, -cy
             x = forward * axis[t, 0]
             y = forward * axis[t, 1]
-            bend = fabs(x * cy - y * cx)
-            if told and bend > wrong:
+            beside = fabs(x * cy - y * cx)
+            if told and beside > wrong:
                 share = 1.0
-            bend = share * bend
+            bend = share * beside
             most = (speed + sqrt(spread)) * tightest[t]
             if led and bend > most:
                 share = share * most / larger(bend, 1e-9)

@@ -62,14 +62,14 @@ class AssociationSettings(Settings):
         ge=1e-6,
         le=1,
         description="of vehicles: probability of a mode below which one that was lost is not looked for where that "
-        "mode would have moved it …",
+        "mode would have moved it",
     )
     mode_time: float = Field(
         0.5,
         ge=0,
         le=30,
-        description="… nor, by a place without a speed, after so many s undetected: what appears there may take up its "
-        "identity once confirmed",
+        description="s for which one that was lost is looked for where a mode would have moved it, if detections have "
+        "a place but no speed; what appears there later may take up its identity once confirmed",
     )
 
 

@@ -7,9 +7,9 @@ Where a measured speed needs it there is a second form, with its time beside it;
 Here these are `update_position` and `update_scalar`, for a radar object, which is a position (two dimensions,
 correlated) and up to two speeds: sequential scalar updates after a joint one of the position, with the root of the
 2 × 2 inverse written out, linearised at the state so far. They reduce P by what the measurement explains, which is fast
-but rounds: a variance that falls by more than some 13 digits in one update is kept at that, so that singular
-covariances and exact measurements leave all finite. Elsewhere: `axis_filter` and `plane_filter` on packed covariances,
-`information` on Y = P⁻¹, and `radial` for three measured components.
+but rounds: a variance that falls by more than some 13 digits in one update is kept at that, and none falls by more than
+there is of it, so that singular covariances and exact measurements leave all finite. Elsewhere: `axis_filter` and
+`plane_filter` on packed covariances, `information` on Y = P⁻¹, and `radial` for three measured components.
 
 Arrays are (…, D) for means and (…, D, D) for covariances.
 """
@@ -190,7 +190,7 @@ def _second_root(d: Floats, slope: Floats) -> Floats:
 def _keep_within(half: Floats, root: Floats, variance: Floats) -> None:
     """Let no innovation explain more of a component than there is: (P h)² ≤ hᵀ P h · P, as Cauchy and Schwarz have it.
 
-    It would where rounding took most of what an innovation's variance is summed of. That is then larger.
+    Where rounding took most of the innovation's variance, it would: that variance is raised until it does not.
 
     Args:
         half: P h over the root of the innovation's variance (…, D), changed in place.

@@ -43,12 +43,13 @@ def turned_axes(
     """Return axes (n, 2) turned towards the courses, and which slow ones turned round (n,); None: none did.
 
     Which of them a course tells well is noted in place. A body that never showed a course may have either end ahead,
-    and turns round with the first course that tells, however slow it is. One that showed a course backs: what went
-    ahead fast, stops, and comes back slower has not turned round, which takes a course across its axis. The axis was
-    wrong where it is faster than it went ahead, or goes backwards for long. A fast one that turns round is not among
-    those returned: its axis has turned by up to a right angle on the way, and where its reflections lie on it is learnt
-    anew. Nor does the axis of what once led turn faster than its way bends: who pulls at a car that has stopped, as one
-    who crosses before it and is taken for a part of it, does not turn it on the spot.
+    and turns round with the first course that tells, however slow it is. The first course that is known well tells an
+    axis that was far beside it, and so a guess, at once. One that showed a course backs: what went ahead fast, stops,
+    and comes back slower has not turned round, which takes a course across its axis. The axis was wrong where it is
+    faster than it went ahead, or goes backwards for long. A fast one that turns round is not among those returned: its
+    axis has turned by up to a right angle on the way, and where its reflections lie on it is learnt anew. Nor does the
+    axis of what once led turn faster than its way bends: who pulls at a car that has stopped, as one who crosses before
+    it and is taken for a part of it, does not turn it on the spot.
 
     Args:
         mean: states of the bodies (n, 8), as in `BodyFilter`.
@@ -121,9 +122,9 @@ def turned_axes(
     backs = (course_x * x + course_y * y < 0.0) & (forward > 0.0)
     course_x, course_y = np.where(backs, -course_x, course_x), np.where(backs, -course_y, course_y)
     x, y = forward * x, forward * y
-    bend = np.abs(x * course_y - y * course_x)
-    share = np.where(told & (bend > _WRONG), 1.0, share)
-    bend = share * bend
+    beside = np.abs(x * course_y - y * course_x)
+    share = np.where(told & (beside > _WRONG), 1.0, share)
+    bend = share * beside
     most = (speed + np.sqrt(spread)) * tightest
     share = np.where(led & (bend > most), share * most / np.maximum(bend, 1e-9), share)
     x, y = x + share * (course_x - x), y + share * (course_y - y)
