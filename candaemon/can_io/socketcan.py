@@ -142,8 +142,9 @@ class SocketCanPort:
         self._drops = ReceiveDrops(self._socket, request.counts)
         try:
             self._set_up(request)
-            self._socket.bind((self._name,))
             self._interface = self._ask(_SIOCGIFINDEX)
+            self.check()  # a socket bound while the link is down reads ENETDOWN once, even if the link is up by then
+            self._socket.bind((self._name,))
             self.check()
         except BaseException:
             self._socket.close()

@@ -280,3 +280,20 @@ def test_an_interface_that_goes_says_so_and_keeps_what_came(vcan0: Link, listen:
     vcan0.add()
     with pytest.raises(OSError, match="anew"):
         heard.port.check()
+
+
+def test_a_link_that_comes_up_while_it_is_opened_does_not_seem_to_go_down_again(
+    vcan0: Link, listen: Callable[..., Heard], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bind = socket.socket.bind
+
+    def bind_just_before_it_is_up(self: socket.socket, address: tuple[str]) -> None:
+        bind(self, address)
+        vcan0.up()
+
+    vcan0.down()
+    monkeypatch.setattr(socket.socket, "bind", bind_just_before_it_is_up)
+    with pytest.raises(OSError, match="down"):
+        listen(vcan0)
+    vcan0.up()
+    assert listen(vcan0).port.receive(10) == []
