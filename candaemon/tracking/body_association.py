@@ -45,6 +45,11 @@ class Association:
     doubt: Floats | None = None
     slot_jumps: int = 0
 
+    def leave_out(self, detections: Indices) -> None:
+        """Let some detections, rows (m,), be of nothing that is known."""
+        self.body[detections] = self.reflection[detections] = -1
+        self.nis[detections] = np.nan
+
 
 @dataclass(frozen=True, slots=True)
 class Detecting:

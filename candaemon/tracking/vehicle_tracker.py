@@ -41,6 +41,7 @@ from candaemon.tracking.body_width import beside_widest, wide_together
 from candaemon.tracking.columns import longer_ago
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.innovation_correlation import InnovationCorrelation, InnovationCorrelationState
+from candaemon.tracking.majority import contradicting
 from candaemon.tracking.near_side import is_before
 from candaemon.tracking.obstacles import Obstacles
 from candaemon.tracking.own_outline import OwnOutline
@@ -481,6 +482,8 @@ class VehicleTracker:
         association, extent = self.settings.association, self.settings.reflections
         detecting = partial(self._existence.detecting, detections.sensor) if association.joint else None
         found = associate(bodies, detections, association, extent, vague, detecting)
+        if extent.merge:
+            found.leave_out(contradicting(bodies, found.body, detections.measurement, extent))
         self.counts.slot_jumps += found.slot_jumps
         return found
 

@@ -1,0 +1,55 @@
+"""A vehicle is rigid: what has another speed than most of what a scan shows of it is something else.
+
+A car that waits over a manhole cover shows the cover as one of its reflections. As it starts off, the cover holds it
+back, and would keep its identity where it stands.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from candaemon.arrays import Floats, Indices
+from candaemon.arrays.rows import distinct
+from candaemon.config.tracker import ReflectionSettings
+from candaemon.estimation.body_filter import VELOCITY
+from candaemon.estimation.measurement import Measurement
+from candaemon.tracking.body_store import Bodies
+
+_FEWEST = 3  # detections of a body: of two, neither is the most
+_NEAREST = 1e-3  # m, nearer than which there is no line of sight
+
+
+def contradicting(bodies: Bodies, body: Indices, measurement: Measurement, settings: ReflectionSettings) -> Indices:
+    """Return rows of detections whose speed is not that of most detections of the vehicle that they were taken for.
+
+    Args:
+        bodies: that are known.
+        body: row of the body of each detection (m,), −1: of none.
+        measurement: of the scan (m).
+        settings: by how much they may differ, and how fast what is no vehicle is at most.
+    """
+    of_some = (body >= 0).nonzero()[0]
+    several = np.bincount(body[of_some], minlength=len(bodies)) >= _FEWEST
+    several &= bodies.obstacles.fastest > settings.stray.fastest
+    rows = of_some[several[body[of_some]]]
+    if not len(rows):
+        return rows
+    faster, owner = _faster(bodies, body[rows], measurement.take(rows)), body[rows]
+    apart = np.zeros(len(rows))
+    for each in distinct(owner).tolist():
+        own = owner == each
+        apart[own] = np.abs(faster[own] - np.median(faster[own], axis=0)).max(axis=1)
+    return rows[apart > settings.speed]
+
+
+def _faster(bodies: Bodies, body: Indices, measurement: Measurement) -> Floats:
+    """Return by how much measured speeds exceed those of the bodies at those places (m, f), m/s; 0: not measured."""
+    velocity = bodies.moments().shown[body, VELOCITY]
+    if (turning := bodies.turning()) is not None:
+        velocity = velocity + turning.velocities(body, measurement.position)
+    faster = [part.value - (part.direction * velocity).sum(axis=1) for part in measurement.projections]
+    if measurement.range_rate is not None:
+        sight = measurement.position - measurement.origin
+        sight /= np.maximum(np.sqrt((sight * sight).sum(axis=1)), _NEAREST)[:, None]
+        faster.append(measurement.range_rate - (sight * (velocity - measurement.velocity)).sum(axis=1))
+    return np.nan_to_num(np.stack(faster, axis=1)) if faster else np.zeros((len(body), 1))
