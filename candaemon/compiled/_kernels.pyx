@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 138
+REVISION = 139
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3043,6 +3043,7 @@ def turn_axes_of_bodies(
     object[unsigned char, ndim=1] directed,
     object[double, ndim=1] ahead,
     object[double, ndim=1] part,
+    object[double, ndim=1] passed,
     object[double, ndim=2] facing,
     object[double, ndim=1] turn,
     object[double, ndim=1] turn_variance,
@@ -3055,16 +3056,17 @@ def turn_axes_of_bodies(
     double telling,
     double unknown,
     double doubt,
+    double unsure,
     double least_turn,
     double wrong,
     object[double, ndim=1] tightest,
 ):
-    """Return axes (n, 2) after a part of the turn towards the courses of the centres, all of it where the first that is
+    """Return axes (n, 2) turned on as their bodies surely do and after a part of the turn towards the courses of the centres, all of it where the first that is
     known well is far beside the axis, and which slow ones turned round, None: none; note in place whom the course
     directs, and how fast it went ahead."""
     cdef Py_ssize_t n = len(mean), t
     cdef double vx, vy, squared, spread, known, share, speed, along, left, forward, cx, cy, x, y, norm, rate, bend, most
-    cdef double beside
+    cdef double beside, ax, ay, unclear, on
     cdef bint directs, tells, slow, first, told, turns, led, some = False
     out_array, turned_array = np.empty((n, 2)), np.empty(n, np.bool_)
     cdef object[double, ndim=2, mode="c"] out = out_array
@@ -3073,11 +3075,14 @@ def turn_axes_of_bodies(
         for t in range(n):
             vx, vy = mean[t, 2], mean[t, 3]
             spread = covariance[t, 2, 2] + covariance[t, 3, 3]
+            on = 0.0
             if turn is not None:
                 x = mean[t, 0] - facing[t, 0] - pivot[t, 0]
                 y = mean[t, 1] - facing[t, 1] - pivot[t, 1]
                 rate = turn[t]
-                rate = rate * larger(1.0 - doubt * turn_variance[t] / larger(rate * rate, least_turn), 0.0)
+                unclear = turn_variance[t] / larger(rate * rate, least_turn)
+                on = passed[t] * (rate * larger(1.0 - unsure * unclear, 0.0))
+                rate = rate * larger(1.0 - doubt * unclear, 0.0)
                 vx = vx - rate * y
                 vy = vy + rate * x
                 spread = spread + turn_variance[t] * (x * x + y * y)
@@ -3092,7 +3097,11 @@ def turn_axes_of_bodies(
             directed[t] = directed[t] or directs
             share = known * known * part[t]
             speed = sqrt(larger(squared, 1e-6))
-            along = vx * axis[t, 0] + vy * axis[t, 1]
+            most = (speed + sqrt(spread)) * tightest[t]
+            on = smaller(larger(on, -most), most)
+            ax = axis[t, 0] - on * axis[t, 1]
+            ay = axis[t, 1] + on * axis[t, 0]
+            along = vx * ax + vy * ay
             left = ahead[t]
             if directs and along * along < sideways * squared:
                 left = smaller(left, leads)
@@ -3108,15 +3117,14 @@ def turn_axes_of_bodies(
             turned_round[t] = turns and slow
             some = some or turned_round[t]
             cx, cy = vx / speed, vy / speed
-            if cx * axis[t, 0] + cy * axis[t, 1] < 0.0 and forward > 0.0:
+            if cx * ax + cy * ay < 0.0 and forward > 0.0:
                 cx, cy = -cx, -cy
-            x = forward * axis[t, 0]
-            y = forward * axis[t, 1]
+            x = forward * ax
+            y = forward * ay
             beside = fabs(x * cy - y * cx)
             if told and beside > wrong:
                 share = 1.0
             bend = share * beside
-            most = (speed + sqrt(spread)) * tightest[t]
             if led and bend > most:
                 share = share * most / larger(bend, 1e-9)
             x = x + share * (cx - x)

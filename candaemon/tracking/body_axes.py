@@ -23,6 +23,7 @@ _ACROSS: Final = 0.5  # of its speed: a body with less of it along its axis turn
 _TELLING: Final = 0.5  # how well a course is known that first tells which end of a body leads
 _UNKNOWN: Final = 0.25  # (m/s)², of a course that nothing is known of
 _DOUBT: Final = 0.5  # times the variance of a turn rate, below the square of which it counts for nothing
+_UNSURE: Final = 2.0  # likewise, of the turn rate with which an axis turns on
 _LEAST_TURN: Final = 1e-9  # (rad/s)²
 _WRONG: Final = 0.3  # sine of the angle to the first course that is known well, above which an axis was a guess
 
@@ -34,6 +35,7 @@ def turned_axes(
     directed: Booleans,
     ahead: Floats,
     part: Floats,
+    passed: Floats,
     facing: Floats,
     turning: Turning | None,
     backing: float,
@@ -42,9 +44,10 @@ def turned_axes(
 ) -> tuple[Floats, Booleans | None]:
     """Return axes (n, 2) turned towards the courses, and which slow ones turned round (n,); None: none did.
 
-    Which of them a course tells well is noted in place. A body that never showed a course may have either end ahead,
-    and turns round with the first course that tells, however slow it is. The first course that is known well tells an
-    axis that was far beside it, and so a guess, at once. One that showed a course backs: what went ahead fast, stops,
+    The axis of what surely turns turns on with it: what only follows a course lags behind one that bends. Which of them
+    a course tells well is noted in place. A body that never showed a course may have either end ahead, and turns round
+    with the first course that tells, however slow it is. The first course that is known well tells an axis that was far
+    beside it, and so a guess, at once. One that showed a course backs: what went ahead fast, stops,
     and comes back slower has not turned round, which takes a course across its axis. The axis was wrong where it is
     faster than it went ahead, or goes backwards for long. A fast one that turns round is not among those returned: its
     axis has turned by up to a right angle on the way, and where its reflections lie on it is learnt anew. Nor does the
@@ -58,6 +61,7 @@ def turned_axes(
         directed: whether the axis is known which way it points (n,), changed.
         ahead: speed backwards from which on each has turned round (n,), changed, m/s: the greatest ahead so far.
         part: of the turn towards a course that is known perfectly (n,).
+        passed: for how long each axis turns on as its body surely does (n,), s; 0 where nobody has seen that it does.
         facing: the reference points minus the centres of the boxes (n, 2), m.
         turning: of those that are known to be no points.
         backing: faster than which nothing backs, m/s.
@@ -73,6 +77,7 @@ def turned_axes(
             directed,
             ahead,
             part,
+            passed,
             facing,
             rate,
             None if turning is None else turning.variance,
@@ -85,6 +90,7 @@ def turned_axes(
             _TELLING,
             _UNKNOWN,
             _DOUBT,
+            _UNSURE,
             _LEAST_TURN,
             _WRONG,
             tightest,
@@ -92,10 +98,13 @@ def turned_axes(
         return axes, turned_round
     vx, vy = mean[:, 2], mean[:, 3]
     spread = covariance[:, 2, 2] + covariance[:, 3, 3]
+    on = np.zeros(len(mean))
     if turning is not None:
         arm_x, arm_y = (mean[:, :2] - facing - turning.pivot).T
         turn, variance = turning.rate, turning.variance
-        turn = turn * np.maximum(1.0 - _DOUBT * variance / np.maximum(turn * turn, _LEAST_TURN), 0.0)
+        unclear = variance / np.maximum(turn * turn, _LEAST_TURN)
+        on = passed * (turn * np.maximum(1.0 - _UNSURE * unclear, 0.0))
+        turn = turn * np.maximum(1.0 - _DOUBT * unclear, 0.0)
         vx, vy = vx - turn * arm_y, vy + turn * arm_x
         spread = spread + variance * (arm_x * arm_x + arm_y * arm_y)
     led = directed & (ahead >= LEADS)
@@ -109,7 +118,9 @@ def turned_axes(
     directed |= directs
     share = known * known * part
     speed = np.sqrt(np.maximum(squared, 1e-6))
-    x, y = axis[:, 0], axis[:, 1]
+    most = (speed + np.sqrt(spread)) * tightest
+    on = np.minimum(np.maximum(on, -most), most)
+    x, y = axis[:, 0] - on * axis[:, 1], axis[:, 1] + on * axis[:, 0]  # to first order: their length is set at the end
     along = vx * x + vy * y
     across = directs & (along * along < _ACROSS**2 * squared)
     left = np.where(across, np.minimum(ahead, LEADS), ahead)
@@ -125,7 +136,6 @@ def turned_axes(
     beside = np.abs(x * course_y - y * course_x)
     share = np.where(told & (beside > _WRONG), 1.0, share)
     bend = share * beside
-    most = (speed + np.sqrt(spread)) * tightest
     share = np.where(led & (bend > most), share * most / np.maximum(bend, 1e-9), share)
     x, y = x + share * (course_x - x), y + share * (course_y - y)
     norm = np.maximum(np.sqrt(x * x + y * y), 1e-9)

@@ -57,6 +57,7 @@ from candaemon.tracking.update import PredictedReflections, TrackerCounts, Updat
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 _AXIS_TIME = 0.15  # s, with which the axis follows the course
+_TURNS_ON_NS = 200_000_000  # since its last detection, for which a body is known to turn on
 _CROSSING = 0.7  # m/s across the axis: faster than a walk or a slide looks, it is motion
 _DRIFTING = 3.0  # a drift tells of motion as surely as a speed across that is so many times as great
 _LEAST_SHARE = 0.02  # of the stated variance that a sensor's white part is taken to have at least
@@ -598,6 +599,7 @@ class VehicleTracker:
             obstacles.directed,
             obstacles.ahead,
             part,
+            np.where(self._state.time_ns - obstacles.last_ns > _TURNS_ON_NS, 0.0, self._dt),
             obstacles.facing,
             self._bodies.turning(),
             self._backing.speed,

@@ -560,13 +560,13 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
     def computed() -> list[Floats]:
         bodies = bodies_on_road(20, extra)
         obstacles, moments = bodies.obstacles, bodies.moments()
-        part, facing = np.linspace(0.0, 1.0, 20), obstacles.facing
+        part, passed, facing = np.linspace(0.0, 1.0, 20), np.linspace(0.1, 0.0, 20), obstacles.facing
         known, directed = (moments.mean, moments.covariance), obstacles.directed
         obstacles.ahead = np.linspace(0.0, 5.0, 20)
         assert bodies.turning() is None
         tightest = np.where(np.arange(20) % 2, np.inf, 0.01)
         obstacles.axis, _ = turned_axes(
-            *known, obstacles.axis, directed, obstacles.ahead, part, facing, None, 5.0, 0.1, tightest
+            *known, obstacles.axis, directed, obstacles.ahead, part, passed, facing, None, 5.0, 0.1, tightest
         )
         bodies.filter.state.mean[:, :, TURN] = 0.1
         bodies.changed()
@@ -574,7 +574,7 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
         assert turning is not None
         assert 0 < np.count_nonzero(turning.rate) < 20
         obstacles.axis, _ = turned_axes(
-            *known, obstacles.axis, directed, obstacles.ahead, part, facing, turning, 5.0, 0.1, tightest
+            *known, obstacles.axis, directed, obstacles.ahead, part, passed, facing, turning, 5.0, 0.1, tightest
         )
         assert 0 < np.count_nonzero(obstacles.directed) < 20
         bodies.return_reference(10**9, 0.5, 10**8)

@@ -15,7 +15,7 @@ BODY = np.array([1, 1, 0])
 PLACE = np.array([[22.0, 10.0], [20.0, 9.0], [3.0, 4.0]])
 """2 m ahead of the centre of the body that turns to the left, 1 m to its right, and on one that does not turn."""
 
-FREELY = np.full(1, np.inf)
+FREELY, HALTED = np.full(1, np.inf), np.zeros(1)
 
 
 def test_the_front_of_what_turns_to_the_left_goes_to_the_left() -> None:
@@ -46,11 +46,38 @@ def test_the_axis_follows_the_course_of_the_centre_unless_the_turn_rate_is_vague
     mean = np.array([[10.0, 0.0, 7.0, 1.0, 0.5, 0.0, 0.0, 0.0]])
     turning = Turning(np.array([0.5]), np.array([variance]), mean[:, :2])
     known = mean, 1e-6 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.ones(1, np.bool_), np.zeros(1), np.ones(1)
-    axis, _ = turned_axes(*known, np.array([[2.0, 0.0]]), turning, 5.0, 0.0, FREELY)
+    axis, _ = turned_axes(*known, HALTED, np.array([[2.0, 0.0]]), turning, 5.0, 0.0, FREELY)
     if variance < 1.0:
         np.testing.assert_allclose(axis, [[1.0, 0.0]], atol=1e-3)
     else:
         assert axis[0, 1] > 0.05
+
+
+@pytest.mark.parametrize(("variance", "passed", "turned"), [(1e-6, 0.05, 0.02), (1.0, 0.05, 0.0), (1e-6, 0.0, 0.0)])
+def test_the_axis_of_what_surely_turns_and_was_detected_of_late_turns_on(
+    variance: float, passed: float, turned: float
+) -> None:
+    mean = np.array([[10.0, 0.0, 7.0, 0.0, 0.4, 0.0, 0.0, 0.0]])
+    turning = Turning(np.array([0.4]), np.array([variance]), mean[:, :2])
+    known = mean, 1e-6 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.ones(1, np.bool_), np.zeros(1), np.zeros(1)
+    axis, _ = turned_axes(*known, np.array([passed]), np.zeros((1, 2)), turning, 5.0, 0.0, FREELY)
+    assert np.arctan2(axis[0, 1], axis[0, 0]) == pytest.approx(turned, abs=1e-4)
+
+
+def test_the_heading_of_a_car_in_a_roundabout_keeps_up_with_it() -> None:
+    """Five metres long, it shows its rear and its side, and drives to the left on a circle of 16 m at 7 m/s."""
+    fed, errors = HandFedVehicles(noise=(0.2, 0.2, 0.1)), []
+    for t in times(1, 70):
+        heading = 7.0 / 16.0 * t
+        ahead, left = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+        centre = np.array([30.0, 0.0]) - 16.0 * left
+        seen = []
+        for key, (along, aside) in enumerate(((-2.5, 0.0), (0.0, 0.9)), start=1):
+            velocity = 7.0 * ahead + 7.0 / 16.0 * (along * left - aside * ahead)
+            seen.append(Seen(key, *(centre + along * ahead + aside * left), *velocity))
+        told = fed.scan(t, seen)
+        errors.append(np.angle(np.exp(1j * (told.heading[0] - heading)), deg=True))
+    assert np.mean(errors[50:]) == pytest.approx(0.0, abs=4.5)  # 6.3 to the right, were it turned by its course alone
 
 
 @pytest.mark.parametrize(("ahead", "most"), [(3.0, 0.02), (1.0, np.pi / 4)])
@@ -58,7 +85,7 @@ def test_what_drove_turns_no_faster_than_its_way_bends(ahead: float, most: float
     """A car that creeps at 1 m/s for .05 s along a circle of 2.5 m; who never drove may turn on the spot."""
     mean = np.array([[10.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
     known = mean, 1e-6 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.array([True]), np.array([ahead])
-    axis, _ = turned_axes(*known, np.full(1, 0.5), np.zeros((1, 2)), None, 5.0, 0.0, np.full(1, 0.05 / 2.5))
+    axis, _ = turned_axes(*known, np.full(1, 0.5), HALTED, np.zeros((1, 2)), None, 5.0, 0.0, np.full(1, 0.05 / 2.5))
     turned = np.arctan2(axis[0, 1], axis[0, 0])
     assert 0.5 * most < turned < 1.05 * most
 
@@ -67,7 +94,7 @@ def test_what_drove_turns_no_faster_than_its_way_bends(ahead: float, most: float
 def test_who_showed_no_course_turns_round_with_the_first_and_who_did_backs(directed: bool) -> None:
     mean = np.array([[10.0, 0.0, 0.0, -1.3, 0.0, 0.0, 0.0, 0.0]])
     known = mean, 0.04 * np.eye(4)[None], np.array([[0.0, 1.0]]), np.array([directed]), np.zeros(1)
-    axis, turned_round = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
+    axis, turned_round = turned_axes(*known, np.full(1, 0.1), HALTED, np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
     np.testing.assert_allclose(axis, [[0.0, 1.0 if directed else -1.0]], atol=1e-9)
     assert (turned_round is not None) != directed
 
@@ -81,7 +108,7 @@ def test_what_is_faster_than_it_went_ahead_or_than_anything_backs_turned_round(
 ) -> None:
     mean = np.array([[10.0, 0.0, -speed, 0.0, 0.0, 0.0, 0.0, 0.0]])
     known = mean, 1e-4 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.array([True]), np.array([ahead])
-    axis, _ = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
+    axis, _ = turned_axes(*known, np.full(1, 0.1), HALTED, np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
     np.testing.assert_allclose(axis, [[-1.0 if turned else 1.0, 0.0]], atol=1e-9)
     np.testing.assert_allclose(known[-1], min(speed, 5.0) if turned else ahead)
 
@@ -91,7 +118,7 @@ def test_what_moves_across_its_axis_may_have_turned_round() -> None:
     for course in (0.6 * np.pi, 0.99 * np.pi):
         mean[0, 2:4] = 4.0 * np.cos(course), 4.0 * np.sin(course)
         known = mean, 1e-4 * np.eye(4)[None], axis, np.array([True]), ahead
-        axis, _ = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
+        axis, _ = turned_axes(*known, np.full(1, 0.1), HALTED, np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
     assert axis[0, 0] < -0.9
 
 
@@ -134,7 +161,7 @@ def test_a_first_course_far_from_an_axis_that_was_a_guess_tells_it(
 ) -> None:
     mean = np.array([[10.0, 0.0, 9.0 * np.cos(angle), 9.0 * np.sin(angle), 0.0, 0.0, 0.0, 0.0]])
     known = mean, 1e-4 * np.eye(4)[None], np.array([[1.0, 0.0]]), np.array([directed]), np.zeros(1)
-    axis, _ = turned_axes(*known, np.full(1, 0.1), np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
+    axis, _ = turned_axes(*known, np.full(1, 0.1), HALTED, np.zeros((1, 2)), None, 5.0, 0.0, FREELY)
     assert np.arctan2(axis[0, 1], axis[0, 0]) == pytest.approx(followed * angle, rel=0.1)
 
 
