@@ -195,7 +195,13 @@ class ReflectionSettings(Settings):
         le=5,
         description="m beyond the box of a vehicle whose size is known, and between those of two that are one",
     )
-    speed: float = Field(1.2, gt=0, le=10, description="m/s difference of speed along the line of sight")
+    speed: float = Field(
+        1.2,
+        gt=0,
+        le=10,
+        description="m/s difference of speed along the line of sight; from most detections of a vehicle: what differs "
+        "more is none of it",
+    )
     slide: float = Field(
         1.5,
         ge=0,
