@@ -12,11 +12,10 @@ from candaemon.arrays import Floats, Indices
 from candaemon.arrays.rows import distinct
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.body_filter import VELOCITY
-from candaemon.estimation.measurement import Measurement
+from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.tracking.body_store import Bodies
 
 _FEWEST = 3  # detections of a body: of two, neither is the most
-_NEAREST = 1e-3  # m, nearer than which there is no line of sight
 
 
 def contradicting(bodies: Bodies, body: Indices, measurement: Measurement, settings: ReflectionSettings) -> Indices:
@@ -49,7 +48,6 @@ def _faster(bodies: Bodies, body: Indices, measurement: Measurement) -> Floats:
         velocity = velocity + turning.velocities(body, measurement.position)
     faster = [part.value - (part.direction * velocity).sum(axis=1) for part in measurement.projections]
     if measurement.range_rate is not None:
-        sight = measurement.position - measurement.origin
-        sight /= np.maximum(np.sqrt((sight * sight).sum(axis=1)), _NEAREST)[:, None]
-        faster.append(measurement.range_rate - (sight * (velocity - measurement.velocity)).sum(axis=1))
+        moving = np.concatenate([measurement.position, velocity], axis=1)
+        faster.append(measurement.range_rate - line_of_sight(moving, measurement.origin, measurement.velocity)[0])
     return np.nan_to_num(np.stack(faster, axis=1)) if faster else np.zeros((len(body), 1))

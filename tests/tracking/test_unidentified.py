@@ -94,7 +94,7 @@ def test_what_is_hidden_for_long_is_not_where_a_post_is_seen(rated: bool, mode_t
         x = 30.0 + 15.0 * t
         shown = [Seen(1, x, 0.0, 15.0, rated=rated)] if t < 3.0 else []
         if t > 4.9:
-            shown = [Seen(2, 30.0 + 15.0 * 4.95 - 2.0, 6.0, 0.0, rated=rated)]
+            shown = [Seen(2, 30.0 + 15.0 * 4.95 - 2.0, 8.0, 0.0, rated=rated)]
         obstacles = fed.tracker.step(_unnamed(t, shown, velocities=False), pose(t))
         told = obstacles.y[obstacles.id == 1]
         if t > 4.9:
