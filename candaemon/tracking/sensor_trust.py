@@ -6,7 +6,8 @@ that neither a badly stated noise nor reflections that slide on a body make a fa
 
 Noise is what makes the innovations of an obstacle greater than they were, and other ones from scan to scan. Greater
 alone they are, too, where other sensors have led the tracks to another end of the body. The fewer obstacles there are,
-the greater it has to be: of a single one that passes close by, a sensor sees now this part and now that.
+the greater it has to be: of a single one that passes close by, a sensor sees now this part and now that. A lasting one
+shows in more than half of the obstacles; a single scan is weighted down by their median already.
 """
 
 from __future__ import annotations
@@ -307,24 +308,24 @@ class SensorTrust:
             self._forget_noise(state, dt, now_ns)
             return
         innovation, deviation, obstacles = levels
-        excess = min(innovation - state.innovation, deviation - state.deviation) - log(1.0 + _FEW / obstacles)
-        excess = min(excess, _GREATEST)
-        if state.judged >= _LEARNING and excess >= log(self._settings.burst):
-            state.burst = max(state.burst, exp(excess))
-        if excess >= log(self._settings.noise):
+        above = np.minimum(innovation - state.innovation, deviation - state.deviation) - log(1.0 + _FEW / obstacles)
+        most, median = np.minimum(above, _GREATEST).tolist()
+        if state.judged >= _LEARNING and median >= log(self._settings.burst):
+            state.burst = max(state.burst, exp(median))
+        if most >= log(self._settings.noise):
             state.restless_ns = now_ns
-        state.excess += -expm1(-dt / _SHORT) * (excess - state.excess)
+        state.excess += -expm1(-dt / _SHORT) * (most - state.excess)
         if state.fault == Fault.NONE and not state.noisy_ns and state.burst < _FADED:
             state.judged = min(state.judged + dt, _LONG)
             share = min(dt / state.judged, 1.0) if state.judged else 0.0
-            state.innovation += share * (innovation - state.innovation)
-            state.deviation += share * (deviation - state.deviation)
+            state.innovation += share * float(innovation[1] - state.innovation)
+            state.deviation += share * float(deviation[1] - state.deviation)
         self._note_noise(state, now_ns)
 
     def _levels(
         self, state: SensorTrustState, found: _Matches, detections: Detections, expected: PredictedReflections
-    ) -> tuple[float, float, int] | None:
-        """Return the logarithms of the normalised squares of the innovations, and of these less their late mean.
+    ) -> tuple[Floats, Floats, int] | None:
+        """Return the levels of the innovations, and of these less their late mean, each as `_levels_of` tells.
 
         And how many obstacles those are of. None: there is no mean yet of any of these obstacles.
         """
@@ -337,7 +338,7 @@ class SensorTrust:
             return None
         stated = (share * np.bincount(of, noise))[rows]
         greater = (found.innovation * found.innovation).sum(axis=1) - expected.variance[found.tracks]
-        return _logarithm(np.maximum(greater, 0.0) / noise), _logarithm((deviations**2).sum(axis=1) / stated), len(rows)
+        return _levels_of(np.maximum(greater, 0.0) / noise), _levels_of((deviations**2).sum(axis=1) / stated), len(rows)
 
     def _deviations(
         self, state: SensorTrustState, obstacles: Integers, innovations: Floats, time_ns: int
@@ -432,9 +433,15 @@ class SensorTrust:
         state.counts.recovered += 1
 
 
-def _logarithm(ratios: Floats) -> float:
-    """Return the logarithm of the median of normalised squares in the plane, 0 where they are as stated."""
-    return log(max(float(np.median(ratios)) / _MEDIAN, _LEAST_RATIO))
+def _levels_of(ratios: Floats) -> Floats:
+    """Return levels of normalised squares in the plane, logarithms, 0 where they are as stated (2,): most, median.
+
+    That of most is reached by more than half of them: of four bodies, two that pass close by and show now this part,
+    now that, do not make a sensor noisy.
+    """
+    lower = (len(ratios) - 1) // 2
+    levels = np.array([np.partition(ratios, lower)[lower], np.median(ratios)])
+    return np.log(np.maximum(levels / _MEDIAN, _LEAST_RATIO))
 
 
 def _no_longer(vectors: Floats, length: float) -> Floats:

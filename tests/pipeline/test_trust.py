@@ -257,6 +257,20 @@ def test_noise_is_noticed_where_each_scan_shows_other_obstacles() -> None:
     assert full == 0
 
 
+@pytest.mark.parametrize(("restless", "fault"), [(2, Fault.NONE), (3, Fault.NOISY)])
+def test_noise_shows_in_more_than_half_of_the_obstacles(restless: int, fault: Fault) -> None:
+    """Two bodies of four that pass close by, and show now this part, now that, do not make a sensor noisy."""
+    rng, trust = np.random.default_rng(1), pair()
+    tracker = StandingTracker(np.array([[4.0, 3.0], [6.0, -3.0], [40.0, 10.0], [60.0, -10.0]]))
+    found = set()
+    for scan in range(300):
+        deviation = np.full((4, 1), 0.15)
+        deviation[:restless] = 0.15 if scan < 200 else 0.8
+        judged(trust, tracker, 1.0 + 0.05 * scan, tracker.places + deviation * rng.normal(0.0, 1.0, (4, 2)))
+        found.add(trust.fault(0))
+    assert found == {Fault.NONE, fault}
+
+
 def test_a_noisy_sensor_that_freezes_again_and_again_is_not_used_at_each_return() -> None:
     rng, trust, full = np.random.default_rng(1), pair(), 0
     tracker = StandingTracker(np.array([[20.0, 0.0], [40.0, 10.0], [60.0, -10.0]]))
