@@ -39,10 +39,10 @@ class TurningSettings(Settings):
     """A body that turns at a speed and a turn rate that hardly change, as in a bend or a roundabout."""
 
     acceleration: Acceleration = 0.08
-    lateral_acceleration: LateralAcceleration = 5.0
+    lateral_acceleration: LateralAcceleration = 3.0
     noise: Slip = 0.005
     dwell: Dwell = 2.2
-    turn_time: TurnTime = 8.0
+    turn_time: TurnTime = 12.0
     onset: float = Field(
         4.0, ge=0, le=20, description="m/s², standard deviation of turn rate × speed of a turn that begins"
     )
