@@ -45,6 +45,7 @@ _DEVIATIONS = 4.0  # of the noise, by which a single object may be off
 _FORGET = 2.0  # s, with which noise is forgotten that cannot be compared
 _FORGIVEN = 5.0  # s without a comparison, after which a sensor that was biased is used again
 _MEDIAN = log(2.0)  # of a squared innovation in the plane, halved and normalised
+_OF_MEDIAN = 1  # of both levels of a scan
 _SHORT, _LONG = 0.4, 30.0  # s, of the means of late and of all along
 _LEARNING = 2.0  # s of detections of obstacles that others see too, until a sensor's noise is judged
 _BURST = 0.15  # s, with which the effect of a noisy scan fades
@@ -318,8 +319,8 @@ class SensorTrust:
         if state.fault == Fault.NONE and not state.noisy_ns and state.burst < _FADED:
             state.judged = min(state.judged + dt, _LONG)
             share = min(dt / state.judged, 1.0) if state.judged else 0.0
-            state.innovation += share * float(innovation[1] - state.innovation)
-            state.deviation += share * float(deviation[1] - state.deviation)
+            state.innovation += share * float(innovation[_OF_MEDIAN] - state.innovation)
+            state.deviation += share * float(deviation[_OF_MEDIAN] - state.deviation)
         self._note_noise(state, now_ns)
 
     def _levels(
@@ -437,11 +438,14 @@ def _levels_of(ratios: Floats) -> Floats:
     """Return levels of normalised squares in the plane, logarithms, 0 where they are as stated (2,): most, median.
 
     That of most is reached by more than half of them: of four bodies, two that pass close by and show now this part,
-    now that, do not make a sensor noisy.
+    now that, do not make a sensor noisy. Where the same noise is in all of them, both are alike.
     """
-    lower = (len(ratios) - 1) // 2
-    levels = np.array([np.partition(ratios, lower)[lower], np.median(ratios)])
-    return np.log(np.maximum(levels / _MEDIAN, _LEAST_RATIO))
+    count = len(ratios)
+    lower = (count - 1) // 2
+    most, median = float(np.partition(ratios, lower)[lower]), float(np.median(ratios))
+    if count % 2 == 0:  # such squares are exponentially distributed: the lower of both in the middle by as much less
+        most *= 1.0 + 1.0 / (count * sum(1.0 / (count - each) for each in range(lower + 1)))
+    return np.log(np.maximum(np.array([most, median]) / _MEDIAN, _LEAST_RATIO))
 
 
 def _no_longer(vectors: Floats, length: float) -> Floats:
