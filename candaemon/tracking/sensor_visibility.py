@@ -3,7 +3,8 @@
 The probability of detection is a product. Its first factor, the share in sight, is geometry: the part of the angle an
 obstacle subtends that lies in the field of view and that no nearer obstacle hides. The second, the rate with which the
 sensor detects what is in sight, is learnt for each range, and apart for obstacles that the sensor detected when it last
-could and for those it missed then: object radars lose an obstacle for several scans at once.
+could and for those it missed then: object radars lose an obstacle for several scans at once. A sensor whose list is
+full tells nearly nothing of what is farther than all it lists.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats
 from candaemon.config.sensors import SensorSettings
+from candaemon.frames.times import LONG_AGO_NS
 from candaemon.radar.mounting import sensor_views
 
 LEAST_PROBABILITY: Final = 0.01
@@ -31,6 +33,8 @@ _ANGLE_MARGIN = radians(0.5)  # on either side of an obstacle: a field of view e
 _RANGE_MARGIN = 2.0  # m over which it ends; the least range within half of it
 _NEAREST = 1e-6  # m from a mount, from which on a line of sight has a direction
 _POINT = 1.0  # m, length and width of an obstacle whose size is not known
+_CROWDED = 0.1  # share of obstacles that a full list has room for, though they are farther than what it lists
+_HELD = 0.5  # s for which a list has no more room, as what the sensor has lost keeps its slot for a while
 _CLEAR = 0.9  # share in sight from which a detection is expected without doubt
 _PRIOR_WEIGHT = 40.0  # opportunities that the setting counts as
 _MEMORY = 1000.0  # opportunities of a bin, or scans, after which what was learnt has faded to 1/e
@@ -52,6 +56,7 @@ class LearntDetection:
         scans: scans whose clutter was counted.
         false: detections that belonged to nothing, each where nothing was known.
         again: further detections of the same.
+        full_ns: time of the last scan whose list was full.
     """
 
     expected: Floats = field(default_factory=_unlearnt)
@@ -59,6 +64,7 @@ class LearntDetection:
     scans: float = 0.0
     false: float = 0.0
     again: float = 0.0
+    full_ns: int = LONG_AGO_NS
 
     def validate(self) -> None:
         """Refuse counts that cannot be.
@@ -141,6 +147,18 @@ class Visibility:
             look: which of its looks the scan is; −1: it has none, or did not say which.
         """
         return self._models[sensor].sight(centre, reference, axis, length, width, look)
+
+    def room(self, sensor: int, time_ns: int, x: Floats, y: Floats, distance: Floats) -> Floats:
+        """Return the share of each obstacle that a scan had room for in its list (k,), 0 to 1.
+
+        Args:
+            sensor: its number.
+            time_ns: of the scan.
+            x: of what the scan lists (m,), vehicle axes, m.
+            y: likewise (m,), m.
+            distance: of the obstacles from the sensor (k,), m.
+        """
+        return self._models[sensor].room(self._state.sensors[sensor], time_ns, x, y, distance)
 
     def detection_probability(
         self, sensor: int, share: Floats, distance: Floats, missed: Booleans | None = None
@@ -237,6 +255,7 @@ class _DetectionModel:
 
     def __init__(self, settings: SensorSettings) -> None:
         self._views, self._mount = sensor_views(settings), settings.mount
+        self._slots = settings.objects.slots
         detection = settings.detection
         prior = np.array([detection.probability, 1.0 - exp(-settings.revisit_time / detection.gap)])
         self._prior = prior[:, None] * _PRIOR_WEIGHT
@@ -270,6 +289,15 @@ class _DetectionModel:
             share -= 1.0 - np.maximum(inside, 0.0) / np.minimum(2.0 * half, 2.0 * opening)
         within = np.minimum(distance - field.min_range, field.range - distance) / _RANGE_MARGIN + 0.5
         return np.clip(share, 0.0, 1.0) * np.clip(within, 0.0, 1.0), distance
+
+    def room(self, learnt: LearntDetection, time_ns: int, x: Floats, y: Floats, distance: Floats) -> Floats:
+        """Return the share of each obstacle that a list had room for (k,): a full one holds the nearest."""
+        if len(x) >= self._slots:
+            learnt.full_ns = time_ns
+        if not len(x) or not 0 <= time_ns - learnt.full_ns <= _HELD * 1e9:
+            return np.ones(len(distance))
+        farthest = np.hypot(x - self._mount.x, y - self._mount.y).max()
+        return np.where(distance > farthest, _CROWDED, 1.0)
 
     def opportunities(
         self, share: Floats, seen: Booleans, distance: Floats, missed: Booleans, surely: Booleans

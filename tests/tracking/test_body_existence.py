@@ -98,6 +98,22 @@ def test_what_is_in_sight_and_not_detected_is_reported_for_the_coasting_time_onl
     assert existence < 0.999
 
 
+@pytest.mark.parametrize(("slots", "least", "most"), [(64, 0.0, 1.2), (1, 2.0, 3.3)])
+def test_what_a_full_list_has_no_room_for_is_not_missed(slots: int, least: float, most: float) -> None:
+    """It is what nothing can see: remembered for `hidden` s, and not for `coast` alone."""
+    front = FRONT.model_copy(update={"objects": FRONT.objects.model_copy(update={"slots": slots})})
+    settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}})
+    tracker = VehicleTracker(settings, {0: front}, views=list(sensor_views(front, 0).values()))
+    reported = []
+    for k in range(200):
+        time = k * CYCLE
+        seen = {1: (25.0, 0.0, 0.0), 2: (60.0, 4.0, 0.0)} if time < 5.0 else {1: (25.0, 0.0, 0.0)}
+        obstacles = tracker.step(_scan(time, seen), pose(time, east=SPEED * time, ve=SPEED))
+        if np.any((obstacles.x > 40.0) & (obstacles.state != TENTATIVE)):
+            reported.append(time)
+    assert least < max(reported) - 5.0 < most
+
+
 def test_what_was_given_up_for_lost_and_comes_again_exists_as_what_is_detected_first() -> None:
     tracker = _tracker(first_existence=0.2)
     for k in range(100):

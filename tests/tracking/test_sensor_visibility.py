@@ -9,6 +9,7 @@ from candaemon.arrays import Booleans, Floats
 from candaemon.config.load import load_config
 from candaemon.config.sensors import FieldOfView, Mount, SensorSettings
 from candaemon.tracking.sensor_visibility import GREATEST_PROBABILITY, LEAST_PROBABILITY, Visibility
+from tests.support.builders import ns
 from tests.support.paths import ROOT
 
 FRONT = load_config(ROOT / "config" / "esr_ins.yaml").config.sensors["front"]
@@ -120,6 +121,22 @@ def test_what_is_half_hidden_teaches_nothing() -> None:
     for _ in range(100):
         visibility.learn(0, np.full(5, 0.5), np.zeros(5, dtype=bool), np.full(5, 20.0))
     assert _probability(visibility, [(20.0, 0.0)]) == pytest.approx(0.95)
+
+
+def test_a_list_that_is_full_has_no_room_for_what_is_farther() -> None:
+    """Nor has it for a while after: what the sensor has lost keeps its slot."""
+    objects = FRONT.objects.model_copy(update={"slots": 3})
+    visibility = Visibility({0: _settings(objects=objects, mount=Mount(x=3.0))})
+    listed, obstacles = np.array([10.0, 33.0, 20.0]), np.array([5.0, 29.9, 30.1])
+
+    def room(time: float, count: int) -> list[float]:
+        return list(visibility.room(0, ns(time), listed[:count], np.zeros(count), obstacles))
+
+    assert room(0.0, 2) == [1.0, 1.0, 1.0]
+    assert room(0.1, 3) == [1.0, 1.0, 0.1]
+    assert room(0.5, 2) == [1.0, 1.0, 0.1]
+    assert room(0.7, 2) == [1.0, 1.0, 1.0]
+    assert room(0.7, 0) == [1.0, 1.0, 1.0]
 
 
 def test_clutter_is_learnt_and_forgotten() -> None:
