@@ -21,17 +21,18 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     """Return for each obstacle the row of an older one that it is alongside of and moves like, or −1; and for how long.
 
     What moves is compared along and across its course: its speed across is known worst, and parts of one vehicle
-    differ there by noise alone. What stands and never showed a course is compared in all directions alike, for it may
-    be parked across; but what was last seen in one scan is two, as who stands beside a car, unless reflections of both
-    lie close together: so do those of a car parked across, and who stands that close to one is a part of it. What has
-    stood apart for long stays apart, as cars side by side at a light, and so does what has driven apart in another
-    lane. What is small is one only where both sizes leave room for no more than an edge between, and with what was
-    found to be small only what lies within its size. What moves one behind the other as fast is one vehicle where no
-    driver would follow so closely; who rides does, and two who may be riders, each by itself for long, stay two. What
-    has stood all the time is none of what has moved: a car that stops beside a post stays a car. Of two that never
-    were faster than someone walks, one that surely walks is none of one that stands. Two that were each found to be a
-    person, and are no nearer than one is wide, stay two. So do two side by side that were apart for long, while one of
-    them is not seen, and who was found to be a person or a rider for as long, beside what is larger.
+    differ there by noise alone. What stands and never showed a course is compared in all directions alike, for it
+    may be parked across; but what was last seen in one scan is two, as who stands beside a car, unless reflections
+    of both lie close together: so do those of a car parked across, and who stands that close to one is a part of
+    it. What has stood apart for long stays apart, as cars side by side at a light, and so does what has driven
+    apart in another lane. What is small is one only where both sizes leave room for no more than an edge between,
+    and with what was found to be small only what lies within its size. What moves one behind the other as fast is
+    one vehicle where no driver would follow so closely; who rides does, and two who may be riders, each by itself
+    for long, stay two. What has stood all the time is none of what has moved: a car that stops beside a post stays
+    a car. Of two that never were faster than someone walks, one that surely walks is none of one that stands. Two
+    that were each found to be a person, and are no nearer than one is wide, stay two, and of two that may be it
+    takes longer to say, until that shows. So do two side by side that were apart for long, while one of them is not
+    seen, and who was found to be a person or a rider for as long, beside what is larger.
 
     Args:
         bodies: of the cycle.
@@ -46,8 +47,19 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
     if len(young):
         if not compiled.in_use:  # the kernel leaves people out by itself
             found[young[_people_apart(bodies, young, found[young])]] = -1
+        walking = young[_walk(bodies, young, found[young], settings)]
+        needed[walking] = np.maximum(needed[walking], settings.alone.time)
         found[young[_known_as_two(bodies, young, found[young], settings, time_ns)]] = -1
     return found, needed
+
+
+def _walk(bodies: Bodies, young: Indices, old: Indices, settings: ReflectionSettings) -> Booleans:
+    """Return which pairs of bodies (m,), of which both are confirmed, may be people who walk side by side."""
+    obstacles, velocity = bodies.obstacles, bodies.moments().mean[:, VELOCITY]
+    walks = obstacles.confirmed & (obstacles.fastest < settings.stray.fastest)
+    walks &= (velocity * velocity).sum(axis=1) > settings.stood.speed**2
+    walks &= (obstacles.length_variance > TOLD_LENGTH) | (obstacles.length < ENOUGH)
+    return np.asarray(walks[young] & walks[old])
 
 
 def _people_apart(bodies: Bodies, young: Indices, old: Indices) -> Booleans:

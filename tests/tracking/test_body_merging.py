@@ -150,3 +150,19 @@ def test_who_was_found_to_ride_for_long_becomes_no_part_of_a_car(alone: float, a
     obstacles.alone[1] = alone
     found, _ = merge_candidates(bodies, ReflectionSettings(), NOW_NS)
     assert found.tolist() == [-1, older]
+
+
+@pytest.mark.parametrize(
+    ("speed", "told", "needed"), [(1.4, 9.0, 2.5), (1.4, 0.1, 0.5), (4.0, 9.0, 0.5), (0.3, 9.0, 0.5)]
+)
+def test_what_may_be_people_becomes_one_only_when_it_is_known_to_be_none(
+    speed: float, told: float, needed: float
+) -> None:
+    """They walk alike, a metre apart; what a sensor tells to be as long as a car, was faster, or stands is none."""
+    bodies = _two(speed, (1.5, 0.8), (4.5, 1.5))
+    bodies.obstacles.last_ns[:], bodies.obstacles.length_variance[:] = NOW_NS, told
+    settings = ReflectionSettings()
+    found, time = merge_candidates(bodies, settings, NOW_NS)
+    assert found.tolist() == [-1, 0]
+    assert time[1] == needed
+    assert settings.alone.time == 2.5
