@@ -170,4 +170,5 @@ def _take_times(former: Pipeline, successor: Pipeline, sensors: Mapping[int, int
         after.last_scan_ns[new] = before.last_scan_ns[old]
         successor.trust.state.sensors[new] = former.trust.state.sensors[old]
     after.drops, after.dropped_ns = successor.drops, before.dropped_ns
-    successor.schedule.coast_due_ns = former.schedule.coast_due_ns
+    schedule, last = successor.schedule, former.schedule
+    schedule.coast_due_ns, schedule.latest_ns, schedule.lag_ns = last.coast_due_ns, last.latest_ns, last.lag_ns

@@ -373,6 +373,7 @@ class Pipeline:
         """Track a scan; return whether it was used."""
         self.trust.watch(now_ns)
         self.schedule.coast_due_ns = now_ns + self._coast_after_ns
+        self.schedule.track(scan.time_ns, now_ns)
         calibrator = self.calibrator if self._corrects else None
         # where the vehicle was, and how it moved, at the measurement
         pose = self.ego.pose(scan.time_ns)
@@ -412,17 +413,26 @@ class Pipeline:
         return scan.take(np.flatnonzero(~scan.at_end))
 
     def _coast(self, now_ns: int) -> Cycle:
-        """Report where the obstacles should be, every sensor being silent."""
+        """Report where the obstacles should be, every sensor being silent: at the time of a scan that would end now.
+
+        So cycles are evenly spaced, and the next scan is none of the past.
+        """
         self.schedule.coast_due_ns = now_ns + self._coast_ns
         self._counts.coasting_cycles += 1
         self.trust.watch(now_ns)
-        time_ns = now_ns - self._latency_ns
-        if self.calibrator is not None and self._corrects:
-            time_ns -= min(map(self.calibrator.latency_ns, range(len(self.assemblers))))
+        time_ns = now_ns - self._lag_ns()
         pose = self.ego.pose(time_ns)
         if pose is None:
             return self._report(no_obstacles(time_ns), _unknown_pose(time_ns), now_ns, None, None)
         return self._report(self._track(None, None, pose), pose, now_ns, None, None)
+
+    def _lag_ns(self) -> int:
+        """Return the time from a measurement until it is tracked, ns: that of the latest, or the least there is."""
+        if self.schedule.lag_ns is not None:
+            return self.schedule.lag_ns
+        if self.calibrator is not None and self._corrects:
+            return self._latency_ns + min(map(self.calibrator.latency_ns, range(len(self.assemblers))))
+        return self._latency_ns
 
     def _track(self, tracker: AnyTracker | None, detections: Detections | None, pose: EgoPose) -> Obstacles:
         """Advance every group to the pose, the one tracker with detections."""

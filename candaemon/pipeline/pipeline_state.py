@@ -8,7 +8,7 @@ from candaemon.calibration.calibrator import CalibratorState
 from candaemon.ego.georeference import GeoreferencerState
 from candaemon.ego.ins import InsMotionState
 from candaemon.ego.odometry import OdometryState
-from candaemon.frames.times import NEVER_NS
+from candaemon.frames.times import LONG_AGO_NS, NEVER_NS
 from candaemon.output.encoder import OutputEncoderState
 from candaemon.pipeline.cycle import PipelineCounts
 from candaemon.pipeline.ego_frames import EgoFramesState
@@ -28,10 +28,20 @@ class Schedule:
     Attributes:
         coast_due_ns: from when on obstacles coast if no scan comes; `NEVER_NS` before the first frame.
         deadline_ns: until when nothing can be due.
+        latest_ns: time of the latest measurement that was tracked.
+        lag_ns: from there to when it was; None before the first.
     """
 
     coast_due_ns: int = NEVER_NS
     deadline_ns: int = 0
+    latest_ns: int = LONG_AGO_NS
+    lag_ns: int | None = None
+
+    def track(self, measured_ns: int, now_ns: int) -> None:
+        """Note when a scan is tracked; one that comes late does not turn back the time of what coasts."""
+        if not measured_ns < self.latest_ns <= now_ns:
+            self.latest_ns = measured_ns
+        self.lag_ns = now_ns - self.latest_ns
 
 
 @dataclass(slots=True)

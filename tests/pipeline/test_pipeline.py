@@ -18,6 +18,7 @@ from candaemon.frames.frame import EXTENDED, Frame, Tick
 from candaemon.frames.frame_block import block_of
 from candaemon.pipeline.cycle import Cycle
 from candaemon.pipeline.pipeline import Pipeline
+from candaemon.pipeline.pipeline_state import Schedule
 from candaemon.radar.assembly import BUNCH
 from candaemon.simulation.scenario import Scenario, load_scenario
 from candaemon.simulation.simulate import simulate
@@ -208,6 +209,29 @@ def test_a_silent_sensor_coasts_and_ends() -> None:
     assert len(cycles[-1].obstacles) == 0
     assert status(cycles[-1])["Health"] == 3
     assert status(cycles[-1])["Occupied"] == 0
+
+
+def test_a_lost_scan_leaves_a_cycle_between_its_neighbours() -> None:
+    """What coasts is as far behind the clock as what is measured, so that no scan comes later than it."""
+    frames = drive("toyota_rav4")
+    radar, lost_ns = binding("toyota_rav4").sensors[0].bus, frames[0].time_ns + ns(4.0)
+    heard = [frame for frame in frames if frame.bus != radar or not lost_ns <= frame.time_ns < lost_ns + CYCLE_NS]
+    cycles = list(Pipeline(binding("toyota_rav4")).run(heard))
+    (k,) = [k for k, cycle in enumerate(cycles) if cycle.detections is None]
+    before, between, after = (cycle.obstacles.time_ns for cycle in cycles[k - 1 : k + 2])
+    assert between - before == pytest.approx(1.5 * CYCLE_NS, abs=1)
+    assert after - before == pytest.approx(2.0 * CYCLE_NS, abs=0.2 * CYCLE_NS)
+    assert before < between < after
+
+
+def test_a_late_scan_does_not_turn_back_the_time_of_what_coasts() -> None:
+    schedule = Schedule()
+    schedule.track(ns(10.0), ns(10.02))
+    assert schedule.lag_ns == ns(0.02)
+    schedule.track(ns(9.9), ns(10.05))
+    assert schedule.lag_ns == ns(0.05)
+    schedule.track(ns(3.0), ns(3.02))  # the clock was set back
+    assert schedule.lag_ns == ns(0.02)
 
 
 def test_a_silent_ins_is_dead_reckoned_and_tracks_go_on() -> None:
