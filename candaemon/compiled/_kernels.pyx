@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 139
+REVISION = 140
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -5054,7 +5054,7 @@ cdef struct InsSetup:
     double age_limit, smoothing, arm_x, arm_y
     long long shortest_ns
     double early, late, fastest_turn, least_course_speed, sideways_share
-    double bias_time, largest_bias, largest_change, straight, settled, standing_speed, earliest
+    double bias_time, largest_bias, largest_change, straight, steady, settled, standing_speed, earliest
 
 
 cdef struct InsMemory:
@@ -5064,7 +5064,8 @@ cdef struct InsMemory:
     unsigned int known, waiting  # one bit each
     long long epoch_ns, heading_ns, heard_ns, last_ns, seen_ns
     bint is_open, has_heading, has_turn
-    double heading, yaw_rate, bridged, curvature, sideways, given_turn, bias, bias_speed, followed, straight, excess, excess_time
+    double heading, yaw_rate, bridged, curvature, sideways, given_turn, bias, bias_speed, followed, excess, excess_time
+    double lately, steady
     double east, north, ve, vn, ae, an  # of the last sample
     long long samples, from_curvature, from_heading, accelerations
 
@@ -5133,22 +5134,24 @@ cdef inline void follow_bias(
 ) noexcept:
     """TurnBias.follow"""
     cdef double excess, time, share
-    cdef bint is_straight, is_large
+    cdef bint turns, is_steady, is_large
     if not own.has_turn:
         own.excess = own.excess_time = 0.0
         return
     if given == 0.0 and fabs(speed) < setup.standing_speed:
         return
-    own.straight = 0.0 if larger(fabs(given), fabs(own.given_turn)) >= setup.straight else own.straight + dt
+    own.lately += dt / (dt + setup.settled) * (given - own.lately)
+    turns = larger(fabs(given), fabs(own.given_turn)) >= setup.straight
+    own.steady = 0.0 if turns and fabs(given - own.lately) >= setup.steady else own.steady + dt
     own.excess += (given + own.given_turn) / 2 * dt - change
     own.excess_time += dt
     excess, time = own.excess, own.excess_time
-    is_straight = own.straight >= setup.settled and setup.bias_time > 0.0
+    is_steady = own.steady >= setup.settled and setup.bias_time > 0.0
     is_large = fabs(excess) >= setup.largest_change + setup.largest_bias * time
-    if is_straight and is_large and time < setup.settled:
+    if is_steady and is_large and time < setup.settled:
         return
     own.excess = own.excess_time = 0.0
-    if not is_straight or is_large:
+    if not is_steady or is_large:
         return
     own.followed = smaller(own.followed + time, setup.bias_time)
     share = time / (time + larger(own.followed, setup.earliest))
@@ -5281,7 +5284,7 @@ cdef class InsEpochs:
             self.setup.smoothing, self.setup.arm_x, self.setup.arm_y, self.setup.shortest_ns, self.setup.early,
             self.setup.late, self.setup.fastest_turn, self.setup.least_course_speed, self.setup.sideways_share,
             self.setup.bias_time, self.setup.largest_bias, self.setup.largest_change, self.setup.straight,
-            self.setup.settled, self.setup.standing_speed, self.setup.earliest,
+            self.setup.steady, self.setup.settled, self.setup.standing_speed, self.setup.earliest,
         ) = limits
         self.setup.waits = waits
 
@@ -5312,7 +5315,7 @@ cdef class InsEpochs:
         bias = memory[9]
         own.has_turn = bias[0] is not None
         own.given_turn = bias[0] if own.has_turn else 0.0
-        own.bias, own.bias_speed, own.followed, own.straight, own.excess, own.excess_time = bias[1:]
+        own.bias, own.bias_speed, own.followed, own.lately, own.steady, own.excess, own.excess_time = bias[1:]
         own.last_ns, own.east, own.north, _, own.ve, own.vn, _, own.ae, own.an, own.seen_ns = last
         own.samples = own.from_curvature = own.from_heading = own.accelerations = 0
 
@@ -5330,8 +5333,8 @@ cdef class InsEpochs:
                 own.epoch_ns, bool(own.is_open), own.heading if own.has_heading else None, own.heading_ns, own.yaw_rate,
                 own.heard_ns, own.bridged, own.curvature, own.sideways,
                 (
-                    own.given_turn if own.has_turn else None, own.bias, own.bias_speed, own.followed, own.straight,
-                    own.excess, own.excess_time,
+                    own.given_turn if own.has_turn else None, own.bias, own.bias_speed, own.followed, own.lately,
+                    own.steady, own.excess, own.excess_time,
                 ),
             ),
             (own.samples, own.from_curvature, own.from_heading, own.accelerations),

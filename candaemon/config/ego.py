@@ -89,7 +89,7 @@ class InsSettings(EgoCommon):
     noise: InsNoise = Field(default_factory=InsNoise.defaults)
     smoothing: float = Field(0.1, ge=0, le=2, description="s, time constant of yaw rate and acceleration derived here")
     bias_time: float = Field(
-        10.0, ge=0, le=600, description="s over which the heading tells the bias of the given yaw rate; 0: it has none"
+        3.0, ge=0, le=600, description="s over which the heading tells the bias of the given yaw rate; 0: it has none"
     )
     gnss: GnssSettings | None = Field(
         None, description="how latitude and longitude place the local frame on earth; default: they do not"

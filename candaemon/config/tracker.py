@@ -294,7 +294,7 @@ class LifecycleSettings(Settings):
     first_existence: float = Field(0.2, ge=0.01, le=0.5, description="that of what was detected once")
     mean_life: float = Field(30.0, ge=1, le=1e4, description="s that an obstacle exists which nobody looks at")
     hidden: float = Field(
-        3.0,
+        4.0,
         ge=0,
         le=30,
         description="s that a confirmed obstacle is remembered undetected, reported or not; by existence only",

@@ -13,9 +13,11 @@ STANDING_SPEED: Final = 0.2
 _LARGEST_BIAS = 3.0
 """Standard deviations of a yaw rate; what differs more from the heading's is no bias, but another sign or scale."""
 _STRAIGHT = radians(5.0)
-"""rad/s; of what turns faster, the heading tells how late it comes rather than a bias …"""
+"""rad/s; of what turns faster …"""
+_STEADY = radians(1.0)
+"""rad/s, … and that otherwise than lately by so much, the heading tells how late it comes rather than a bias …"""
 _SETTLED = 0.5
-"""s, … and for so long after it."""
+"""s, … and for so long after it; what is lately, too."""
 _LARGEST_CHANGE = 6.0 * sqrt(2.0)
 """Standard deviations of a heading; what stays changed by more beside the yaw rate has been set."""
 _EARLIEST = 0.5
@@ -47,7 +49,8 @@ class TurnBiasState:
         bias: rad/s.
         speed: at which that was told, m/s.
         followed: s over which headings have told it, up to `bias_time`.
-        straight: s since the yaw rate was that of a bend.
+        lately: yaw rate as it was given lately, rad/s: the mean of some time, `_SETTLED`.
+        steady: s since a bend began or ended.
         excess: what the given yaw rate has turned more than the heading and the bias has not followed yet, rad.
         excess_time: in which it has, s.
     """
@@ -56,7 +59,8 @@ class TurnBiasState:
     bias: float = 0.0
     speed: float = 0.0
     followed: float = 0.0
-    straight: float = _SETTLED
+    lately: float = 0.0
+    steady: float = _SETTLED
     excess: float = 0.0
     excess_time: float = 0.0
 
@@ -83,6 +87,7 @@ class TurnBias:
             self._largest_bias,
             self._largest_change,
             _STRAIGHT,
+            _STEADY,
             _SETTLED,
             STANDING_SPEED,
             self._earliest,
@@ -109,10 +114,10 @@ class TurnBias:
     def follow(self, given: GivenTurn, change: float, dt: float) -> None:
         """Follow by how much more a given yaw rate turns than a change of the heading, rad, in a time, s.
 
-        The error of a heading is bounded, and counts for less the longer it is watched; that of a bias adds up. In
-        bends a heading that comes a little late seems to err as a bias does, and one that has been set does anywhere: a
-        large change waits for the next one to take it back. An INS that says at rest that it does not turn tells
-        nothing.
+        The error of a heading is bounded, and counts for less the longer it is watched; that of a bias adds up. Where a
+        bend begins or ends, a heading that comes a little late seems to err as a bias does, and one that has been set
+        does anywhere: a large change waits for the next one to take it back. An INS that says at rest that it does not
+        turn tells nothing.
         """
         state, most, before = self.state, self._largest_bias, self.state.given
         if before is None:
@@ -120,16 +125,18 @@ class TurnBias:
             return
         if given.rate == 0.0 and abs(given.speed) < STANDING_SPEED:
             return
-        state.straight = 0.0 if max(abs(given.rate), abs(before)) >= _STRAIGHT else state.straight + dt
+        state.lately += dt / (dt + _SETTLED) * (given.rate - state.lately)
+        turns = max(abs(given.rate), abs(before)) >= _STRAIGHT
+        state.steady = 0.0 if turns and abs(given.rate - state.lately) >= _STEADY else state.steady + dt
         state.excess += (given.rate + before) / 2 * dt - change
         state.excess_time += dt
         excess, time = state.excess, state.excess_time
-        is_straight = state.straight >= _SETTLED and self._time > 0.0
+        is_steady = state.steady >= _SETTLED and self._time > 0.0
         is_large = abs(excess) >= self._largest_change + most * time
-        if is_straight and is_large and time < _SETTLED:
+        if is_steady and is_large and time < _SETTLED:
             return
         state.excess = state.excess_time = 0.0
-        if not is_straight or is_large:
+        if not is_steady or is_large:
             return
         state.followed = min(state.followed + time, self._time)
         share = time / (time + max(state.followed, self._earliest))

@@ -85,6 +85,13 @@ def test_the_headings_tell_the_bias_before_long(seconds: float, most: float, eve
     assert abs(drive.error()) < most
 
 
+def test_the_headings_tell_the_bias_in_a_bend_that_lasts() -> None:
+    """Where it begins it may seem to be one of a heading that comes late."""
+    drive = Drive(turn=lambda t: 0.1 * min(t, 1.0), late=0.05)
+    drive.go_on(12.0)
+    assert abs(drive.error()) < 0.03
+
+
 def test_a_yaw_rate_may_be_used_as_it_is_given() -> None:
     drive = Drive(bias_time=0.0)
     drive.go_on(10.0)
