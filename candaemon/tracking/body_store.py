@@ -718,6 +718,7 @@ class Bodies:
                 column = getattr(obstacles, name)
                 column[young] = column[old]
         obstacles.extent[young] = max(obstacles.extent[young], obstacles.extent[old])
+        obstacles.fastest[young] = max(obstacles.fastest[young], obstacles.fastest[old])
         if obstacles.directed[old] and not obstacles.directed[young]:
             for name in ("axis", "directed", "ahead"):
                 column = getattr(obstacles, name)

@@ -27,6 +27,7 @@ from candaemon.tracking import box
 from candaemon.tracking.association import nis_over_modes
 from candaemon.tracking.body_association import Association, associate, in_modes
 from candaemon.tracking.body_axes import TIGHTEST, turned_axes
+from candaemon.tracking.body_departures import departures
 from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_images import images
 from candaemon.tracking.body_initiation import BodyInitiation
@@ -737,6 +738,8 @@ class VehicleTracker:
     def _taken_up(self, young: Indices) -> Booleans:
         """Let obstacles that are confirmed take up the identity of one that was lost sight of where they appear.
 
+        Who drives off from what it stood over takes it along too: that is somebody else.
+
         Args:
             young: rows of those just confirmed.
 
@@ -745,11 +748,15 @@ class VehicleTracker:
         """
         ended = np.zeros(len(self), dtype=np.bool_)
         lost, cost = self._continuations(young)
+        others = np.ones(len(young), dtype=np.bool_)
         while np.isfinite(cost).any():
             i, j = np.unravel_index(int(cost.argmin()), cost.shape)
             self._bodies.take_up(int(young[i]), int(lost[j]))
-            ended[lost[j]] = True
+            ended[lost[j]], others[i] = True, False
             cost[i], cost[:, j] = np.inf, np.inf
+        for row, left in departures(self._bodies, young[others], self.settings.reflections, self._state.time_ns):
+            self._bodies.take_up(row, left)
+            self._bodies.forget_shape(np.array([left]))
         return ended
 
     def _continuations(self, young: Indices) -> tuple[Indices, Floats]:

@@ -1,0 +1,41 @@
+"""Who drives off from what it stood over keeps its id; who passes close by has another one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from candaemon.tracking.obstacles import Obstacles
+from tests.support.builders import HandFedVehicles, Seen, times
+
+STOP, COVER = 20.0, 21.5  # m ahead, where the near end of the car stands, and the cover below it
+
+
+def _came(fed: HandFedVehicles) -> int:
+    """Let a car come towards us and stop over a cover, which is all that shows in the end; return its id."""
+    for t in times(0, 80):
+        told = fed.scan(t, [Seen(1, STOP + (4.0 - t) ** 2, 0.0, -2.0 * (4.0 - t))])
+    (identity,) = told.id.tolist()
+    for t in times(80, 120):
+        fed.scan(t, [Seen(1, STOP, 0.0)] if t < 5.0 else [Seen(2, COVER, 0.2)])
+    return int(identity)
+
+
+def _goes(fed: HandFedVehicles, across: float) -> Obstacles:
+    """Let something appear there, so far aside, that drives on towards us from the cover, which stays."""
+    for t in times(120, 150):
+        way = 2.0 * (t - 5.0) ** 2 - 2.0
+        told = fed.scan(t, [Seen(2, COVER, 0.2), Seen(3, STOP - way, across, -4.0 * (t - 5.0))])
+    return told
+
+
+@pytest.mark.parametrize(("across", "is_the_car"), [(0.0, True), (2.2, False)])
+def test_who_drives_off_from_what_it_stood_over_is_the_car_that_came(across: float, is_the_car: bool) -> None:
+    fed = HandFedVehicles(noise=(0.2, 0.2, 0.1))
+    came = _came(fed)
+    told = _goes(fed, across)
+    assert len(told) == 2
+    driving = np.hypot(told.vx, told.vy) > 2.0
+    assert (told.id[driving] == came).tolist() == [is_the_car]
+    assert (told.id[~driving] == came).tolist() == [not is_the_car]
+    assert np.abs(told.x[~driving] - COVER) < 0.5
