@@ -105,7 +105,8 @@ class BodyExistence:
         if is_known:
             share, distance = self._visibility.in_sight(centre, place, axis, size[0], size[1], sensor, detections.look)
             room = self._visibility.room(sensor, detections.time_ns, detections.x, detections.y, distance)
-            share = np.where(seen, share, share * room)
+            if room is not None:
+                share = np.where(seen, share, share * room)
             probability = self._visibility.detection_probability(sensor, share, distance, missed)
             self._visibility.learn(sensor, share, seen, distance, missed, surely)
         else:

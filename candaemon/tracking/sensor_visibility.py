@@ -148,8 +148,8 @@ class Visibility:
         """
         return self._models[sensor].sight(centre, reference, axis, length, width, look)
 
-    def room(self, sensor: int, time_ns: int, x: Floats, y: Floats, distance: Floats) -> Floats:
-        """Return the share of each obstacle that a scan had room for in its list (k,), 0 to 1.
+    def room(self, sensor: int, time_ns: int, x: Floats, y: Floats, distance: Floats) -> Floats | None:
+        """Return the share of each obstacle that a scan had room for in its list (k,), 0 to 1; None: for all of all.
 
         Args:
             sensor: its number.
@@ -290,12 +290,12 @@ class _DetectionModel:
         within = np.minimum(distance - field.min_range, field.range - distance) / _RANGE_MARGIN + 0.5
         return np.clip(share, 0.0, 1.0) * np.clip(within, 0.0, 1.0), distance
 
-    def room(self, learnt: LearntDetection, time_ns: int, x: Floats, y: Floats, distance: Floats) -> Floats:
-        """Return the share of each obstacle that a list had room for (k,): a full one holds the nearest."""
+    def room(self, learnt: LearntDetection, time_ns: int, x: Floats, y: Floats, distance: Floats) -> Floats | None:
+        """Return the share of each obstacle that a list had room for (k,), None: all; a full one holds the nearest."""
         if len(x) >= self._slots:
             learnt.full_ns = time_ns
         if not len(x) or not 0 <= time_ns - learnt.full_ns <= _HELD * 1e9:
-            return np.ones(len(distance))
+            return None
         farthest = np.hypot(x - self._mount.x, y - self._mount.y).max()
         return np.where(distance > farthest, _CROWDED, 1.0)
 

@@ -129,14 +129,15 @@ def test_a_list_that_is_full_has_no_room_for_what_is_farther() -> None:
     visibility = Visibility({0: _settings(objects=objects, mount=Mount(x=3.0))})
     listed, obstacles = np.array([10.0, 33.0, 20.0]), np.array([5.0, 29.9, 30.1])
 
-    def room(time: float, count: int) -> list[float]:
-        return list(visibility.room(0, ns(time), listed[:count], np.zeros(count), obstacles))
+    def room(time: float, count: int) -> list[float] | None:
+        found = visibility.room(0, ns(time), listed[:count], np.zeros(count), obstacles)
+        return None if found is None else list(found)
 
-    assert room(0.0, 2) == [1.0, 1.0, 1.0]
+    assert room(0.0, 2) is None
     assert room(0.1, 3) == [1.0, 1.0, 0.1]
     assert room(0.5, 2) == [1.0, 1.0, 0.1]
-    assert room(0.7, 2) == [1.0, 1.0, 1.0]
-    assert room(0.7, 0) == [1.0, 1.0, 1.0]
+    assert room(0.7, 2) is None
+    assert room(0.7, 0) is None
 
 
 def test_clutter_is_learnt_and_forgotten() -> None:
