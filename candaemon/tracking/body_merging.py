@@ -54,12 +54,12 @@ def merge_candidates(bodies: Bodies, settings: ReflectionSettings, time_ns: int)
 
 
 def _walk(bodies: Bodies, young: Indices, old: Indices, settings: ReflectionSettings) -> Booleans:
-    """Return which pairs of bodies (m,), of which both are confirmed, may be people who walk side by side."""
+    """Return which pairs of bodies (m,), both confirmed, may be people who walk or walked side by side."""
     obstacles, velocity = bodies.obstacles, bodies.moments().mean[:, VELOCITY]
-    walks = obstacles.confirmed & (obstacles.fastest < settings.stray.fastest)
-    walks &= (velocity * velocity).sum(axis=1) > settings.stood.speed**2
-    walks &= (obstacles.length_variance > TOLD_LENGTH) | (obstacles.length < ENOUGH)
-    return np.asarray(walks[young] & walks[old])
+    fastest = np.maximum(obstacles.fastest, np.sqrt((velocity * velocity).sum(axis=1)))
+    walk = obstacles.confirmed & (fastest > settings.stood.speed) & (fastest < settings.stray.fastest)
+    walk &= (obstacles.length_variance > TOLD_LENGTH) | (obstacles.length < ENOUGH)
+    return np.asarray(walk[young] & walk[old])
 
 
 def _people_apart(bodies: Bodies, young: Indices, old: Indices) -> Booleans:
