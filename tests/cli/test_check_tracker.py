@@ -11,7 +11,7 @@ from candaemon.cli.check import check_report
 from candaemon.config.load import load_config
 from tests.support.paths import ROOT
 
-EXISTENCE = ("by existence above 0.95, 3 detections in succession at least", "1 s in sight, 3 s hidden")
+EXISTENCE = ("by existence above 0.95, 3 detections in succession at least", "1 s in sight, 4 s hidden")
 
 
 @pytest.mark.parametrize(
