@@ -157,7 +157,13 @@ class AloneSettings(Settings):
     """When what always shows a single reflection is small, and no car of which one alone is seen; of `vehicle`."""
 
     within: float = Field(30.0, gt=0, le=200, description="m, so near that a car shows several before long")
-    time: float = Field(2.5, gt=0, le=60, description="s at a walk after which it is small: a walker, faster a rider")
+    time: float = Field(
+        2.5,
+        gt=0,
+        le=60,
+        description="s at a walk after which it is small: a walker, faster a rider; two who walk side by side are not "
+        "merged before",
+    )
     faster: float = Field(
         0.25, ge=0, le=1, description="share with which the time counts that it is faster; standing tells nothing"
     )

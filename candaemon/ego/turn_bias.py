@@ -13,11 +13,12 @@ STANDING_SPEED: Final = 0.2
 _LARGEST_BIAS = 3.0
 """Standard deviations of a yaw rate; what differs more from the heading's is no bias, but another sign or scale."""
 _STRAIGHT = radians(5.0)
-"""rad/s; of what turns faster …"""
+"""rad/s; what turns faster drives along a bend."""
 _STEADY = radians(1.0)
-"""rad/s, … and that otherwise than lately by so much, the heading tells how late it comes rather than a bias …"""
+"""rad/s; a bend begins or ends where the yaw rate differs from that of late by as much: there the heading tells how
+late it comes rather than a bias …"""
 _SETTLED = 0.5
-"""s, … and for so long after it; what is lately, too."""
+"""s, … and for so long afterwards; and the time constant of the yaw rate of late."""
 _LARGEST_CHANGE = 6.0 * sqrt(2.0)
 """Standard deviations of a heading; what stays changed by more beside the yaw rate has been set."""
 _EARLIEST = 0.5
@@ -49,7 +50,7 @@ class TurnBiasState:
         bias: rad/s.
         speed: at which that was told, m/s.
         followed: s over which headings have told it, up to `bias_time`.
-        lately: yaw rate as it was given lately, rad/s: the mean of some time, `_SETTLED`.
+        lately: given yaw rate, smoothed with the time constant `_SETTLED`, rad/s.
         steady: s since a bend began or ended.
         excess: what the given yaw rate has turned more than the heading and the bias has not followed yet, rad.
         excess_time: in which it has, s.

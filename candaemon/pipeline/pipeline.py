@@ -415,7 +415,7 @@ class Pipeline:
     def _coast(self, now_ns: int) -> Cycle:
         """Report where the obstacles should be, every sensor being silent: at the time of a scan that would end now.
 
-        So cycles are evenly spaced, and the next scan is none of the past.
+        So a lost scan leaves a cycle between its neighbours, and the next scan is never older than what was told.
         """
         self.schedule.coast_due_ns = now_ns + self._coast_ns
         self._counts.coasting_cycles += 1

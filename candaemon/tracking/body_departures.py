@@ -19,10 +19,10 @@ _ALONG = 0.5  # speed across the axis, as a share of that along it, up to which 
 
 
 def departures(bodies: Bodies, young: Indices, settings: ReflectionSettings, time_ns: int) -> list[tuple[int, int]]:
-    """Return who of some has just driven off from where another one seems to stand on, with that one.
+    """Return which newly confirmed obstacles drive off from where an older one, which had driven there, seems to stay.
 
-    That one has moved before and is detected still. It may have lain anywhere within the box: a box of twice the length
-    is where the other one appears, which drives along it.
+    The older one is detected still. As what stays may have lain at either end of the vehicle, the other one appears
+    within a box of twice its length, and drives along it.
 
     Args:
         bodies: of the cycle.
@@ -31,7 +31,7 @@ def departures(bodies: Bodies, young: Indices, settings: ReflectionSettings, tim
         time_ns: of the cycle.
 
     Returns:
-        Rows of who drives, and of what stands there still.
+        Pairs of rows: who drives off, and what stays. No row is in two of them.
     """
     obstacles, moments, stood = bodies.obstacles, bodies.moments(), settings.stood
     place, velocity = moments.shown[:, :2], moments.mean[:, VELOCITY]

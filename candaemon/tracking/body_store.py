@@ -707,7 +707,7 @@ class Bodies:
         obstacles.extent[old] = max(obstacles.extent[old], obstacles.extent[young])
 
     def take_up(self, young: int, old: int) -> None:
-        """Let one body go on as another, which is to be deleted: under its number, since its first detection."""
+        """Let one body go on as another, under its number and since its first detection; they exchange those."""
         obstacles = self.obstacles
         for name in ("id", "first_ns"):
             column = getattr(obstacles, name)

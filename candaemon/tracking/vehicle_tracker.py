@@ -755,8 +755,9 @@ class VehicleTracker:
             ended[lost[j]], others[i] = True, False
             cost[i], cost[:, j] = np.inf, np.inf
         for row, left in departures(self._bodies, young[others], self.settings.reflections, self._state.time_ns):
-            self._bodies.take_up(row, left)
-            self._bodies.forget_shape(np.array([left]))
+            if not ended[left]:
+                self._bodies.take_up(row, left)
+                self._bodies.forget_shape(np.array([left]))
         return ended
 
     def _continuations(self, young: Indices) -> tuple[Indices, Floats]:

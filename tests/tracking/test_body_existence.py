@@ -98,9 +98,9 @@ def test_what_is_in_sight_and_not_detected_is_reported_for_the_coasting_time_onl
     assert existence < 0.999
 
 
-@pytest.mark.parametrize(("slots", "least", "most"), [(64, 0.0, 1.2), (1, 2.0, 3.3)])
+@pytest.mark.parametrize(("slots", "least", "most"), [(64, 0.9, 1.1), (1, 2.9, 3.1)])
 def test_what_a_full_list_has_no_room_for_is_not_missed(slots: int, least: float, most: float) -> None:
-    """It is what nothing can see: remembered for `hidden` s, and not for `coast` alone."""
+    """It is reported as what nothing can see: for `coast_share` of the time that it was seen, not for `coast` s."""
     front = FRONT.model_copy(update={"objects": FRONT.objects.model_copy(update={"slots": slots})})
     settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}})
     tracker = VehicleTracker(settings, {0: front}, views=list(sensor_views(front, 0).values()))

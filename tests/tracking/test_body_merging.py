@@ -166,3 +166,10 @@ def test_what_may_be_people_becomes_one_only_when_it_is_known_to_be_none(
     assert found.tolist() == [-1, 0]
     assert time[1] == needed
     assert settings.alone.time == 2.5
+
+
+def test_people_who_seem_to_stop_are_held_for_two_all_the_same() -> None:
+    bodies = _two(0.3, (1.5, 0.8), (4.5, 1.5))
+    bodies.obstacles.last_ns[:], bodies.obstacles.length_variance[:], bodies.obstacles.fastest[:] = NOW_NS, 9.0, 1.4
+    found, time = merge_candidates(bodies, ReflectionSettings(), NOW_NS)
+    assert (found.tolist(), time[1]) == ([-1, 0], 2.5)
