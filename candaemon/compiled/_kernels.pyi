@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from candaemon.arrays import Booleans, Bytes, ComplexPlane, Floats, Indices, Integers
+from candaemon.estimation.measurement import Projection
 
 REVISION: Final[int]
 _Heard: TypeAlias = tuple[float, int, int] | None
@@ -386,6 +387,23 @@ def note_rates(
     turn: Floats | None,
     pivot: Floats | None,
 ) -> None: ...
+def apart_from_most(
+    body: Indices,
+    fastest: Floats,
+    shown: Floats,
+    position: Floats,
+    range_rate: Floats | None,
+    x0: float,
+    y0: float,
+    vx0: float,
+    vy0: float,
+    projections: tuple[Projection, ...],
+    turn: Floats | None,
+    pivot: Floats | None,
+    fewest: int,
+    slowest: float,
+    most: float,
+) -> list[int]: ...
 def learn_offsets(
     offset: Floats,
     variance: Floats,

@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 140
+REVISION = 141
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3655,6 +3655,115 @@ def note_rates(
             if not isfinite(difference):
                 difference = 0.0
             noted[row[i]] = noted[row[i]] + share[t] * (difference - noted[row[i]])
+
+
+cdef double excess(double measured, double told) noexcept nogil:
+    """By how much a speed exceeds another; 0 where it was not measured."""
+    cdef double difference = measured - told
+    return difference if difference == difference else 0.0
+
+
+cdef void sort_few(double* values, Py_ssize_t n) noexcept nogil:
+    """Sort a few numbers in place."""
+    cdef Py_ssize_t i, j
+    cdef double value
+    for i in range(1, n):
+        value, j = values[i], i
+        while j > 0 and values[j - 1] > value:
+            values[j] = values[j - 1]
+            j = j - 1
+        values[j] = value
+
+
+def apart_from_most(
+    const Py_ssize_t[:] body,
+    const double[:] fastest,
+    const double[:, :] shown,
+    const double[:, :] position,
+    const double[:] range_rate,
+    double x0,
+    double y0,
+    double vx0,
+    double vy0,
+    tuple projections,
+    const double[:] turn,
+    const double[:, :] pivot,
+    Py_ssize_t fewest,
+    double slowest,
+    double most,
+):
+    """Return rows of detections whose speeds, beyond those of their bodies, are apart from the medians of all of one."""
+    cdef Py_ssize_t n = body.shape[0], k = fastest.shape[0], m = 0, f = 0, i, j, t, at, members, middle
+    cdef Py_ssize_t parts = len(projections) + (range_rate is not None)
+    cdef Py_ssize_t* count = <Py_ssize_t*> malloc((k + n + 1) * sizeof(Py_ssize_t))
+    cdef Py_ssize_t* rows = count + k
+    cdef double* speeds = <double*> malloc(((parts + 4) * n + 1) * sizeof(double))
+    cdef double *speed
+    cdef double *velocity = speeds + parts * n
+    cdef double *ordered = velocity + 2 * n
+    cdef double *apart = ordered + n
+    cdef double x, y, nearest, median
+    cdef const double[:, :] direction
+    cdef const double[:] value
+    if not count or not speeds:
+        free(count)
+        free(speeds)
+        raise MemoryError
+    try:
+        for t in range(k):
+            count[t] = 0
+        for i in range(n):
+            if body[i] >= 0:
+                count[body[i]] += 1
+        for i in range(n):
+            t = body[i]
+            if t >= 0 and count[t] >= fewest and fastest[t] > slowest:
+                rows[m] = i
+                velocity[2 * m], velocity[2 * m + 1] = shown[t, 2], shown[t, 3]
+                if turn is not None:
+                    velocity[2 * m] = velocity[2 * m] + -turn[t] * (position[i, 1] - pivot[t, 1])
+                    velocity[2 * m + 1] = velocity[2 * m + 1] + turn[t] * (position[i, 0] - pivot[t, 0])
+                apart[m] = 0.0
+                m += 1
+        if not m:
+            return []
+        for part in projections:
+            direction, value, speed = part.direction, part.value, speeds + f * n
+            for j in range(m):
+                i = rows[j]
+                x, y = direction[i, 0] * velocity[2 * j], direction[i, 1] * velocity[2 * j + 1]
+                speed[j] = excess(value[i], x + y)
+            f += 1
+        if range_rate is not None:
+            speed = speeds + f * n
+            for j in range(m):
+                i = rows[j]
+                x, y = position[i, 0] - x0, position[i, 1] - y0
+                nearest = larger(sqrt(x * x + y * y), 1e-3)
+                x, y = x / nearest * (velocity[2 * j] - vx0), y / nearest * (velocity[2 * j + 1] - vy0)
+                speed[j] = excess(range_rate[i], x + y)
+            f += 1
+        for t in range(k):
+            if count[t] < fewest or not fastest[t] > slowest:
+                continue
+            for at in range(f):
+                speed, members = speeds + at * n, 0
+                for j in range(m):
+                    if body[rows[j]] == t:
+                        ordered[members] = speed[j]
+                        members += 1
+                sort_few(ordered, members)
+                middle = members // 2
+                median = ordered[middle]
+                if members % 2 == 0:
+                    median = (ordered[middle - 1] + ordered[middle]) / 2.0
+                for j in range(m):
+                    if body[rows[j]] == t:
+                        apart[j] = larger(fabs(speed[j] - median), apart[j])
+        return [rows[j] for j in range(m) if apart[j] > most]
+    finally:
+        free(count)
+        free(speeds)
 
 
 def learn_offsets(

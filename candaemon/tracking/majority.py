@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from candaemon import compiled
 from candaemon.arrays import Floats, Indices
 from candaemon.arrays.rows import distinct
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.body_filter import VELOCITY
 from candaemon.estimation.measurement import Measurement, line_of_sight
 from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.turning import rate_and_pivot
 
 _FEWEST = 3  # detections of a body: of two, neither is the most
+_NONE = np.empty(0, dtype=np.intp)
 
 
 def contradicting(bodies: Bodies, body: Indices, measurement: Measurement, settings: ReflectionSettings) -> Indices:
@@ -27,6 +30,27 @@ def contradicting(bodies: Bodies, body: Indices, measurement: Measurement, setti
         measurement: of the scan (m).
         settings: by how much they may differ, and how fast what is no vehicle is at most.
     """
+    if compiled.in_use:
+        turn, pivot = rate_and_pivot(bodies.turning())
+        (x, y), (vx, vy) = measurement.origin.tolist(), measurement.velocity.tolist()
+        found = compiled.kernels.apart_from_most(
+            body,
+            bodies.obstacles.fastest,
+            bodies.moments().shown,
+            measurement.position,
+            measurement.range_rate,
+            x,
+            y,
+            vx,
+            vy,
+            measurement.projections,
+            turn,
+            pivot,
+            _FEWEST,
+            settings.stray.fastest,
+            settings.speed,
+        )
+        return np.array(found, dtype=np.intp) if found else _NONE
     of_some = (body >= 0).nonzero()[0]
     several = np.bincount(body[of_some], minlength=len(bodies)) >= _FEWEST
     several &= bodies.obstacles.fastest > settings.stray.fastest

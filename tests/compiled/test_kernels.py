@@ -71,6 +71,7 @@ from candaemon.tracking.estimator_factory import make_estimator
 from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.innovation_correlation import _innovations
+from candaemon.tracking.majority import contradicting
 from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
 from candaemon.tracking.sensor_visibility import Visibility
 from candaemon.tracking.straying import note_strays, strays
@@ -752,6 +753,31 @@ def test_reflections_are_followed_for_themselves_and_stray(monkeypatch: pytest.M
             assert 0 < len(straying) < 9
             found.append(straying.astype(np.float64))
         return [*followed, *noted, *found]
+
+    both(monkeypatch, computed)
+
+
+@pytest.mark.parametrize("turning", [True, False])
+@pytest.mark.parametrize("measured", ["range rates", "components", "both", "nothing"])
+def test_what_most_of_a_vehicle_contradicts(turning: bool, measured: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    random, body = np.random.default_rng(11), np.repeat([3, 0, -1, 7, 5, 9, 2], [3, 4, 5, 2, 8, 3, 1])[::-1].copy()
+    rows = len(body)
+    angle, value = random.uniform(-3.0, 3.0, rows), random.normal(size=rows) * 3.0
+    value[::9] = np.nan
+    part = Projection(np.stack([np.cos(angle), np.sin(angle)], axis=1), value, np.ones(rows))
+    scan = scan_of(rows, speeds=measured in ("range rates", "both")).measurement
+    scan.projections = (part,) * (measured in ("components", "both"))
+    settings = ReflectionSettings.model_validate({"speed": 2.0})
+
+    def computed() -> list[Floats]:
+        bodies = bodies_on_road(20, 9)
+        bodies.obstacles.fastest[[3, 0, 7, 5, 2]], bodies.obstacles.fastest[9] = 9.0, 0.5
+        bodies.obstacles.directed[:], bodies.obstacles.alone[:] = turning, -1.0 * turning
+        assert (bodies.turning() is not None) == turning
+        found = contradicting(bodies, body, scan, settings)
+        assert (len(found) == 0) == (measured == "nothing")
+        assert set(body[found].tolist()) <= {3, 0, 5}
+        return [np.append(found, -1).astype(np.float64)]
 
     both(monkeypatch, computed)
 
