@@ -86,7 +86,7 @@ class ReflectionPlaceSettings(Settings):
         ge=0,
         le=10,
         description="s that a vehicle takes to pass us: so long its reflection may slide along it as fast as the point "
-        "that faces us, of what has shown one only and no size; 0: it does not",
+        "that faces us, of what has told no size; 0: it does not",
     )
     settling: float = Field(
         1.0,

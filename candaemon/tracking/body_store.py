@@ -686,6 +686,10 @@ class Bodies:
             return
         dt = self.detected_after(time_ns)
         step, spread = _following(obstacles, beyond, dt, -np.expm1(-dt / _BEYOND_TIME), -np.expm1(-dt / _DRIFT_TIME))
+        self.settle(step, spread)
+
+    def settle(self, step: Floats, spread: Floats | None = None) -> None:
+        """Move the reference points by steps that the bias had, as `BodyFilter.settle` does."""
         self.filter.settle(step, spread)
         self.changed()
 

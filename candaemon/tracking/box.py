@@ -13,7 +13,7 @@ from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.config.tracker import AloneSettings
 from candaemon.ego.pose import EgoPose
-from candaemon.estimation.body_filter import POSITION, TURN, VELOCITY
+from candaemon.estimation.body_filter import BIAS, POSITION, TURN, VELOCITY
 from candaemon.estimation.outline import LEAST, ROUNDS, facing_point
 from candaemon.frames.bodies import CLASSES
 from candaemon.radar.detections import Detections
@@ -35,7 +35,7 @@ _MOVED, _RIDING = 0.5, 9.0  # m/s
 _CROSSING = 1.5  # times the speed along the line of sight, from which on that across it shows a side
 _PACE_TIME = 4.0  # s, time constant with which the greatest speed of something small is forgotten, down to a walk
 _TURN_ERROR = 0.15  # rad/s, by which a turn rate is wrong
-_BESIDE = 8.0  # m; what passes farther off than about twice its length slides too slowly to matter
+_BESIDE = 16.0  # m; what passes farther off than a long vehicle is long slides too slowly to matter
 _SLIDE_STEP = 0.05  # s
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 TRUCK_LENGTH, NARROW, WALKING = 7.0, 1.1, 3.5
@@ -284,8 +284,9 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
 def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
     """Return how fast what is seen of bodies would slide along them as they pass near us (k,), m/s; None: of none.
 
-    That is of those that have shown one reflection and no size: `follow_aspect` does not move their reference points,
-    but a car of which we see the side pass by shows another point of it all the time. What is small does not.
+    That is of those whose size is not known: a car of which we see the side pass by shows another point of it all the
+    time, and a coach, for which `follow_aspect` takes it for as long as a car, does so for longer. What is small does
+    not.
 
     Args:
         bodies: of the time before.
@@ -296,7 +297,7 @@ def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
     near = (sight * sight).sum(axis=1) < _BESIDE * _BESIDE
     if not np.count_nonzero(near):
         return None
-    near &= obstacles.confirmed & obstacles.directed & (obstacles.alone >= 0.0) & ~obstacles.sized
+    near &= obstacles.confirmed & obstacles.directed & ~obstacles.sized
     rows = near.nonzero()[0]
     if not len(rows):
         return None
@@ -308,6 +309,21 @@ def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
     found = np.zeros(len(obstacles))
     found[rows] = (after - before)[:, 0] / _SLIDE_STEP
     return found
+
+
+def follow_slides(bodies: Bodies, sliding: Floats, dt: float) -> None:
+    """Let the reference points of bodies of unknown size follow what is seen to slide along them, as fast as it may.
+
+    They keep the speeds of the bodies: how far the bias has come along them is where a longer body shows another part.
+
+    Args:
+        bodies: predicted.
+        sliding: how fast that is (k,), m/s, as `slides` tells.
+        dt: since the time before, s.
+    """
+    axis, farthest = bodies.obstacles.axis, np.abs(sliding) * dt
+    along = (bodies.moments().mean[:, BIAS] * axis).sum(axis=1)
+    bodies.settle(np.clip(along, -farthest, farthest)[:, None] * axis)
 
 
 def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:

@@ -324,13 +324,16 @@ class VehicleTracker:
         self._dt = max(dt, 0.0)
         self._state.time_ns = time_ns
         if dt > 0.0:
-            walk, bias_time = self._walks(pose), self._bias_time()
+            sliding = box.slides(bodies, pose)
+            walk, bias_time = self._walks(pose, sliding), self._bias_time()
             bodies.filter.predict(dt, bodies.obstacles.axis, walk, self._hidden(), bias_time)
             self._existence.predict(bodies, dt)
             self._let_wander(dt)
             bodies.changed()
             bodies.swing_references(dt)
             box.follow_aspect(bodies, pose, dt)
+            if sliding is not None:
+                box.follow_slides(bodies, sliding, dt)
         elif -LATEST_RETRODICTION < dt < 0.0:
             velocity = bodies.moments().mean[:, VELOCITY]
             bodies.filter.shift(dt * velocity)
@@ -368,12 +371,16 @@ class VehicleTracker:
             hidden *= np.exp(-np.square((np.abs(across) + _DRIFTING * np.abs(drift)) / _CROSSING))
         return hidden
 
-    def _walks(self, pose: EgoPose) -> Floats:
+    def _walks(self, pose: EgoPose, sliding: Floats | None) -> Floats:
         """Return how the bodies' biases walk along and across (k, 2), m²/s.
 
         What slides along a body steadily, or not at all, walks as far in the time that it takes to pass.
+
+        Args:
+            pose: ego pose.
+            sliding: how fast that would be (k,), m/s; None: of none.
         """
-        walks, sliding = self._noise.walks(), box.slides(self._bodies, pose)
+        walks = self._noise.walks()
         walk = self._of_leaders(walks.walk) if walks.some else np.zeros((len(self), 2))
         if sliding is not None:
             walk[:, 0] += self._places.passing * sliding * sliding

@@ -25,3 +25,22 @@ def test_a_car_that_passes_is_as_fast_while_it_shows_us_the_point_beside_us(half
     assert len(set(obstacles.id.tolist())) == 1
     assert min(told) > 0.7 * SPEED
     assert max(told) < 1.3 * SPEED
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_coach_that_crosses_close_ahead_drives_straight_on(seed: int) -> None:
+    """What is nearest of its side stays before us: a shorter vehicle would be half as fast, and turn away."""
+    fed, rng, told = HandFedVehicles(), np.random.default_rng(seed), list[tuple[float, float]]()
+    for t in times(1, 50):
+        centre = 12.0 - 10.0 * t
+        nearest = np.clip(0.0, centre - 4.0, centre + 4.0)
+        seen = [Seen(1, 8.5 + rng.normal() * 0.1, nearest + rng.normal() * 0.1, 0.0, -10.0)]
+        if t < 0.6:
+            seen.append(Seen(2, 8.5 + rng.normal() * 0.1, nearest - 1.0 + rng.normal() * 0.1, 0.0, -10.0))
+        obstacles = fed.scan(t, seen)
+        if -4.0 < centre < 4.0:
+            (row,) = np.flatnonzero(obstacles.id == obstacles.id.min())
+            told.append((float(obstacles.vx[row]), float(obstacles.vy[row])))
+    vx, vy = np.array(told).T
+    assert np.abs(vx).max() < 1.5
+    assert (vy < -7.0).all()
