@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 141
+REVISION = 142
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3490,7 +3490,8 @@ def settle_bodies(
 ):
     """Move in place by steps (n, 2) what biases had to the places of bodies, in all modes (8, M, n).
 
-    By spreads (n, 2) it is open again, in covariances (8, 8, M, n), how fast they move in the modes that do (M, 1).
+    By spreads (n, 2), if there are any, it is open again, in covariances (8, 8, M, n), how fast they move in the modes
+    that do (M, 1).
     """
     cdef Py_ssize_t i, t
     cdef int a, b
@@ -3500,7 +3501,7 @@ def settle_bodies(
                 for t in range(mean.shape[2]):
                     mean[a, i, t] = mean[a, i, t] + step[t, a]
                     mean[6 + a, i, t] = mean[6 + a, i, t] - step[t, a]
-            for b in range(2):
+            for b in range(2 if spread is not None else 0):
                 for i in range(mean.shape[1]):
                     for t in range(mean.shape[2]):
                         covariance[2 + a, 2 + b, i, t] = (

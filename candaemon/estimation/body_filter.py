@@ -288,13 +288,14 @@ class BodyFilter:
             spread: standard deviation, along a direction (n, 2), m/s, by which it is open again how fast bodies move
                 that way, in the modes that move; None: it is not.
         """
-        spread = np.zeros(step.shape) if spread is None else spread
         mean, covariance = self._state.mean.T, self._state.covariance.T
         if self._compiled:
             compiled.kernels.settle_bodies(mean, covariance, self._moves, step, spread)
             return
         mean[POSITION] += step.T[:, None]
         mean[BIAS] -= step.T[:, None]
+        if spread is None:
+            return
         opened = spread.T[:, None] * spread.T
         covariance[VELOCITY, VELOCITY] += self._moves * opened[:, :, None]
 

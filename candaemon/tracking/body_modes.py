@@ -28,7 +28,7 @@ def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:
             dwell=settings.standing.dwell,
             turn_time=settings.turn_time,
         ),
-        replace(cruising, bias_walk=sliding.walk, dwell=sliding.dwell),
+        replace(cruising, bias_walk=sliding.walk, dwell=sliding.dwell, turn_time=settings.turning.turn_time),
         BodyMode(
             moves=True,
             acceleration=0.0,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import expm1
 from typing import Final
 
 import numpy as np
@@ -686,12 +687,31 @@ class Bodies:
             return
         dt = self.detected_after(time_ns)
         step, spread = _following(obstacles, beyond, dt, -np.expm1(-dt / _BEYOND_TIME), -np.expm1(-dt / _DRIFT_TIME))
-        self.settle(step, spread)
-
-    def settle(self, step: Floats, spread: Floats | None = None) -> None:
-        """Move the reference points by steps that the bias had, as `BodyFilter.settle` does."""
         self.filter.settle(step, spread)
         self.changed()
+
+    def return_to_seen(self, dt: float, return_time: float) -> None:
+        """Let the reference points return to where the sensors see them, without a speed of their own.
+
+        How far off that is, the bias, tells of a reflection that has slid away, or of one that had when it was taken up
+        and has slid back: the longer it lasts, the likelier is the latter. What is slow stays where it was found.
+
+        Args:
+            dt: since the time before, s.
+            return_time: time constant, s.
+        """
+        mean = self.moments().mean
+        driving = 1.0 - self.filter.unsteady(np.hypot(mean[:, 2], mean[:, 3]))
+        self.settle((-expm1(-dt / return_time) * driving)[:, None] * mean[:, BIAS])
+
+    def settle(self, step: Floats) -> None:
+        """Move the reference points by steps that the bias had (k, 2), m: what the sensors see stays where it is."""
+        self.forget_turning()
+        self.filter.settle(step)
+        if self._moments is not None:
+            self._moments.mean[:, POSITION] += step
+            self._moments.mean[:, BIAS] -= step
+            self._shifted = True
 
     def merge(self, young: int, old: int) -> None:
         """Give the reflections of one body to another; the row left without reflections is to be deleted."""

@@ -334,6 +334,7 @@ class VehicleTracker:
             box.follow_aspect(bodies, pose, dt)
             if sliding is not None:
                 box.follow_slides(bodies, sliding, dt)
+            bodies.return_to_seen(dt, self._places.return_time)
         elif -LATEST_RETRODICTION < dt < 0.0:
             velocity = bodies.moments().mean[:, VELOCITY]
             bodies.filter.shift(dt * velocity)

@@ -1,4 +1,4 @@
-"""What passes beside us shows its side: what is seen of it slides along it."""
+"""What passes beside us shows its side: what is seen of it slides along it, and at times of any vehicle."""
 
 from __future__ import annotations
 
@@ -44,3 +44,34 @@ def test_a_coach_that_crosses_close_ahead_drives_straight_on(seed: int) -> None:
     vx, vy = np.array(told).T
     assert np.abs(vx).max() < 1.5
     assert (vy < -7.0).all()
+
+
+@pytest.mark.parametrize("jump", [1.0, 1.6, 2.2])
+def test_a_car_whose_reflection_has_slid_for_good_is_told_where_it_is_seen(jump: float) -> None:
+    """It may slide back, but the longer it does not, the likelier the place before was that of another part."""
+    fed, rng = HandFedVehicles(noise=(0.3, 0.3, 0.1)), np.random.default_rng(1)
+    for t in times(0, 120):
+        x = 20.0 + 15.0 * t
+        seen = x + (jump if t < 3.0 else 0.0) + rng.normal() * 0.2
+        told = fed.scan(t, [Seen(1, seen, 3.0 + rng.normal() * 0.2, 15.0)])
+        if t > 3.0:
+            assert told.vx[0] == pytest.approx(15.0, abs=0.1)
+    assert told.x[0] == pytest.approx(x, abs=0.4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_turns_goes_on_turning_while_its_reflection_slides(seed: int) -> None:
+    """A car on a circle of 100 m at 16 m/s; every .4 s its reflection is elsewhere by about a metre."""
+    fed, rng, errors, slid = HandFedVehicles(noise=(0.2, 0.4, 0.1)), np.random.default_rng(seed), list[float](), 0.0
+    for k, t in enumerate(times(0, 120)):
+        angle = 0.16 * t
+        x, y = 60.0 + 100.0 * np.sin(angle), -60.0 + 100.0 * np.cos(angle)
+        if k % 8 == 0:
+            slid = rng.normal()
+        along = slid + rng.normal() * 0.2
+        seen = x + along * np.cos(angle), y - along * np.sin(angle) + rng.normal() * 0.4
+        told = fed.scan(t, [Seen(1, *seen, 16.0 * np.cos(angle), -16.0 * np.sin(angle))])
+        if t > 3.0 and len(told.id):
+            course = np.arctan2(told.vy[0], told.vx[0])
+            errors.append(np.degrees(course + angle))
+    assert np.sqrt(np.mean(np.square(errors))) < 4.0
