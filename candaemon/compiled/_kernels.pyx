@@ -3693,16 +3693,19 @@ def apart_from_most(
     double slowest,
     double most,
 ):
-    """Return rows of detections whose speeds, beyond those of their bodies, are apart from the medians of all of one."""
+    """Return rows of detections that exceed the speed of their body by more or less than its median detection does.
+
+    Only bodies of so many detections count, that have been faster than the slowest; and only what is apart by most.
+    """
     cdef Py_ssize_t n = body.shape[0], k = fastest.shape[0], m = 0, f = 0, i, j, t, at, members, middle
     cdef Py_ssize_t parts = len(projections) + (range_rate is not None)
     cdef Py_ssize_t* count = <Py_ssize_t*> malloc((k + n + 1) * sizeof(Py_ssize_t))
     cdef Py_ssize_t* rows = count + k
     cdef double* speeds = <double*> malloc(((parts + 4) * n + 1) * sizeof(double))
-    cdef double *speed
-    cdef double *velocity = speeds + parts * n
-    cdef double *ordered = velocity + 2 * n
-    cdef double *apart = ordered + n
+    cdef double* speed
+    cdef double* velocity = speeds + parts * n
+    cdef double* ordered = velocity + 2 * n
+    cdef double* apart = ordered + n
     cdef double x, y, nearest, median
     cdef const double[:, :] direction
     cdef const double[:] value

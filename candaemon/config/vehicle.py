@@ -36,7 +36,10 @@ class ManoeuvringSettings(Settings):
 
 
 class TurningSettings(Settings):
-    """A body that turns at a speed and a turn rate that hardly change, as in a bend or a roundabout."""
+    """A body that turns at a speed and a turn rate that hardly change, as in a bend or a roundabout.
+
+    While its reflection slides, its turn rate fades within the same time.
+    """
 
     acceleration: Acceleration = 0.08
     lateral_acceleration: LateralAcceleration = 3.0
@@ -115,7 +118,11 @@ class ReflectionPlaceSettings(Settings):
         description="m beyond an end of a known box, from which on the reference point moves, not the bias",
     )
     return_time: float = Field(
-        1.0, gt=0.02, le=60, description="s, with which the reference point returns to the middle of what is seen"
+        1.0,
+        gt=0.02,
+        le=60,
+        description="s, with which the reference point returns to the middle of what is seen; of what drives, though "
+        "it is one reflection",
     )
     speed_noise: float = Field(
         3.0,
@@ -156,7 +163,10 @@ class VehicleEstimatorSettings(Settings):
     backing: BackingSettings = Field(default_factory=BackingSettings.defaults)
     acceleration_time: float = Field(1.5, gt=0.05, le=60, description="s, correlation time of the acceleration")
     turn_time: float = Field(
-        1.5, gt=0.05, le=60, description="s, correlation time of the turn rate in modes other than cruising and turning"
+        1.5,
+        gt=0.05,
+        le=60,
+        description="s, correlation time of the turn rate in modes other than cruising, turning and sliding",
     )
     turn_rate: float = Field(
         0.25, gt=0, le=2, description="rad/s, largest standard deviation of the turn rate, but of a turn that begins"

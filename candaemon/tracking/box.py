@@ -35,7 +35,7 @@ _MOVED, _RIDING = 0.5, 9.0  # m/s
 _CROSSING = 1.5  # times the speed along the line of sight, from which on that across it shows a side
 _PACE_TIME = 4.0  # s, time constant with which the greatest speed of something small is forgotten, down to a walk
 _TURN_ERROR = 0.15  # rad/s, by which a turn rate is wrong
-_BESIDE = 16.0  # m; what passes farther off than a long vehicle is long slides too slowly to matter
+_BESIDE = 16.0  # m, the length of a lorry; what passes farther off slides too slowly to matter
 _SLIDE_STEP = 0.05  # s
 UNKNOWN, CAR, TRUCK, TWO_WHEELER, PEDESTRIAN, STANDING = range(len(CLASSES))
 TRUCK_LENGTH, NARROW, WALKING = 7.0, 1.1, 3.5
@@ -285,8 +285,8 @@ def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
     """Return how fast what is seen of bodies would slide along them as they pass near us (k,), m/s; None: of none.
 
     That is of those whose size is not known: a car of which we see the side pass by shows another point of it all the
-    time, and a coach, for which `follow_aspect` takes it for as long as a car, does so for longer. What is small does
-    not.
+    time. A coach does so for longer than `follow_aspect` expects, which takes it for as long as a car. What is small
+    does not.
 
     Args:
         bodies: of the time before.
