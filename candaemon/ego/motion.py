@@ -30,13 +30,15 @@ class StationaryReturns:
 
     Attributes:
         time_ns: measurement time.
+        own_speed: what ego motion told for that time, m/s.
         speeds: for each, the ego speed along the line of sight that it implies, m/s, and the cosine of the angle
-            between line of sight and travel.
+            between line of sight and travel; none of a sensor that adds the ego speed to its range rates itself.
         drifts: for each that was watched for long enough, how far it seems to have moved to the left over ground, m,
             and its distance ahead integrated over that time, m·s: their ratio is the error of the yaw rate.
     """
 
     time_ns: int
+    own_speed: float
     speeds: tuple[tuple[float, float], ...]
     drifts: tuple[tuple[float, float], ...]
 

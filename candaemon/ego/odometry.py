@@ -33,6 +33,9 @@ class OdometryState:
         yaw_rate: the latest, as the sensor read it, rad/s; None before the first.
         yaw_rate_ns: its time.
         wheel_speed: the latest, m/s.
+        coming: of speed, left or right wheels that several messages tell and some have told: their sum, m/s, how many
+            they are, and in how many messages they came.
+        coming_ns: when the latest of these came.
         sides: mean speeds of the wheels of one side that wait for the other, m/s.
         heading: integrated, rad.
         turned_to_ns: time of the heading; None before the first yaw rate.
@@ -53,6 +56,8 @@ class OdometryState:
     yaw_rate: float | None = None
     yaw_rate_ns: int = 0
     wheel_speed: float = 0.0
+    coming: dict[str, tuple[float, int, int]] = field(default_factory=dict)
+    coming_ns: int = LONG_AGO_NS
     sides: dict[str, float] = field(default_factory=dict)
     heading: float = 0.0
     turned_to_ns: int | None = None
@@ -72,8 +77,10 @@ class OdometryMotion:
     """Ego motion from wheel speeds or a speedometer and a yaw rate sensor, biases estimated on the way.
 
     A sample is made with each speed for which a yaw rate is known: the sensor's, while it comes; else the curvature's,
-    the wheels', or none, of a vehicle that stands. The local frame's x axis is the first heading. Wheels and
-    speedometers hardly ever say which way they turn: that is the gear's to tell, and ahead where it is silent.
+    the wheels', or none, of a vehicle that stands. Where several messages tell a speed, as one of the front and one of
+    the rear wheels, it is told when as many came: the front ones go faster in a bend. The local frame's x axis is the
+    first heading. Wheels and speedometers hardly ever say which way they turn: that is the gear's to tell, and ahead
+    where it is silent.
 
     Args:
         settings: of the odometry.
@@ -89,6 +96,9 @@ class OdometryMotion:
         self.teaching: BiasSettings | None = settings.bias
         self.wanted = frozenset({"speed", "left_wheels", "right_wheels", "yaw_rate", "curvature", "reverse"})
         self._reverse = reverse
+        signals = settings.signals
+        told = {"speed": signals.speed, "left_wheels": signals.left_wheels, "right_wheels": signals.right_wheels}
+        self._messages = {name: len({each.signal.partition(".")[0] for each in refs}) for name, refs in told.items()}
         self._has_sensor = settings.signals.yaw_rate is not None
         self._track_width = settings.track_width
         self._latency_ns = round(settings.latency * 1e9)
@@ -118,7 +128,7 @@ class OdometryMotion:
 
     @state.setter
     def state(self, state: OdometryState) -> None:
-        if not state.sides.keys() < {"left_wheels", "right_wheels"}:
+        if not state.sides.keys() < {"left_wheels", "right_wheels"} or not state.coming.keys() <= self._messages.keys():
             raise ValueError("wheels of other sides than left or right")
         self._state, self.bias.state, self.history.state = state, state.bias, state.history
 
@@ -131,7 +141,7 @@ class OdometryMotion:
             if value == value:  # NaN: the DBC's multiplexer left it out
                 total, number = sums.get(name, (0.0, 0))
                 sums[name] = total + value, number + 1
-        mean = {name: total / number for name, (total, number) in sums.items()}
+        mean = {name: total / number for name, (total, number) in self._complete(time_ns, sums).items()}
         if state.begun_ns is None:
             state.begun_ns = time_ns
         if "yaw_rate" in mean:
@@ -153,6 +163,24 @@ class OdometryMotion:
         if speed is not None and self._knows_turn(time_ns, speed, difference):
             state.counts.direction_assumed += self.lacks_gear(time_ns)
             self._add_sample(time_ns, speed)
+
+    def _complete(self, time_ns: int, sums: dict[str, tuple[float, int]]) -> dict[str, tuple[float, int]]:
+        """Return the sums of a frame's values and their numbers; of what several messages tell, once as many came."""
+        state, found = self._state, {}
+        if time_ns - state.coming_ns > self._age_limit_ns:
+            state.coming.clear()
+            state.sides.clear()
+        for name, (total, number) in sums.items():
+            if self._messages.get(name, 1) > 1:
+                before, of_before, came = state.coming.pop(name, (0.0, 0, 0))
+                total, number = before + total, of_before + number
+                if came + 1 < self._messages[name]:
+                    state.coming[name] = total, number, came + 1
+                    continue
+            found[name] = total, number
+        if not self._messages.keys().isdisjoint(sums):
+            state.coming_ns = time_ns
+        return found
 
     def lacks_gear(self, time_ns: int) -> bool:
         """Return whether the signal that tells reverse is silent at an instant, so that speeds count as ahead."""
@@ -249,8 +277,11 @@ class OdometryMotion:
         return self.history.course(begin_ns, step_ns, count)
 
     def learn(self, returns: StationaryReturns) -> None:
-        """Correct the speed's factor and the yaw rate's bias by what stands still."""
-        self.bias.learn_from_returns(returns, self._state.wheel_speed, by_wheels=self._state.by_wheels)
+        """Correct the speed's factor and the bias of what tells the turning, where it has one, by what stands still."""
+        by_wheels = self._state.by_wheels
+        if self._state.derived is not None and not by_wheels:
+            returns = replace(returns, drifts=())  # these are the curvature's error, not that of the silent sensor
+        self.bias.learn_from_returns(returns, returns.own_speed / self.bias.scale, by_wheels=by_wheels)
 
     @property
     def corrections(self) -> tuple[float, float]:

@@ -83,7 +83,7 @@ class Pipeline:
             self.tracker_groups.others,
             [self._judged_after(sensor) for sensor in binding.sensors],
         )
-        self.stationary = StationaryWatch(self.ego.teaching) if self.ego.teaching is not None else None
+        self.stationary = self._make_stationary_watch()
         # detections of what stands → latency and yaw of the sensors, errors of ego motion
         self.calibrator = self._make_calibrator()
         self._corrects = self.calibrator is not None and self.calibrator.settings.apply
@@ -487,6 +487,14 @@ class Pipeline:
         if not settings.calibration.enabled or self.binding.ego is None:
             return None
         return Calibrator(settings.calibration, self.binding.sensors, self.ego, settings.ego)
+
+    def _make_stationary_watch(self) -> StationaryWatch | None:
+        """Return what watches what stands; None where ego motion has nothing to learn from it."""
+        if self.ego.teaching is None:
+            return None
+        sensors = self.binding.sensors
+        compensated = {each.index for each in sensors if each.settings.range_rates == "absolute"}
+        return StationaryWatch(self.ego.teaching, compensated)
 
     def _judged_after(self, sensor: BoundSensor) -> float:
         """Return the s after which a sensor is silent that is tracked as often as its group's slowest."""

@@ -7,6 +7,7 @@ points themselves over a span of time, since a filter that expects little latera
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass, field
 from math import hypot
 
@@ -67,13 +68,15 @@ class StationaryWatch:
 
     Args:
         settings: what counts as stationary, and how long a drift is watched.
+        compensated: numbers of the sensors whose range rates are over ground: from those ego motion's own speed was
+            taken off again, and says nothing of itself.
 
     Attributes:
         state: all that it remembers.
     """
 
-    def __init__(self, settings: BiasSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: BiasSettings, compensated: Container[int] = ()) -> None:
+        self._settings, self._compensated = settings, compensated
         self._span_ns = round(settings.drift_time * 1e9)
         self.state = StationaryWatchState()
 
@@ -101,17 +104,16 @@ class StationaryWatch:
         unit = unit / np.hypot(unit[:, 0], unit[:, 1])[:, None]
         cosine = unit @ (measurement.velocity / ego_speed)
         ahead = cosine > settings.least_cosine
-        old = obstacles.age[obstacles.used_row[rows]] > settings.least_age
-        speeds = tuple(
-            (float(-measurement.range_rate[i]), float(c))
-            for i, c in zip(seen[ahead & old], cosine[ahead & old], strict=True)
-        )
+        speeds: tuple[tuple[float, float], ...] = ()
+        if detections.sensor not in self._compensated:
+            told = ahead & (obstacles.age[obstacles.used_row[rows]] > settings.least_age)
+            speeds = tuple(zip((-measurement.range_rate[seen[told]]).tolist(), cosine[told].tolist(), strict=True))
         drifts = tuple(
             drift
             for row, i in zip(rows[ahead], seen[ahead], strict=True)
             if (drift := self._drift(int(obstacles.id[obstacles.used_row[row]]), int(i), detections, pose)) is not None
         )
-        return StationaryReturns(detections.time_ns, speeds, drifts)
+        return StationaryReturns(detections.time_ns, ego_speed, speeds, drifts)
 
     def _prune(self, time_ns: int) -> None:
         """Remove the points that were not measured for a span."""

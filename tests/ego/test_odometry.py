@@ -148,7 +148,7 @@ def test_stationary_returns_find_the_speeds_factor() -> None:
         own = 20.0
         cosines = rng.uniform(0.9, 1.0, 4)
         speeds = tuple((1.015 * own * c + 0.1 * rng.normal(), float(c)) for c in cosines)
-        bias.learn_from_returns(StationaryReturns(0, speeds, ()), own)
+        bias.learn_from_returns(StationaryReturns(0, own, speeds, ()), own)
     assert bias.scale == pytest.approx(1.015, abs=0.001)
     assert bias.yaw_rate == 0.0
 
@@ -158,7 +158,7 @@ def test_what_is_fixed_is_not_learnt() -> None:
     motion.update(0, ("yaw_rate",), (0.1,))
     for k in range(100):
         motion.update(ns(0.01 * k), ("left_wheels", "right_wheels"), (10.0, 12.0))
-        motion.learn(StationaryReturns(ns(0.01 * k), ((15.0, 1.0),), ((1.0, 20.0),)))
+        motion.learn(StationaryReturns(ns(0.01 * k), 11.0, ((15.0, 1.0),), ((1.0, 20.0),)))
     assert motion.bias.scale == 1.0
     assert motion.bias.yaw_rate == 0.0
 
@@ -289,3 +289,66 @@ def test_a_drive_past_guard_rails_finds_bias_and_factor(wrong_rate_deg: float, f
     assert isinstance(ego, OdometryMotion)
     assert degrees(ego.bias.yaw_rate) == pytest.approx(wrong_rate_deg, abs=0.12)
     assert ego.bias.scale * factor == pytest.approx(1.0, abs=0.003)
+
+
+FOUR = {"left_wheels": ["F.l", "R.l"], "right_wheels": ["F.r", "R.r"]}
+SIDES = ("left_wheels", "right_wheels")
+
+
+def axle_frames(speed: float, front: float) -> list[tuple[float, tuple[float, float]]]:
+    """Return times, s, and both wheels' speeds, m/s, of 2 s of frames: of the front axle, then of the rear one."""
+    return [(0.01 * k, (speed * front, speed * front) if k % 2 == 0 else (speed, speed)) for k in range(200)]
+
+
+def test_wheels_of_the_front_and_the_rear_in_two_messages_give_their_mean() -> None:
+    motion = odometry(FOUR | {"yaw_rate": "M.w"})
+    motion.update(0, ("yaw_rate",), (0.0,))
+    for time, wheels in axle_frames(20.0, 1.02):
+        motion.update(ns(time), ("yaw_rate",), (0.0,))
+        motion.update(ns(time), SIDES, wheels)
+    speeds = [each.ve for each in motion.history.state.samples]
+    assert len(speeds) == 100
+    assert speeds == pytest.approx([20.2] * 100)
+
+
+def test_a_message_of_wheels_that_falls_silent_leaves_the_other_to_tell_the_speed() -> None:
+    motion = odometry(FOUR | {"yaw_rate": "M.w"})
+    for time, wheels in axle_frames(20.0, 1.02):
+        motion.update(ns(time), ("yaw_rate",), (0.0,))
+        if time < 1.0 or wheels[0] > 20.0:
+            motion.update(ns(time), SIDES, wheels)
+    pose = known(motion.pose(ns(1.98)))
+    assert pose.status is not EgoStatus.DEAD_RECKONING
+    assert pose.ve == pytest.approx(20.4)
+
+
+@pytest.mark.parametrize("order", ["fl fr rl rr", "fl rl fr rr", "rr fr rl fl"])
+def test_four_wheels_in_four_messages_do_not_turn_what_drives_straight_on(order: str) -> None:
+    signals = {"left_wheels": ["A.fl", "B.rl"], "right_wheels": ["C.fr", "D.rr"]}
+    motion, speeds = odometry(signals), {"fl": 20.2, "fr": 20.2, "rl": 20.0, "rr": 20.0}
+    for k in range(400):
+        wheel = order.split()[k % 4]
+        motion.update(ns(0.005 * k), (SIDES[wheel[1] == "r"],), (speeds[wheel],))
+    assert motion.counts.yaw_rate_from_wheels == 100
+    assert [each.yaw_rate for each in motion.history.state.samples] == pytest.approx([0.0] * 100)
+
+
+def test_a_wheel_from_before_a_silence_is_no_part_of_the_speed_after_it() -> None:
+    motion = odometry(FOUR | {"yaw_rate": "M.w"}, age_limit=0.5)
+    motion.update(0, (*SIDES, "yaw_rate"), (10.0, 10.0, 0.0))
+    for time in (30.0, 30.01):
+        motion.update(ns(time), (*SIDES, "yaw_rate"), (20.0, 20.0, 0.0))
+    assert known(motion.pose(ns(30.01))).ve == pytest.approx(20.0)
+
+
+def test_what_drifts_by_an_error_of_the_curvature_says_nothing_of_the_silent_sensors_bias() -> None:
+    motion = odometry({"speed": ["M.v"], "yaw_rate": "M.w", "curvature": "M.c"})
+    for k in range(3000):
+        time_ns = ns(0.02 * k)
+        if k < 500:
+            motion.update(time_ns, ("yaw_rate",), (0.0,))
+        motion.update(time_ns, ("curvature", "speed"), (0.0005, 20.0))
+        if k > 600:
+            motion.learn(StationaryReturns(time_ns, 20.0, (), ((0.5, 50.0),)))
+    assert motion.counts.yaw_rate_from_curvature > 2000
+    assert motion.bias.yaw_rate == 0.0
