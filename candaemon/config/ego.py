@@ -25,9 +25,9 @@ class EgoCommon(Settings):
     bus: Name = Field(description="name of the bus")
     dbc: FilePath = Field(description="DBC file, relative to this YAML")
     units: Units = Field(default_factory=Units.defaults, description="of signals without a unit of their own")
-    age_limit: float = Field(0.5, gt=0, le=10, description="s without an update before ego motion counts as lost")
+    age_limit: float = Field(0.5, gt=0, le=10, description="s without an update before ego motion is dead reckoning")
     dead_reckoning: float = Field(
-        10.0, gt=0, le=600, description="s without an update before even dead reckoning is given up"
+        10.0, gt=0, le=600, description="s without an update before ego motion is lost, dead reckoning too"
     )
     unseen_acceleration: float = Field(
         1.0, gt=0, le=20, description="m/s², how fast the velocity's standard deviation grows in dead reckoning"

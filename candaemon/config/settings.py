@@ -23,6 +23,8 @@ from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.errors import MOST_PROBLEMS
 from candaemon.similar_names import listed_names, meant
 
+MOST_SENSORS: Final = 63
+"""A tracked obstacle remembers by a bit each which of them saw it."""
 SEVERAL_SENSORS_CYCLE: Final = 0.05
 """s between two outputs of several sensors, where the configuration does not say."""
 
@@ -39,7 +41,9 @@ class Config(Settings):
     description: Prose = Field("", description="what it is for")
     buses: dict[Name, BusSettings] = Field(min_length=1, description="CAN buses by name")
     ego: EgoSettings = Field(description="ego motion")
-    sensors: dict[Name, SensorSettings] = Field(min_length=1, description="sensors by name")
+    sensors: dict[Name, SensorSettings] = Field(
+        min_length=1, max_length=MOST_SENSORS, description=f"sensors by name, {MOST_SENSORS} at most"
+    )
     tracker: TrackerSettings = Field(
         default_factory=TrackerSettings.defaults, description="how detections become obstacles"
     )

@@ -102,6 +102,7 @@ def part_in_line(bodies: Bodies, rows: Indices) -> int:
     bodies.refer_to_leaders(left)
     riders = np.concatenate([left, np.arange(known, len(bodies))])
     obstacles.confirmed[riders] = True  # what was seen for so long exists
+    obstacles.existence[known:] = obstacles.existence[left]
     obstacles.length[riders], obstacles.width[riders] = RIDER
     obstacles.extent[riders], obstacles.alone[riders] = 0.0, SURELY_ALONE
     return len(bodies) - known

@@ -725,6 +725,7 @@ class Bodies:
         obstacles.last_ns[old] = max(obstacles.last_ns[old], obstacles.last_ns[young])
         obstacles.first_ns[old] = min(obstacles.first_ns[old], obstacles.first_ns[young])
         obstacles.history[old] |= obstacles.history[young]
+        obstacles.scans[old] = max(obstacles.scans[old], obstacles.scans[young])
         obstacles.sensors[old] |= obstacles.sensors[young]
         obstacles.existence[old] = max(obstacles.existence[old], obstacles.existence[young])
         obstacles.unseen[old] = min(obstacles.unseen[old], obstacles.unseen[young])
@@ -744,7 +745,11 @@ class Bodies:
         obstacles.extent[young] = max(obstacles.extent[young], obstacles.extent[old])
         obstacles.fastest[young] = max(obstacles.fastest[young], obstacles.fastest[old])
         if obstacles.directed[old] and not obstacles.directed[young]:
-            for name in ("axis", "directed", "ahead"):
+            axes, told = obstacles.axis.copy(), np.zeros(len(self), dtype=np.bool_)
+            axes[young], told[young] = obstacles.axis[old], True
+            self.take_axes(axes, told)
+            self.forget_turning()
+            for name in ("directed", "ahead"):
                 column = getattr(obstacles, name)
                 column[young] = column[old]
 

@@ -34,16 +34,6 @@ def kept(dt: float, mean_life: float) -> float:
     return float(np.exp(-max(dt, 0.0) / mean_life))
 
 
-def missed(existence: Floats, detection_probability: Floats) -> Floats:
-    """Return the probabilities of existence (n,) after a scan that detected none of the obstacles.
-
-    Args:
-        existence: predicted (n,).
-        detection_probability: with which each would have been detected inside its gate (n,); 0: nothing is learnt.
-    """
-    return detected(existence, detection_probability, np.zeros_like(existence))
-
-
 def detected(existence: Floats, detection_probability: Floats, likelihood_ratio: Floats) -> Floats:
     """Return the probabilities of existence (n,) after a scan with detections in the obstacles' gates.
 

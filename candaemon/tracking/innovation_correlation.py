@@ -2,7 +2,8 @@
 
 The innovations of a filter that knows its noise are white. Where the errors of one scan are those of the scan before,
 in part, so are the innovations: of a filter that remembers longer than errors last they are little else than errors,
-and their correlation over one scan is share · exp(−cycle time / time). What slides over a body counts like that, too.
+and their correlation over T, the time after which a sensor has looked everywhere, is share · exp(−T / time). What
+slides over a body counts like that, too.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ UNKNOWN: Final = ErrorCorrelation.defaults()
 _UNKNOWN_WEIGHT = 20.0  # sum of squares of innovations that counts for as much as what is not known
 _MOST_WEIGHT = 10_000.0  # sum of squares beyond which what is older counts half
 _MOST = 9.0  # square of an innovation that is an error; beyond, something else happened
-_FRESH = 1.5  # cycles from one detection to the next
+_FRESH = 1.5  # times of looking everywhere, from one detection to the next
 _SETTLED_NS = 1_000_000_000  # age from which on a body's velocity is known
 _MOST_SHARE = 0.9
 _ROUNDED = 1.0 + 1e-9  # to which sums of alike innovations may exceed one another
@@ -60,7 +61,7 @@ class InnovationCorrelation:
 
     def __init__(self, sensors: Mapping[int, SensorSettings]) -> None:
         self._given = {number: settings.noise.correlation for number, settings in sensors.items()}
-        self._cycle_times = {number: settings.cycle_time for number, settings in sensors.items()}
+        self._revisit_times = {number: settings.revisit_time for number, settings in sensors.items()}
         self._state = InnovationCorrelationState({number: InnovationSums() for number in sensors})
 
     @property
@@ -90,7 +91,7 @@ class InnovationCorrelation:
             sensors: number of a sensor from here on, by the number it had.
         """
         self._given = {sensors[old]: each for old, each in self._given.items() if old in sensors}
-        self._cycle_times = {sensors[old]: each for old, each in self._cycle_times.items() if old in sensors}
+        self._revisit_times = {sensors[old]: each for old, each in self._revisit_times.items() if old in sensors}
         remembered = self._state.sensors
         self._state.sensors = {sensors[old]: each for old, each in remembered.items() if old in sensors}
 
@@ -104,7 +105,7 @@ class InnovationCorrelation:
             return given.share, given.time
         if sums is None:
             return 0.0, UNKNOWN.time
-        kept = exp(-self._cycle_times[sensor] / UNKNOWN.time)
+        kept = exp(-self._revisit_times[sensor] / UNKNOWN.time)
         products = sums.products + _UNKNOWN_WEIGHT * UNKNOWN.share * kept
         learnt = products / (sums.squares + _UNKNOWN_WEIGHT) / kept
         return min(max(learnt, 0.0), _MOST_SHARE), UNKNOWN.time
@@ -125,7 +126,7 @@ class InnovationCorrelation:
         sums = self._state.sensors.get(sensor)
         if sums is None:
             return
-        since_ns = time_ns - round(_FRESH * self._cycle_times[sensor] * 1e9)
+        since_ns = time_ns - round(_FRESH * self._revisit_times[sensor] * 1e9)
         products, squares = _innovations(bodies, rows, measurement, since_ns, time_ns - _SETTLED_NS)
         sums.products += products
         sums.squares += squares

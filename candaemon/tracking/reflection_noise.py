@@ -25,6 +25,7 @@ import numpy as np
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.arrays.rows import distinct
 from candaemon.config.sensors import ObjectNoise, SensorSettings
+from candaemon.config.settings import MOST_SENSORS
 
 MOST_FOLLOWED: Final = 512
 """Reflections of a scan that are followed."""
@@ -58,7 +59,7 @@ _LOG_VARIANCE = 0.5 * pi * pi  # of the logarithm of the square of what is norma
 _LEAST_RANGE, _LEAST_SCALE = 1.0, 0.01  # m; of a walk close by
 _TELLING = 0.25  # share of the displacements over a second that are independent: they overlap
 _REFRESH = 16  # displacements until an estimate is made again
-_NUMBERS = 65  # of sensors, 0 to 63, a bit each of what an obstacle was seen by; and one of no sensor
+_NUMBERS = MOST_SENSORS + 1  # and one of no sensor
 
 
 @dataclass(slots=True)

@@ -336,6 +336,7 @@ class TrackStore:
             change_reference(obstacles, np.array([old]), obstacles.leader[[young]], self.states()[0])
         obstacles.last_ns[old] = max(obstacles.last_ns[old], obstacles.last_ns[young])
         obstacles.history[old] |= obstacles.history[young]
+        obstacles.scans[old] = max(obstacles.scans[old], obstacles.scans[young])
         obstacles.sensors[old] |= obstacles.sensors[young]
 
     def delete(self, lost: Booleans, ended: Booleans) -> Indices:

@@ -36,7 +36,11 @@ from candaemon.tracking.update import PredictedReflections, TrackerCounts, Updat
 
 MISSED_SCAN = 2.4  # cycles: two, and the jitter of a scan
 EARLIEST_NS = -LATEST_NS // 2  # a measurement may lie before the first instant, by a latency
-LATEST_RETRODICTION = 0.5  # s by which a scan may be older than the one before it and still update tracks
+LATEST_RETRODICTION = 1.5
+"""s by which a scan may be older than the one before it; what is older still, a clock that was set back has stamped.
+
+Latencies from -0.5 to 0.5 s and a scan that closes late lie between.
+"""
 _HISTORY = (1 << 32) - 1
 _NONE = np.empty(0, dtype=np.intp)
 

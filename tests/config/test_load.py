@@ -13,7 +13,7 @@ import yaml
 from candaemon.config.base import Settings
 from candaemon.config.buses import BusSettings
 from candaemon.config.load import LoadedConfig, json_schema, load_config
-from candaemon.config.settings import Config
+from candaemon.config.settings import MOST_SENSORS, Config
 from candaemon.config.yaml_text import read_yaml
 from candaemon.errors import ConfigError
 from tests.support.paths import ROOT
@@ -151,6 +151,17 @@ def test_a_scan_takes_a_millisecond(tmp_path: Path) -> None:
     shortest = loaded(tmp_path, MINIMAL.replace("cycle_time: 0.05", "cycle_time: 0.001"))
     assert shortest.config.sensors["front"].cycle_time == 0.001
     assert problems(tmp_path, MINIMAL.replace("cycle_time: 0.05", "cycle_time: 0.0009"))
+
+
+def test_a_configuration_has_63_sensors_at_most(tmp_path: Path) -> None:
+    """A bit each of a number with a sign tells who saw an obstacle; the log of the 64th could not be tracked."""
+    told = yaml.safe_load(MINIMAL)
+    front = told["sensors"]["front"]
+    told["sensors"] = {f"radar {k}": front for k in range(MOST_SENSORS)}
+    assert len(loaded(tmp_path, yaml.safe_dump(told)).config.sensors) == MOST_SENSORS
+    told["sensors"]["one more"] = front
+    (problem,) = problems(tmp_path, yaml.safe_dump(told))
+    assert "63" in problem
 
 
 def test_unknown_key_suggests_the_near_one(tmp_path: Path) -> None:

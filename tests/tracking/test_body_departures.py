@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from candaemon.tracking.obstacles import Obstacles
-from tests.support.builders import HandFedVehicles, Seen, times
+from tests.support.builders import HandFedVehicles, Seen, car, times
 
 STOP, COVER = 20.0, 21.5  # m ahead, where the near end of the car stands, and the cover below it
 
@@ -39,3 +39,16 @@ def test_who_drives_off_from_what_it_stood_over_is_the_car_that_came(across: flo
     assert (told.id[driving] == came).tolist() == [is_the_car]
     assert (told.id[~driving] == came).tolist() == [not is_the_car]
     assert np.abs(told.x[~driving] - COVER) < 0.5
+
+
+def test_who_takes_up_a_course_keeps_its_reflections_where_they_are() -> None:
+    fed = HandFedVehicles()
+    for t in times(1, 40):
+        fed.scan(t, [car(1, t, 40.0), car(2, t, 43.0), car(9, t, -20.0, 30.0)])
+    bodies = fed.tracker._bodies
+    assert len(bodies) == 2
+    obstacles, before = bodies.obstacles, bodies.offsets().copy()
+    obstacles.directed[:], obstacles.axis[1], obstacles.ahead[1] = [False, True], [0.0, 1.0], 5.0
+    bodies.take_up(0, 1)
+    assert obstacles.axis[0].tolist() == [0.0, 1.0]
+    assert bodies.offsets() == pytest.approx(before)

@@ -95,3 +95,17 @@ def test_who_appears_behind_a_rider_is_another_one() -> None:
         return [Seen(0, 25.0 + SPEED * t, 0.0, SPEED), *behind]
 
     assert len(told_of(seen, 13.0, alone={"within": 200.0})) == 2
+
+
+def test_riders_that_part_exist_as_surely_as_the_one_they_seemed_to_be() -> None:
+    """Both were seen for so long: neither is left out sooner than the other where both are missed."""
+    fed, rng, told = HandFedVehicles(), np.random.default_rng(3), None
+    for t in times(1, 200):
+        noise = rng.normal(size=(2, 2)) * 0.1
+        shown = [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(in_line(t), noise, strict=True)]
+        told = fed.scan(t, shown)
+        if t > 1.0 and len(told) == 2:
+            break
+    assert told is not None
+    assert told.existence.tolist() == pytest.approx([told.existence[0]] * 2)
+    assert told.existence[0] > 0.9

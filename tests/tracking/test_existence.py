@@ -11,7 +11,7 @@ from candaemon.tracking import existence as ipda
 def test_a_missed_obstacle_is_less_probable_by_the_papers_equation() -> None:
     prior, probability = np.array([0.2, 0.9]), np.array([0.9, 0.5])
     expected = prior * (1 - probability) / (1 - probability * prior)
-    assert ipda.missed(prior, probability) == pytest.approx(expected)
+    assert ipda.detected(prior, probability, np.zeros(2)) == pytest.approx(expected)
 
 
 def test_a_detection_multiplies_the_odds() -> None:
@@ -21,7 +21,7 @@ def test_a_detection_multiplies_the_odds() -> None:
 
 
 def test_what_cannot_be_seen_is_not_missed() -> None:
-    assert ipda.missed(np.array([0.7]), np.array([0.0])) == pytest.approx(0.7)
+    assert ipda.detected(np.array([0.7]), np.array([0.0]), np.zeros(1)) == pytest.approx(0.7)
 
 
 def test_an_obstacle_that_nobody_looks_at_decays_with_its_mean_life() -> None:
@@ -40,7 +40,7 @@ def test_existence_stays_within_its_bounds(prior: float, probability: float, rat
 def test_evidence_raises_what_was_given_up() -> None:
     found = np.array([0.5])
     for _ in range(1000):
-        found = ipda.missed(found, np.array([0.99]))
+        found = ipda.detected(found, np.array([0.99]), np.zeros(1))
     for _ in range(5):
         found = ipda.detected(found, np.array([0.9]), np.array([100.0]))
     assert found[0] > 0.99

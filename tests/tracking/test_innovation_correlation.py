@@ -86,3 +86,12 @@ def test_a_state_that_contradicts_itself_is_refused() -> None:
     for products, squares in ((2.0, 1.0), (0.0, np.inf), (np.nan, 1.0), (-2.0, 1.0)):
         with pytest.raises(ValueError, match="exceed"):
             correlation.state = InnovationCorrelationState({0: InnovationSums(products, squares)})
+
+
+def test_of_a_sensor_that_looks_elsewhere_in_between_is_learnt() -> None:
+    """One of four looks sees the cars, every fourth scan; those between show nothing."""
+    looking = load_config(ROOT / "config" / "ford_mrr.yaml").config.sensors["front"]
+    looking = looking.model_copy(update={"cycle_time": CYCLE / 4})
+    assert looking.revisit_time == CYCLE
+    tracker = _tracker(0.6, settings=looking)
+    assert _learnt(tracker, looking)[0] == pytest.approx(0.6, abs=0.15)

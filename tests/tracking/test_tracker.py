@@ -9,7 +9,7 @@ from candaemon.config.sensors import FieldOfView, Mount
 from candaemon.radar.mounting import SensorView
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import COASTING, CONFIRMED, TENTATIVE, concatenated
-from tests.support.builders import CYCLE, HandFed, Seen, assert_sane, car, place, pose, states, times
+from tests.support.builders import CYCLE, HandFed, HandFedVehicles, Seen, assert_sane, car, place, pose, states, times
 
 
 def followed(fed: HandFed, cycles: int = 20, x: float = 40.0) -> int:
@@ -245,3 +245,31 @@ def test_expected_positions_are_those_of_the_detections_used() -> None:
     assert (update.degrees_of_freedom == 3).all()
     fed.coast(2.0)
     assert fed.tracker.expected_positions((0.5,))[0].shape == (0, 2)
+
+
+@pytest.mark.parametrize("kind", [HandFed, HandFedVehicles])
+@pytest.mark.parametrize("late", [0.3, 0.6, 1.4])
+def test_a_late_scan_of_another_sensor_leaves_what_drives_where_it_drives(
+    kind: type[HandFed | HandFedVehicles], late: float
+) -> None:
+    fed = kind()
+    for t in times(1, 60):
+        fed.scan(t, [car(1, t, 40.0)])
+    told = fed.scan(t - late, [], sensor=1)
+    assert told.x[0] == pytest.approx(40 + 20 * (t - late), abs=1.0 + late)
+    told = fed.coast(t + 0.05)
+    assert told.x[0] == pytest.approx(40 + 20 * (t + 0.05), abs=0.5)
+
+
+@pytest.mark.parametrize("kind", [HandFed, HandFedVehicles])
+def test_existence_by_hits_is_a_share_where_one_that_more_sensors_see_merges(
+    kind: type[HandFed | HandFedVehicles],
+) -> None:
+    fed = kind(lifecycle={"by": "hits"}) if kind is HandFedVehicles else kind()
+    for t in times(1, 60):
+        told = [fed.scan(t, [car(1, t, 40.0)])]
+        for sensor in (1, 2, 3):
+            beside, then = max(2.0 - 0.8 * t, 1.0), t + 0.012 * sensor
+            told.append(fed.scan(then, [car(5 + sensor, then, 40.3, beside)], sensor=sensor))
+        assert all(each.existence.max() <= 1.0 for each in told)
+    assert fed.tracker.counts.merged == 1
