@@ -48,6 +48,7 @@ class PipelineCounts:
     Attributes:
         cycles: times that obstacles were reported, which is not after each scan where `output.cycle_time` says so.
         coasting_cycles: those of them without a scan, because every sensor was silent.
+        dead_reckoning, ego_lost: those of them in which ego motion had that status; no velocity had come for so long.
         without_ego: scans dropped because ego motion was not known yet.
         ego_motion_short: frames of ego motion with fewer bytes than the DBC says.
         ego_motion: frames of ego motion that failed otherwise, by cause.
@@ -57,6 +58,8 @@ class PipelineCounts:
 
     cycles: int = 0
     coasting_cycles: int = 0
+    dead_reckoning: int = 0
+    ego_lost: int = 0
     without_ego: int = 0
     ego_motion_short: int = 0
     ego_motion: MotionFaults = field(default_factory=MotionFaults)

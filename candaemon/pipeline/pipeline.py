@@ -454,6 +454,8 @@ class Pipeline:
         if reported is None:
             return Cycle(now_ns, obstacles, (), pose, detections, tracker, update, georeference)
         self._counts.cycles += 1
+        self._counts.dead_reckoning += pose.status is EgoStatus.DEAD_RECKONING
+        self._counts.ego_lost += pose.status is EgoStatus.LOST
         frames: Sequence[Frame] = ()
         output = self.binding.output
         if self.encoder is not None and output is not None:

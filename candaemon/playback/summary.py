@@ -20,17 +20,45 @@ _CHANNELS_NAMED: Final = 10
 """Channels of a log that a message lists."""
 _BULK: Final = 0.1
 """Share of what came that, left out, is worth a warning."""
-_LEFT_OUT: Final = {
+_FRAMES: Final = {
+    "checksum": "frames with a wrong checksum",
+    "repeated": "frames whose counter had not moved",
+    "jumped": "frames whose counter had jumped",
+    "too_fast": "frames that came too fast",
     "surplus": "frames of more objects than `slots`",
     "short": "frames shorter than their message",
+    "late": "frames of scans that were closed already (is scan.timeout too short?)",
+    "duplicate": "frames that were in their scan already",
+    "discarded": "frames of scans that were discarded",
+}
+"""What is said of a sensor's frames that were left out, by their count."""
+_OBJECTS: Final = {
     "unpaired": "objects of messages that do not belong together",
     "rejected": "objects without a place or a required message",
     "not_finite": "objects with a value that is no number",
     "out_of_range": "objects outside of the DBC's ranges",
     "impossible": "objects that moved as nothing can",
 }
-"""What is said of a sensor's frames and objects that were left out, by their count."""
+"""Likewise of its objects."""
+_SCANS: Final = {
+    "incomplete": "lacked frames",
+    "distrusted": "were discarded, for too many of their frames failed",
+    "unknown_look": "were of none of its looks",
+    "unstamped": "came without the sensor's time stamp",
+    "odd_stamps": "came with a time stamp that cannot be",
+}
+"""What is said of a sensor's scans, by their count."""
+_CYCLES: Final = {
+    "coasting": "every sensor was silent",
+    "dead_reckoning": "own motion was dead reckoning: no velocity came",
+    "ego_lost": "own motion was lost: no velocity had come for so long that even dead reckoning was given up",
+}
+"""What is said of cycles, by their count."""
 _REFUSED: Final = {
+    "checksum": "with a wrong checksum",
+    "repeated": "whose counter had not moved",
+    "jumped": "whose counter had jumped",
+    "too_fast": "that came too fast",
     "short": "shorter than their message",
     "not_finite": "with a value that is no number",
     "out_of_range": "outside of the DBC's ranges",
@@ -57,7 +85,8 @@ def summarise(replayed: Replayed) -> dict[str, Any]:
     `own_motion`        frames of ego motion rejected, by cause
     `clock`             steps back and forward that were rebased; late frames whose time was raised; reordered frames;
                         stray time stamps, far from those before and after, that were corrected
-    `cycles`            reported, coasting (every sensor silent), dropped for lack of ego motion
+    `cycles`            reported; coasting (every sensor silent), with ego motion by dead reckoning or lost; scans
+                        dropped for lack of ego motion
     `tracks`            detections received and used, obstacles initiated, confirmed, merged, slot jumps
     `nis`               mean, expected, coverage of the 95 % quantile, samples
     `predictions`       per horizon: RMSE of x and y against the sensor's later measurements, m
@@ -135,6 +164,8 @@ def received(pipeline: Pipeline) -> dict[str, dict[str, Any]]:
         "cycles": {
             "told": counts.cycles,
             "coasting": counts.coasting_cycles,
+            "dead_reckoning": counts.dead_reckoning,
+            "ego_lost": counts.ego_lost,
             "without_ego": counts.without_ego,
         },
         "tracks": {key: sum(each[key] for each in tracked) for key in tracked[0]},
@@ -176,9 +207,16 @@ def doubts(figures: Mapping[str, Any]) -> list[str]:
         if not counts["used"]:
             found.append(f"sensor '{name}': not one usable frame in this log")
             continue
-        for cause, what in _LEFT_OUT.items():
+        for cause, what in _FRAMES.items():
             if counts[cause] > _BULK * (counts["used"] + counts[cause]):
                 found.append(f"sensor '{name}': {counts[cause]:,} {what}, beside {counts['used']:,} frames used")
+        for cause, what in _OBJECTS.items():
+            if counts[cause] > _BULK * (counts["used"] + counts[cause]):
+                found.append(f"sensor '{name}': {counts[cause]:,} {what}; {counts['used']:,} frames were used")
+        scans = counts["scans"] + counts["distrusted"]
+        for cause, what in _SCANS.items():
+            if counts[cause] > _BULK * scans:
+                found.append(f"sensor '{name}': {counts[cause]:,} of {scans:,} scans {what}")
     taken, refused = max(figures["ego_signals"].values(), default=0), figures["own_motion"]
     for cause, what in _REFUSED.items():
         if refused[cause] > _BULK * (taken + refused[cause]):
@@ -189,6 +227,10 @@ def doubts(figures: Mapping[str, Any]) -> list[str]:
         return found
     if blind > _BULK * (tracked + blind):
         found.append(f"own motion was not known in {blind:,} of {tracked + blind:,} scans, which were dropped")
+    cycles = figures["cycles"]
+    for cause, what in _CYCLES.items():
+        if cycles[cause] > _BULK * cycles["told"]:
+            found.append(f"in {cycles[cause]:,} of {cycles['told']:,} cycles {what}")
     samples, assumed = figures["ego_samples"]["samples"], figures["ego_samples"]["direction_assumed"]
     if assumed > _BULK * samples and "reverse" not in _silent_signals(figures):
         found.append(

@@ -193,6 +193,11 @@ def _own_motion(binding: Binding, trial: Trial) -> Iterator[LogFinding]:
         )
     elif counts.without_ego > 0.5 * cycles and not silent:
         yield LogFinding(("ego",), f"own motion was not known in {counts.without_ego:,} of {cycles:,} scans")
+    unseen = counts.dead_reckoning + counts.ego_lost
+    if unseen > 0.1 * counts.cycles and not silent:
+        yield LogFinding(
+            ("ego",), f"for {unseen:,} of {counts.cycles:,} cycles no velocity of the vehicle came in time"
+        )
 
 
 def _frames(sensor: BoundSensor, traffic: LogTraffic, trial: Trial) -> Iterator[LogFinding]:

@@ -218,16 +218,33 @@ def test_what_is_left_out_in_bulk_is_told(short: Path, tmp_path: Path, capsys: p
     log.write_text("".join(kept), encoding="utf-8")
     assert main(["replay", "esr_ins", str(log), "--summary", str(summary)]) == 0
     assert re.search(r"warning: own motion was not known in \d+ of \d+ scans", capsys.readouterr().err)
+    kept = (line for line in lines if " can2 " not in line or float(line.split(")")[0][1:]) < first + 2.0)
+    log.write_text("".join(kept), encoding="utf-8")
+    assert main(["replay", "esr_ins", str(log), "--summary", str(summary)]) == 0
+    assert re.search(r"warning: in \d+ of \d+ cycles own motion was dead reckoning", capsys.readouterr().err)
+    assert main(["check", "esr_ins", "--log", str(log)]) == 0
+    assert re.search(r"ego: for \d+ of \d+ cycles no velocity of the vehicle came", capsys.readouterr().out)
     assert main(["replay", "esr_ins", str(short / "drive.log"), "--summary", str(summary)]) == 0
     assert "warning" not in capsys.readouterr().err
     figures = json.loads(summary.read_text(encoding="utf-8"))
     assert doubts(figures) == []
-    figures["sensors"]["front"] |= {"used": 900, "surplus": 101, "out_of_range": 99}
+    figures["sensors"]["front"] |= {"used": 900, "surplus": 101, "out_of_range": 99, "impossible": 101}
     figures["own_motion"]["out_of_range"] = taken = max(figures["ego_signals"].values())
     assert doubts(figures) == [
         "sensor 'front': 101 frames of more objects than `slots`, beside 900 frames used",
+        "sensor 'front': 101 objects that moved as nothing can; 900 frames were used",
         f"own motion: {taken:,} frames outside of the DBC's ranges, beside {taken:,} taken",
     ]
+    figures["sensors"]["front"] |= {"surplus": 0, "out_of_range": 0, "impossible": 0, "late": 2000, "scans": 50}
+    figures["sensors"]["front"] |= {"incomplete": 60, "distrusted": 50, "checksum": 200, "duplicate": 1}
+    figures["cycles"] |= {"told": 1000, "coasting": 101, "dead_reckoning": 99, "ego_lost": 900}
+    figures["own_motion"] |= {"out_of_range": 0, "jumped": taken}
+    assert [each.partition(":")[0] or each for each in doubts(figures)] == ["sensor 'front'"] * 4 + [
+        "own motion",
+        "in 101 of 1,000 cycles every sensor was silent",
+        "in 900 of 1,000 cycles own motion was lost",
+    ]
+    assert "60 of 100 scans lacked frames" in " ".join(doubts(figures))
     figures["sensors"]["front"]["used"] = 0
     assert doubts(figures)[0] == "sensor 'front': not one usable frame in this log"
 
