@@ -38,6 +38,8 @@ from candaemon.wizard.trial import LEAST_NIS, Trial, try_on
 
 PROVEN: Final = 6.0
 """Standard deviations from which on a log contradicts a configuration."""
+_OBVIOUS: Final = 24.0
+"""Likewise, where what was measured is none, which may have other reasons."""
 NIS_LEAST: Final = 0.4
 """Mean NIS over the expected one, below which the noise is too large."""
 NIS_MOST: Final = 2.2
@@ -594,7 +596,9 @@ def _turns(sensor: BoundSensor, table: ObjectTable, held: Occupancy, own: OwnMot
             "that of the yaw rate in ego",
         )
         return
-    if slope.sigmas > PROVEN and not 0.5 < slope.value < 1.7 and abs(slope.value - 1) > PROVEN * slope.deviation:
+    off = abs(slope.value - 1.0) / max(slope.deviation, 1e-12)
+    # a yaw rate in a unit far too large shows next to nothing of itself
+    if not 0.5 < slope.value < 1.7 and (off > _OBVIOUS if slope.sigmas <= PROVEN else off > PROVEN):
         yield LogFinding(
             where, f"what stands moves by {slope.value:.2f} of own turns: its unit, or that of the yaw rate"
         )
@@ -620,12 +624,12 @@ def _from_beside(
     rows, ends = first, last
     turned = own.heading_at(table.time[ends]) - own.heading_at(table.time[rows])
     gone = own.way_at(table.time[ends]) - own.way_at(table.time[rows])
-    ahead = 0.5 * (x[rows] + x[ends])
-    aside = y[ends] - y[rows] + turned * ahead
-    good = (gone > 2.0) & np.isfinite(aside)
+    aside = y[ends] - y[rows] + turned * 0.5 * (x[rows] + x[ends])
+    back = x[rows] - x[ends] + turned * 0.5 * (y[rows] + y[ends])
+    good = (gone > 2.0) & np.isfinite(aside + back)
     if np.count_nonzero(good) < 200:
         return
-    angle = np.degrees(np.arctan2(aside[good], gone[good]))
+    angle = np.degrees(np.arctan2(aside[good], back[good]))
     off = float(np.median(angle))
     if abs(off) > YAW_OFF_DEG and 1.25 * float(np.std(angle)) / np.sqrt(len(angle) / 10) < abs(off) / PROVEN:
         yield LogFinding(

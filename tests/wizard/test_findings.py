@@ -185,6 +185,24 @@ def test_nothing_is_said_of_the_recorded_drive(name: str, log: str, drive: Path)
     assert findings(shipped(name), [drive / log]) == []
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("yaw_deg", [20, 45, 90, -60])
+def test_the_mounting_is_said_to_be_turned_by_as_much_as_it_is(yaw_deg: int, drive: Path, tmp_path: Path) -> None:
+    path = spoilt("toyota_rav4", "mount: {x: 3.6}", f"mount: {{x: 3.6, yaw_deg: {yaw_deg}}}", tmp_path)
+    (found,) = findings(bind(load_config(path)), [drive / "drive.log.gz"])
+    told = re.search(r"add (-?[\d.]+) to yaw_deg", str(found))
+    assert told is not None
+    assert float(told[1]) == pytest.approx(-yaw_deg, abs=3.0)
+
+
+@pytest.mark.slow
+def test_a_yaw_rate_in_a_unit_far_too_large_is_found_though_nothing_moves_by_it(drive: Path, tmp_path: Path) -> None:
+    rate = "yaw_rate: {signal: KINEMATICS.YAW_RATE, unit: rad/s}"
+    path = spoilt("toyota_rav4", "yaw_rate: KINEMATICS.YAW_RATE", rate, tmp_path)
+    (found,) = findings(bind(load_config(path)), [drive / "drive.log.gz"])
+    assert "of own turns: its unit, or that of the yaw rate" in str(found)
+
+
 def test_the_command_names_the_line_and_repeats_guesses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = survey_log(shipped("gm_lrr"), tmp_path)
     path = spoilt("gm_lrr", "cycle_time: 0.0714", "cycle_time: 0.2 # guess: nobody knows", tmp_path)
