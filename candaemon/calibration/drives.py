@@ -22,6 +22,8 @@ _MOST_PASSES: Final = 6
 _WALK_PASSES: Final = 4
 _SETTLED: Final = 1.05
 """Growth of the walk from pass to pass, at which it is found."""
+_DIRECTIONS: Final = {"range": "along", "x": "along", "y": "across", "azimuth": "across"}
+"""To the line of sight, in which most errors of a quantity go."""
 MEASURED: Final = ("range", "azimuth", "x", "y", "range_rate", "vx", "vy")
 RANGES: Final = ((0.0, 40.0), (40.0, 80.0), (80.0, float("inf")))
 """m, of which the noise is told apart."""
@@ -94,8 +96,9 @@ def _with_noise(
         before, walk = walk, (_walk(parts["along"]), _walk(parts["across"]))
         if all(now <= _SETTLED * then for now, then in zip(walk, before, strict=True)):
             break
-    noise = {name: noise_parts(samples[name][0]) for name in names}
-    by_range = {name: [noise_parts(each) for each in samples[name][1:]] for name in names}
+    like = {name: parts.get(_DIRECTIONS.get(name, "")) for name in names}
+    noise = {name: noise_parts(samples[name][0], like[name]) for name in names}
+    by_range = {name: [noise_parts(each, like[name]) for each in samples[name][1:]] for name in names}
     return SensorFindings(found, count, noise, by_range, (parts["along"], parts["across"]))
 
 

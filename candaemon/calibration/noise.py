@@ -134,8 +134,14 @@ class NoiseSamples:
         self.squares.append([each[np.isfinite(each)] for each in parts])
 
 
-def noise_parts(samples: NoiseSamples) -> NoiseParts | None:
-    """Return the noise that explains the differences; None where there are too few."""
+def noise_parts(samples: NoiseSamples, like: NoiseParts | None = None) -> NoiseParts | None:
+    """Return the noise that explains the differences; None where there are too few.
+
+    Args:
+        samples: the differences.
+        like: what was found of the same errors in other axes: whether they walk or last for a time, these do likewise,
+            unless that explains them clearly worse; None: nothing.
+    """
     windows = [each for each in samples.squares if len(each[0])]
     first = sum(len(each[0]) for each in windows)
     if first < _FEWEST or len(windows) < _FEWEST_WINDOWS:
@@ -152,7 +158,7 @@ def noise_parts(samples: NoiseSamples) -> NoiseParts | None:
     usable = (counts.sum(axis=0) >= _FEWEST / 10) & (spread > 0.0)
     usable[0] = True
     weight = 1.0 / np.maximum(spread, 0.01 * whole + 1e-12)
-    time = _time(whole[usable], tau[usable], weight[usable])
+    time = _time(whole[usable], tau[usable], weight[usable], like)
     fits = np.array([_fit(each[usable], tau[usable], weight[usable], time)[:2] for each in parts])
     white, slow = _fit(whole[usable], tau[usable], weight[usable], time)[:2]
     deviations = np.sqrt(np.maximum(fits, 0.0))
@@ -186,12 +192,16 @@ def _jackknife(without: Floats) -> Floats:
     return np.asarray(np.sqrt((count - 1) / count * ((without - without.mean(axis=0)) ** 2).sum(axis=0)))
 
 
-def _time(squares: Floats, tau: Floats, weight: Floats) -> float:
+def _time(squares: Floats, tau: Floats, weight: Floats, like: NoiseParts | None) -> float:
     """Return for how long the correlated part lasts; 0 where white noise explains all."""
     errors = {time: _fit(squares, tau, weight, time)[2] for time in (0.0, *_TIMES)}
     best = min(_TIMES, key=lambda time: errors[time])
     if len(tau) <= 2 or errors[0.0] - errors[best] <= _LEAST_GAIN:
         return 0.0
+    if like is not None:
+        alike = [time for time in _TIMES if (time > WALK_TIME) == (like.walk > 0.0)]
+        most_alike = min(alike, key=lambda time: errors[time])
+        best = most_alike if errors[most_alike] - errors[best] <= _LEAST_GAIN else best
     return best if best <= WALK_TIME else _TIMES[-1]
 
 

@@ -18,7 +18,8 @@ from candaemon.config.vehicle import VehicleEstimatorSettings
 STATED: Final = 2.0
 """Standard deviations that a stated uncertainty covers: 95 % of drives."""
 _ENOUGH: Final = (0.02, radians(0.3), 0.01, radians(0.15))
-"""One standard deviation of each parameter, above which a log has not enough to say."""
+"""One standard deviation of each parameter, above which a log has not enough to say of less than `_OBVIOUS` of them."""
+_OBVIOUS: Final = 5.0
 _SAME: Final = 0.1
 """Share by which a noise must differ from the configured one, beyond its uncertainty, to be proposed."""
 _LEAST: Final = (0.002, 0.05)
@@ -95,7 +96,8 @@ def _pose(sensor: BoundSensor, of: SensorFindings) -> Iterator[Finding]:
     ):
         where = ("sensors", sensor.name, *setting)
         error, uncertainty = factor * of.estimate.mean[index], STATED * factor * deviation[index]
-        if not of.windows or deviation[index] > _ENOUGH[index]:
+        is_vague = deviation[index] > _ENOUGH[index] and abs(of.estimate.mean[index]) < _OBVIOUS * deviation[index]
+        if not of.windows or is_vague:
             yield Finding(f"{sensor.name}.{what}", unit, configured, None, None, "", where)
             continue
         is_off = abs(error) > max(1.5 * uncertainty, _LEAST[index])

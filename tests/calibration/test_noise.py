@@ -11,7 +11,14 @@ from candaemon.calibration.noise import NoiseParts, NoiseSamples, noise_parts, r
 CYCLE, SCANS, RETURNS = 0.05, 20, 10
 
 
-def _found(white: float, slow: float = 0.0, time: float = 0.3, walk: float = 0.0, windows: int = 50) -> NoiseParts:
+def _found(
+    white: float,
+    slow: float = 0.0,
+    time: float = 0.3,
+    walk: float = 0.0,
+    windows: int = 50,
+    like: NoiseParts | None = None,
+) -> NoiseParts:
     random, samples = np.random.default_rng(3), NoiseSamples(CYCLE)
     first, count = SCANS * np.arange(RETURNS), np.full(RETURNS, SCANS)
     pairs = residual_pairs(CYCLE, np.tile(np.arange(SCANS), RETURNS), first, count)
@@ -24,7 +31,7 @@ def _found(white: float, slow: float = 0.0, time: float = 0.3, walk: float = 0.0
             state = keep * state + slow * np.sqrt(1 - keep**2) * random.standard_normal(RETURNS)
         residual[0, 3] += 50.0 * (white + slow)  # a slot that holds another object
         samples.add((residual.ravel()[pairs.later] - residual.ravel()[pairs.earlier]) ** 2, pairs.bounds)
-    found = noise_parts(samples)
+    found = noise_parts(samples, like)
     assert found is not None
     return found
 
@@ -58,3 +65,13 @@ def test_too_little_is_not_enough() -> None:
     pairs = residual_pairs(CYCLE, np.arange(4), np.array([0]), np.array([4]))
     samples.add(np.ones(len(pairs.later)), pairs.bounds)
     assert noise_parts(samples) is None
+
+
+@pytest.mark.parametrize("walks", [True, False])
+def test_what_explains_as_well_is_taken_for_what_the_same_errors_are_elsewhere(walks: bool) -> None:
+    """Errors that last for 0.45 s are a walk as well as far as so few windows tell; clear ones are what they are."""
+    kind = {"white": 0.0, "slow": 0.0, "time": 0.0, "white_sd": 0.0, "slow_sd": 0.0, "walk_sd": 0.0}
+    like = NoiseParts(**kind, walk=float(walks), samples=0)
+    assert (_found(0.01, slow=0.16, time=0.45, windows=8, like=like).walk > 0.0) == walks
+    assert _found(0.1, slow=0.2, time=0.1, like=like).walk == 0.0
+    assert _found(0.02, walk=0.15, windows=400, like=like).walk > 0.0

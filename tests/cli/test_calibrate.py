@@ -183,6 +183,26 @@ def test_what_the_recorded_drive_proposes_meets_its_bounds(
     assert figures["stationary"]["speed"] < 0.45
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not DRIVE.exists(), reason="the recorded drive is not here")
+def test_what_the_recorded_drive_proposes_it_proposes_once(tmp_path: Path) -> None:
+    changes = _patch(tmp_path, CONFIGS / "toyota_rav4.yaml", DRIVE)
+    assert changes["sensors"]["front"]["noise"].keys() == {"x", "y", "range_rate"}
+    assert _patch(tmp_path, _patched(tmp_path, "toyota_rav4", changes), DRIVE) == {}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DRIVE.exists(), reason="the recorded drive is not here")
+@pytest.mark.parametrize("yaw_deg", [5.0, -3.0])
+def test_a_mounting_that_is_obviously_turned_is_told_though_not_to_a_third_of_a_degree(
+    tmp_path: Path, yaw_deg: float
+) -> None:
+    """The drive goes straight on most of the time: one standard deviation is 0.38°."""
+    turned = _patched(tmp_path, "toyota_rav4", {"sensors": {"front": {"mount": {"yaw_deg": yaw_deg}}}})
+    found = _patch(tmp_path, turned, DRIVE)["sensors"]["front"]["mount"]["yaw_deg"]
+    assert found == pytest.approx(0.0, abs=0.8)
+
+
 def _simulated(settings: SensorSettings, binding: SignalBinding) -> float:
     """Return the noise of a simulated quantity, SI: the configured one, and the rounding to steps of its signal."""
     name = binding.quantity
