@@ -13,7 +13,7 @@ from candaemon.files.outputs import Outputs
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("tracks", type=input_path, metavar="TRACKS", help="table that replay --tracks wrote")
+    parser.add_argument("tracks", type=input_path, metavar="TRACKS", help="table in CSV that replay --tracks wrote")
     parser.add_argument("truth", type=input_path, metavar="TRUTH", help="table that simulate --truth wrote")
     parser.add_argument("--json", type=output_path, metavar="JSON", help="the figures, for programs")
 

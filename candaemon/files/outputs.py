@@ -7,7 +7,7 @@ import fcntl
 import io
 import os
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -37,10 +37,12 @@ class OutputFile:
     stays, and a note of the exception names it.
 
     Pipes, devices and the process's own descriptors, such as `/dev/stdout`, are written straight; they are opened when
-    the first byte is written.
+    the first byte is written. Once the reader of standard output has gone, it has what it wanted: what else is written
+    there is dropped as long as there is other work, and ends with a `BrokenPipeError` where there is none.
 
     Args:
         path: the file.
+        is_alone: whether nothing else is written.
 
     Raises:
         InputError: it cannot be written there, or another process is writing it; names the path.
@@ -49,8 +51,9 @@ class OutputFile:
         path: as given.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, is_alone: Callable[[], bool] = lambda: True) -> None:
         self.path = Path(path)
+        self._is_alone = is_alone
         self._stream: io.BufferedWriter | None = None
         self._part: _Part | None = None
         with _named(self.path):
@@ -63,7 +66,7 @@ class OutputFile:
         if self._stream is None:
             with _named(self.path):
                 opened = _opened(self.path) if self._part is None else os.dup(self._part.descriptor)
-            self._stream = io.BufferedWriter(_RawOutput(opened, self.path), _BUFFER)
+            self._stream = io.BufferedWriter(_RawOutput(opened, self.path, self._is_alone), _BUFFER)
         return self._stream
 
     def __enter__(self) -> Self:
@@ -114,7 +117,7 @@ class OutputFile:
             A sentence on where that is; empty where nothing is.
         """
         if self._stream is not None:
-            with suppress(InputError):
+            with suppress(InputError, BrokenPipeError):
                 self._stream.close()
         part, self._part = self._part, None
         if part is None:
@@ -160,7 +163,7 @@ class Outputs:
                 raise _refused(path, "read", self._inputs[identity])
             if identity in self._written:
                 raise _refused(path, "written", self._written[identity])
-        file = OutputFile(path)
+        file = OutputFile(path, lambda: len(self._files) == 1)
         self._files.append(file)
         self._written |= dict.fromkeys(identities, path)
         return file
@@ -323,17 +326,27 @@ class _RawOutput(io.FileIO):
     Args:
         descriptor: open for writing; closed with it.
         path: for the message.
+        is_alone: whether nothing else is written.
     """
 
-    def __init__(self, descriptor: int, path: Path) -> None:
+    def __init__(self, descriptor: int, path: Path, is_alone: Callable[[], bool]) -> None:
         super().__init__(descriptor, "wb")
         self.name = str(path)  # python-can asks for it
-        self._path = path
+        self._path, self._is_alone, self._has_reader = path, is_alone, True
 
     def write(self, data: ReadableBuffer, /) -> int:
         """Write bytes; return how many were taken."""
         with _named(self._path):
-            return super().write(data)
+            try:
+                if self._has_reader:
+                    return super().write(data)
+            except BrokenPipeError:
+                if not is_standard_output(self._path):
+                    raise
+                self._has_reader = False
+        if self._is_alone():
+            raise BrokenPipeError
+        return memoryview(data).nbytes
 
 
 def is_standard_output(path: Path) -> bool:

@@ -78,6 +78,20 @@ def test_the_exit_code_says_what_became_of_the_work(drive: Path, command: str, c
     assert ended(command, drive).returncode == code
 
 
+def test_a_reader_that_has_gone_costs_no_other_result(drive: Path) -> None:
+    ended("candaemon replay esr_ins drive.log -o whole.log", drive)
+    for table in ("tracks", "detections"):
+        told = f"candaemon replay esr_ins drive.log --{table} - -o one.log | true; exit ${{PIPESTATUS[0]}}"
+        done = ended(told, drive)
+        assert done.returncode == 0
+        assert b"Broken pipe" not in done.stderr
+        assert (drive / "one.log").read_bytes() == (drive / "whole.log").read_bytes()
+        (drive / "one.log").unlink()
+    done = ended("candaemon convert drive.log - | true; exit ${PIPESTATUS[0]}", drive)
+    assert (done.returncode, done.stderr) == (0, b"")
+    (drive / "whole.log").unlink()
+
+
 def test_results_are_written_before_they_are_printed(drive: Path) -> None:
     done = ended("candaemon replay esr_ins drive.log --summary s.json > /dev/full", drive)
     assert done.returncode == 1
