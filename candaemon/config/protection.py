@@ -144,7 +144,7 @@ class InputProtectionSettings(ProtectionSettings):
         None,
         gt=0,
         le=60,
-        description="s without a used frame of a message, after which its counter may start anywhere; default: none",
+        description="s without a frame of a message, after which its counter may start anywhere; default: none",
     )
     max_rate: float | None = Field(
         None,

@@ -62,6 +62,7 @@ class FixCounts:
 
     Attributes:
         fixes: complete, latitude and longitude.
+        incomplete: latitudes whose longitude did not come, or later than half of a period.
         invalid: sent while the INS's solution was not valid, or no place on earth; not used.
         unplaced: of an instant at which ego motion is not known, or not newer than the one before; not used.
         rejected: too far from where the vehicle was expected; not used.
@@ -71,6 +72,7 @@ class FixCounts:
     """
 
     fixes: int = 0
+    incomplete: int = 0
     invalid: int = 0
     unplaced: int = 0
     rejected: int = 0
@@ -175,7 +177,9 @@ class Georeferencer:
         """Take the quantities of one frame, SI units, angles in radians."""
         self._use_known()
         state, epoch = self._state, self._state.epoch
-        if self._epoch.take(time_ns, names, values):
+        is_whole = self._epoch.take(time_ns, names, values)
+        state.counts.incomplete = epoch.incomplete
+        if is_whole:
             state.counts.fixes += 1
             fix_ns = epoch.time_ns - self._latency_ns
             state.waiting.append(Fix(fix_ns, epoch.value["latitude"], epoch.value["longitude"]))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
+from candaemon.frames.times import LONG_AGO_NS
+
 _SHORTEST_PERIOD_NS = 1_000_000
 
 
@@ -13,16 +15,20 @@ class InsEpochState:
     """What came of the current burst and of those before.
 
     Attributes:
-        period_ns: of the bursts, as short as it was seen.
+        period_ns: of the bursts, the longest there may be until it was seen.
         missing: needed quantities that have not come in the current burst.
         time_ns: when the clock came last.
+        is_open: whether the burst of that time is not complete yet.
+        incomplete: bursts that the clock of the next one ended.
         value: the latest value of every quantity received, needed or not.
         arrived_ns: when it came.
     """
 
     period_ns: int
     missing: set[str]
-    time_ns: int = 0
+    time_ns: int = LONG_AGO_NS
+    is_open: bool = False
+    incomplete: int = 0
     value: dict[str, float] = field(default_factory=dict)
     arrived_ns: dict[str, int] = field(default_factory=dict)
 
@@ -43,7 +49,8 @@ class InsEpoch:
     def __init__(self, needed: Iterable[str], clock: str, longest_period: float) -> None:
         self.needed = frozenset(needed)
         self._clock = clock
-        self._state = InsEpochState(round(longest_period * 1e9), set(self.needed))
+        self._longest_ns = round(longest_period * 1e9)
+        self._state = InsEpochState(self._longest_ns, set(self.needed))
 
     @property
     def state(self) -> InsEpochState:
@@ -79,12 +86,16 @@ class InsEpoch:
         if state.missing:
             return False
         state.missing.update(self.needed)
+        state.is_open = False
         return True
 
     def _beat(self, time_ns: int) -> None:
-        """Note when the clock came; the shortest time between two is the bursts' period."""
+        """Note when the clock came, and follow the bursts' period: a pause, or a frame that waited, moves it little."""
         state = self._state
-        interval_ns = time_ns - state.time_ns
+        interval_ns, before = time_ns - state.time_ns, state.period_ns
         if interval_ns > _SHORTEST_PERIOD_NS:
-            state.period_ns = min(state.period_ns, interval_ns)
-        state.time_ns = time_ns
+            is_known = before < self._longest_ns
+            state.period_ns = before + (min(interval_ns, 2 * before) - before) // 4 if is_known else interval_ns
+            state.period_ns = min(state.period_ns, self._longest_ns)
+        state.incomplete += state.is_open
+        state.time_ns, state.is_open = time_ns, True

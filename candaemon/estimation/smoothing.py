@@ -214,8 +214,8 @@ def _applied(gain: Floats, vector: Floats) -> Floats:
 
 
 def _lift(left: Floats) -> Floats:
-    """Return what covariances (n, D, D) lack to be positive semidefinite."""
-    value, vector = np.linalg.eigh(left)
+    """Return what covariances (n, D, D) lack to be positive semidefinite; nothing of those that are no numbers."""
+    value, vector = np.linalg.eigh(np.where(np.isfinite(left).all(axis=(1, 2), keepdims=True), left, 0.0))
     return np.asarray((vector * np.maximum(-value, 0.0)[:, None, :]) @ np.swapaxes(vector, -2, -1))
 
 

@@ -17,7 +17,8 @@ import numpy as np
 from candaemon.arrays import ComplexPlane, Floats, Indices
 from candaemon.config.sensors import Mount
 from candaemon.ego.georeference import Georeference
-from candaemon.ego.pose import EgoPose
+from candaemon.ego.pose import EgoPose, EgoStatus
+from candaemon.frames.times import LONG_AGO_NS
 from candaemon.tracking.obstacles import Obstacles
 
 Value = TypeVar("Value")
@@ -37,12 +38,12 @@ class EgoAccelerationState:
     """State of the derivation of the ego acceleration, axes east + i·north.
 
     Attributes:
-        time_ns: of the latest cycle.
+        time_ns: of the latest cycle in which ego motion was known; `LONG_AGO_NS` before the first.
         velocity: in that cycle, m/s.
         acceleration: smoothed, m/s².
     """
 
-    time_ns: int = 0
+    time_ns: int = LONG_AGO_NS
     velocity: complex = 0j
     acceleration: complex = 0j
 
@@ -60,6 +61,9 @@ class EgoAcceleration:
     def update(self, pose: EgoPose) -> complex:
         """Update with a cycle's pose; return the acceleration in vehicle axes, m/s²; 0 while it is not known."""
         state, velocity = self.state, complex(pose.ve, pose.vn)
+        if pose.status is EgoStatus.LOST:
+            state.time_ns, state.acceleration = LONG_AGO_NS, 0j
+            return 0j
         dt = (pose.time_ns - state.time_ns) * 1e-9
         if 0.0 < dt <= LONGEST_GAP:
             share = dt / (dt + ACCELERATION_TIME)

@@ -291,6 +291,7 @@ def _gnss(georeferencer: Georeferencer) -> dict[str, Any]:
     counts = georeferencer.counts
     return {
         "fixes": counts.fixes,
+        "incomplete": counts.incomplete,
         "invalid": counts.invalid,
         "unplaced": counts.unplaced,
         "rejected": counts.rejected,

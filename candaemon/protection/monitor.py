@@ -75,13 +75,13 @@ class MessageSequence:
     """The frames of one message so far.
 
     Attributes:
-        used_ns: time of the latest frame used.
+        heard_ns: time of the latest frame, used or not.
         due_ns: time at which the next frame is due, by the rate.
         counter: of the latest frame; None before the first, and after a silence.
         settling: frames whose counters must follow one another until they are used again.
     """
 
-    used_ns: int
+    heard_ns: int
     due_ns: int
     counter: int | None = None
     settling: int = 0
@@ -128,9 +128,10 @@ class FrameMonitor:
         sequence = self.state.sequences.get(can_id)
         if sequence is None:
             sequence = self.state.sequences[can_id] = MessageSequence(time_ns, time_ns)
-        if time_ns - sequence.used_ns > settings.timeout_ns:
+        if time_ns - sequence.heard_ns > settings.timeout_ns:
             self.faults.timeouts += 1
-            sequence.used_ns, sequence.counter, sequence.settling = time_ns, None, 0
+            sequence.counter, sequence.settling = None, 0
+        sequence.heard_ns = time_ns
         if settings.counter is not None and not self._follows(sequence, settings.counter(data)):
             return False
         if settings.spacing_ns:
@@ -138,7 +139,6 @@ class FrameMonitor:
                 self.faults.too_fast += 1
                 return False
             sequence.due_ns = max(sequence.due_ns, time_ns) + settings.spacing_ns
-        sequence.used_ns = time_ns
         return True
 
     def _follows(self, sequence: MessageSequence, counter: int) -> bool:

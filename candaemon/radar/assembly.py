@@ -69,6 +69,7 @@ class AssemblerState:
         count: objects that the header of the open scan announces; None before the header.
         headers: objects that each of its headers announces; −1 before it, empty where there are none.
         measurement: the latest header's measurement counter; −1 where there is none.
+        marks: the latest header of each number, or the object's frame that closed the latest scan.
         look: of the open scan, where its header or trigger says it; −1 before.
         stamp: of the sensor's own time stamps.
     """
@@ -91,6 +92,7 @@ class AssemblerState:
     count: int | None = None
     headers: list[int] = field(default_factory=list)
     measurement: int = -1
+    marks: dict[int, bytes] = field(default_factory=dict)
     look: int = -1
     stamp: TimeStampState = field(default_factory=TimeStampState)
 

@@ -71,7 +71,8 @@ class CounterAssembler(ScanAssembler):
         state = self._state
         state.last_ns = time_ns
         state.counter, state.closed_counter = None, state.counter
-        return self._settle(state.awaited, 0, whole)
+        stored, state.awaited = state.awaited, 0
+        return self._settle(stored, 0, whole)
 
     def _close(self, *, marked: bool = False) -> Scan | None:
         state = self._state

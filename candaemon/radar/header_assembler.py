@@ -40,7 +40,8 @@ class HeaderAssembler(TimeoutAssembler):
             return None
         count, measurement = header.read(data)
         came = state.headers[part] >= 0
-        if state.is_open and came and measurement >= 0 and measurement == state.measurement:
+        again, state.marks[part] = state.marks.get(part) == data, data
+        if self._is_doubled(time_ns, measurement, came=came, again=again):
             state.counts.duplicate += 1
             return None
         if header.counter is not None:
@@ -64,6 +65,22 @@ class HeaderAssembler(TimeoutAssembler):
         if state.awaited > 0 or closed is not None:
             return closed
         return self._close()
+
+    def _is_doubled(self, time_ns: int, measurement: int, *, came: bool, again: bool) -> bool:
+        """Return whether a header was in the open scan already, or, where none is open, in the one just closed.
+
+        Args:
+            time_ns: its time stamp.
+            measurement: its counter; −1 where it has none.
+            came: whether the open scan has it.
+            again: whether its payload is that of the one before.
+        """
+        state = self._state
+        if not state.is_open:
+            return again and self._is_late(time_ns, self._half_cycle_ns)
+        if measurement >= 0:
+            return came and measurement == state.measurement
+        return came and again and time_ns < state.first_ns + self._half_cycle_ns
 
     def _count_skipped(self, measurement: int, period: int) -> None:
         """Count the scans that never came; a jump by half the counter's range or more is a restart."""

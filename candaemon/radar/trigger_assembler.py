@@ -30,9 +30,17 @@ class TriggerAssembler(TimeoutAssembler):
         return routes
 
     def _receive_last(self, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:
-        """Take the object's frame that closes the scan; even one that cannot be used says that the scan is over."""
+        """Take the object's frame that closes the scan; even one that cannot be used says that the scan is over.
+
+        One that comes twice is late: it makes no scan of its own.
+        """
+        state = self._state
+        again, state.marks[0] = state.marks.get(0) == data, data
+        if again and not state.is_open and self._is_late(time_ns, self._half_cycle_ns):
+            state.counts.late += 1
+            return None
         closed = self._admit(part, slot, data, time_ns)
-        return self._close(marked=True) if closed is None and self._state.is_open else closed
+        return self._close(marked=True) if closed is None and state.is_open else closed
 
     def _mark(self, part: int, slot: int, data: bytes, time_ns: int) -> Scan | None:  # noqa: ARG002  # as every receiver
         """Take the trigger where it is no object's frame."""

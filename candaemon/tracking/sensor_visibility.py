@@ -39,6 +39,7 @@ _CLEAR = 0.9  # share in sight from which a detection is expected without doubt
 _PRIOR_WEIGHT = 40.0  # opportunities that the setting counts as
 _MEMORY = 1000.0  # opportunities of a bin, or scans, after which what was learnt has faded to 1/e
 _PERSISTENCE, _PERSISTENCE_WEIGHT = 0.2, 10.0  # probability that clutter comes again, and detections that counts as
+_MOST_PERSISTENT = 1.0 - 1e-9  # what comes again for ever
 _CLUTTER_SPREAD = 100.0  # factor by which the learnt density of clutter differs from the setting at most
 
 
@@ -235,7 +236,7 @@ class Visibility:
         persistence = (learnt.again + _PERSISTENCE * _PERSISTENCE_WEIGHT) / (
             learnt.false + learnt.again + _PERSISTENCE_WEIGHT
         )
-        return self._models[sensor].clutter(learnt), persistence
+        return self._models[sensor].clutter(learnt), min(persistence, _MOST_PERSISTENT)
 
     def sensors_with_clutter(self) -> int:
         """Return of how many sensors a false detection is remembered, at least 1."""

@@ -146,6 +146,19 @@ def test_latitude_and_longitude_of_two_frames_belong_together_or_not_at_all() ->
     assert ins.placer.counts.fixes == 160
 
 
+def test_a_pair_that_waited_costs_no_fix_after_it() -> None:
+    ins, home = Ins(told("drift", gate=1e6)), TangentPlane(*HOME)
+    for k in range(1000):
+        time = 0.01 * k + 0.008 * (k == 500)
+        latitude, longitude = home.to_earth(30.0 * time * EAST[:1], 30.0 * time * EAST[:1])
+        ins.tell(time, ("latitude",), (float(latitude[0]),))
+        if k % 100 != 50:
+            ins.tell(time + 0.0015, ("longitude",), (float(longitude[0]),))
+        ins.move(time + 0.0018, np.array([30.0, 30.0]))
+    counts = ins.placer.counts
+    assert (counts.fixes, counts.incomplete) == (990, 10)
+
+
 def test_a_latitude_that_the_multiplexer_left_out_makes_no_fix() -> None:
     ins = Ins()
     ins.move(0.0, EAST)

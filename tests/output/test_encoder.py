@@ -451,3 +451,14 @@ def test_own_acceleration_follows_a_braking_turning_vehicle() -> None:
         acceleration = own.update(pose)
     assert acceleration == pytest.approx(complex(-2.0, 0.1 * speed), abs=0.15)
     assert own.update(dataclasses.replace(pose, time_ns=pose.time_ns + 5_000_000_000)) == 0
+
+
+def test_own_acceleration_begins_with_own_motion_whenever_that_is() -> None:
+    """Before, a pose says 0 m/s of a vehicle that may drive; a log may begin at 0."""
+    own = EgoAcceleration()
+    pose = EgoPose(0, 0.0, 0.0, 0.0, 15.0, 0.0, 0.0, 0.01, EgoStatus.VALID)
+    unknown = dataclasses.replace(pose, ve=0.0, status=EgoStatus.LOST)
+    for k in range(40):
+        here = unknown if k < 10 or 20 <= k < 30 else pose
+        assert own.update(dataclasses.replace(here, time_ns=k * 50_000_000)) == 0
+    assert EgoAcceleration().update(dataclasses.replace(pose, time_ns=50_000_000)) == 0

@@ -140,3 +140,11 @@ def test_every_frame_is_used_or_fails_once(frames: list[tuple[int, int]], plan: 
         used += of.admits(ID, bytes((counter,)), time_ns)
     assert used + of.faults.failed == len(frames)
     assert of.faults.lost >= 0
+
+
+def test_a_sender_that_goes_on_with_one_frame_is_never_used_again() -> None:
+    """Its frames come: that is no silence, however long none was used."""
+    of = monitor(timeout_ns=ns(0.5))
+    assert all(admitted(of, [k % 16 for k in range(20)]))
+    assert not any(admitted(of, [3] * 400, start=1.0))
+    assert (of.faults.repeated, of.faults.timeouts) == (400, 0)

@@ -259,3 +259,18 @@ def test_on_the_recorded_drive_every_radar_frame_is_used(drive: Path) -> None:
     assert len(scans) == 1200
     assert all(scan.complete for scan in scans)
     assert assembler.counts.used == len(frames) == 38_400
+
+
+@pytest.mark.parametrize("objects", [9, 0])
+@pytest.mark.parametrize("kind", [*KINDS, "acura_ilx"])
+def test_frames_that_come_twice_make_no_scan_of_their_own(kind: str, objects: int) -> None:
+    """As after an error in the last bit of a frame, or through two gateways."""
+    frames = [sent for number in range(6) for sent in timed(kind, number, cycle(kind, number, objects=objects))]
+    once, twice = make_assembler(sensor(kind)), make_assembler(sensor(kind))
+    plain = run(once, frames)
+    doubled = run(twice, [each for sent in frames for each in (sent, sent._replace(time_ns=sent.time_ns + 20_000))])
+    assert len(plain) == 6
+    assert [scan.slot.tolist() for scan in doubled] == [scan.slot.tolist() for scan in plain]
+    assert twice.counts.missing == once.counts.missing
+    again = twice.counts.duplicate + twice.counts.late + twice.counts.repeated
+    assert again == len(frames) + once.counts.late
