@@ -38,6 +38,7 @@ FEWEST_REFLECTIONS: Final = 5
 LEAST_OWN_SPEED: Final = 2.0
 """m/s of our own, below which nothing is learnt: to a standing vehicle a radar repeats what stands, without noise."""
 _SPACING_NS = 220_000_000  # between two scans that displacements are taken from
+_SET_BACK_NS = 2_000_000_000  # by which a scan is earlier than no late one is: the clock was set back
 _SECOND_NS = 900_000_000  # from when on a displacement is one over a second
 _LONGEST_NS = 2_000_000_000  # that a scan is kept
 _MOST_KEPT = 10  # scans, more than come within that time
@@ -249,6 +250,9 @@ class ReflectionNoise:
         if not returns.scans:
             return True
         passed_ns = time_ns - returns.scans[-1].time_ns
+        if passed_ns < -_SET_BACK_NS:
+            returns.scans, returns.is_due = [], False
+            return True
         return passed_ns > 0 and (returns.is_due or passed_ns >= _SPACING_NS)
 
     def observe(

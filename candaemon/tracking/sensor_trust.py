@@ -118,6 +118,7 @@ class SensorTrustState:
             late mean, all along.
         burst: factor on the variance left of its latest noisy scans.
         along, across: mean by which its objects are off of late, times the limit.
+        off_along, off_across: by how much they were when it was found to be biased, m.
         obstacles, seen_ns: identities of obstacles that it saw of late, ascending, and its latest scan of each (n,).
         offsets: late means of their innovations (n, 2), m.
         counts: what was noticed.
@@ -140,6 +141,8 @@ class SensorTrustState:
     burst: float = 1.0
     along: float = 0.0
     across: float = 0.0
+    off_along: float = 0.0
+    off_across: float = 0.0
     obstacles: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     seen_ns: Integers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     offsets: Floats = field(default_factory=lambda: np.zeros((0, 2)))
@@ -221,6 +224,7 @@ class SensorTrust:
     def watch(self, now_ns: int) -> None:
         """Notice what sensors have been silent for too long."""
         for each, silent_ns in zip(self._state.sensors, self._silent_ns, strict=True):
+            self._note_clock(each, now_ns)
             if each.last_ns == 0:
                 each.last_ns = now_ns
             elif now_ns - each.last_ns > silent_ns and each.fault != Fault.SILENT:
@@ -239,6 +243,7 @@ class SensorTrust:
             now_ns: when the scan was closed.
         """
         state = self._state.sensors[scan.sensor]
+        self._note_clock(state, now_ns)
         dt = min(max(now_ns - state.last_ns, 0) * 1e-9, 1.0)
         state.last_ns = now_ns
         if state.fault == Fault.SILENT:
@@ -264,6 +269,12 @@ class SensorTrust:
             return None
         state.counts.weighted_down += 1
         return replace(detections, measurement=weighted(detections.measurement, factor))
+
+    def _note_clock(self, state: SensorTrustState, now_ns: int) -> None:
+        """Let nothing that is remembered lie ahead, where the clock was set back."""
+        if now_ns < state.last_ns:
+            for name in ("last_ns", "right_ns", "compared_ns", "noisy_ns", "restless_ns", "since_ns"):
+                setattr(state, name, min(getattr(state, name), now_ns))
 
     def _factor(self, state: SensorTrustState) -> float:
         """Return the factor on the stated variance that a sensor's detections deserve."""
@@ -294,13 +305,20 @@ class SensorTrust:
         others = (self.fault(each) for each in self._others[sensor])
         return any(not (fault.cuts_off or fault == Fault.SILENT) for fault in others)
 
+    def _has_witness(self, sensor: int) -> bool:
+        """Return whether another of its group has no fault: where one began to err, the other seems to be off."""
+        return any(self.fault(each) == Fault.NONE for each in self._others[sensor])
+
     def _compare(
         self, state: SensorTrustState, detections: Detections, tracker: AnyTracker, dt: float, now_ns: int
     ) -> None:
         """Compare a scan's detections with where the tracks that other sensors share in are predicted."""
         expected = tracker.predicted_reflections(detections.time_ns, detections.sensor)
         found = _nearest(detections, expected)
-        self._note_bias(state, _by_others(found, detections, expected), detections, dt, now_ns)
+        told = _by_others(found, detections, expected)
+        if state.fault == Fault.BIASED and _fits_better_elsewhere(state, told, detections, expected):
+            state.right_ns = state.compared_ns = now_ns
+        self._note_bias(state, told, detections, dt, now_ns)
         if not len(found.rows):
             self._forget_noise(state, dt, now_ns)
             return
@@ -392,10 +410,7 @@ class SensorTrust:
         settings = self._settings
         if len(found.rows):
             measurement = detections.measurement
-            place = measurement.position[found.rows] - measurement.origin
-            distance = np.maximum(np.hypot(place[:, 0], place[:, 1]), 1.0)
-            sight = place / distance[:, None]
-            across = np.stack([-sight[:, 1], sight[:, 0]], axis=1)
+            distance, sight, across = _lines_of_sight(measurement.take(found.rows))
             deviation = np.sqrt(0.5 * measurement.noise[found.rows].trace(axis1=1, axis2=2))
             limit = settings.bias + _BODY / len(found.rows) + _DEVIATIONS * deviation
             off = (
@@ -415,9 +430,12 @@ class SensorTrust:
             if confirmed or now_ns - state.compared_ns >= _FORGIVEN * 1e9:
                 state.along = state.across = 0.0
                 self._recovered(state)
-        elif worst > 1.0 and state.fault in {Fault.NONE, Fault.NOISY}:
+        elif worst > 1.0 and state.fault in {Fault.NONE, Fault.NOISY} and self._has_witness(detections.sensor):
             self._found(state, Fault.BIASED)
             state.right_ns = state.compared_ns = now_ns
+            if len(found.rows):
+                state.off_along = float(np.median((found.innovation * sight).sum(axis=1)))
+                state.off_across = float(np.median((found.innovation * across).sum(axis=1)))
 
     def _found(self, state: SensorTrustState, fault: Fault) -> None:
         state.fault = int(fault)
@@ -432,6 +450,33 @@ class SensorTrust:
             state.burst, state.noisy_ns, state.excess = 1.0, 0, 0.0
         state.fault = int(Fault.NONE)
         state.counts.recovered += 1
+
+
+def _lines_of_sight(measurement: Measurement) -> tuple[Floats, Floats, Floats]:
+    """Return how far detections (m,) are, m, and unit vectors along and across their lines of sight (m, 2)."""
+    place = measurement.position - measurement.origin
+    distance = np.maximum(np.hypot(place[:, 0], place[:, 1]), 1.0)
+    sight = place / distance[:, None]
+    return distance, sight, np.stack([-sight[:, 1], sight[:, 0]], axis=1)
+
+
+def _fits_better_elsewhere(
+    state: SensorTrustState, found: _Matches, detections: Detections, expected: PredictedReflections
+) -> bool:
+    """Return whether a biased sensor's detections fit the others' obstacles better by as much nearer as they were off.
+
+    A detection that is off lies beside another obstacle sooner or later, and seems right there.
+    """
+    measurement = detections.measurement
+    _, sight, across = _lines_of_sight(measurement)
+    place = measurement.position - state.off_along * sight - state.off_across * across
+    moved = replace(detections, measurement=replace(measurement, position=place))
+    return _fit(_by_others(_nearest(moved, expected), moved, expected)) > _fit(found)
+
+
+def _fit(found: _Matches) -> float:
+    """Return how well detections fit: the more of them do, and the nearer they are, the better."""
+    return float((1.0 - np.hypot(found.innovation[:, 0], found.innovation[:, 1]) / REACH).sum())
 
 
 def _levels_of(ratios: Floats) -> Floats:

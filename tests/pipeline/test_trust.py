@@ -294,3 +294,30 @@ def test_a_biased_sensor_is_forgiven_that_nobody_is_left_to_be_compared_with() -
     for scan in range(120):
         judged(trust, tracker, 1.0 + 0.05 * scan, np.array([[20.0, 0.1 * scan]]))
     assert trust.fault(0) is Fault.NONE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sensor", "off"), [("radar", 5.0), ("lidar", 8.0)])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_biased_sensor_is_not_taken_back_while_it_is_and_the_other_not_cut_off(
+    sensor: str, off: float, seed: int
+) -> None:
+    """What it shows of one car lies beside another in the next lane for a while."""
+    fault = {"sensor": sensor, "kind": "biased", "begin": 13.0, "end": 22.0, "amount": off}
+    told = scenario_of(ROOT / "config" / "scenarios" / "failing_lidar.yaml").model_dump()
+    drive = Scenario.model_validate(told | {"duration": 22.0, "sensor_faults": [fault]})
+    pipeline, wrong = Pipeline(binding("radar_lidar")), ("radar", "lidar").index(sensor)
+    was_biased = False
+    for _ in pipeline.run(simulate(drive, binding("radar_lidar"), seed).frames()):
+        assert not pipeline.trust.fault(1 - wrong).cuts_off
+        was_biased = was_biased or pipeline.trust.fault(wrong) == Fault.BIASED
+        assert not was_biased or pipeline.trust.weight(wrong) < 1.0
+
+
+def test_a_clock_that_is_set_back_puts_nothing_off() -> None:
+    settings = [each.settings for each in binding("radar_lidar").sensors]
+    trust = SensorTrust(TrustSettings(), settings, [[1], [0]], [0.5, 0.5])
+    state = trust.state.sensors[0]
+    state.last_ns = state.right_ns = state.compared_ns = state.noisy_ns = 10**12
+    trust.watch(10**12 - 6 * 10**11)
+    assert {state.last_ns, state.right_ns, state.compared_ns, state.noisy_ns} == {4 * 10**11}

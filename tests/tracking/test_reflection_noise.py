@@ -165,6 +165,9 @@ def test_a_scan_is_expected_some_time_after_the_latest_and_right_after_it_while_
         noise.observe(0, k * CYCLE_NS, keys, np.zeros((6, 2)), ahead, standing, 20.0, np.full(len(standing), 60.0))
     assert expected == [True, True, False, False, False] * 2
     assert not noise.expects(0, 0, 20.0)
+    assert noise.state.sensors[0].scans
+    assert noise.expects(0, -600 * 10**9, 20.0)  # the clock was set back
+    assert not noise.state.sensors[0].scans
     assert not noise.expects(0, 20 * CYCLE_NS, 0.0)
     assert not noise.state.sensors[0].scans
 
