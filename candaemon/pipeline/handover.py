@@ -1,6 +1,8 @@
 """What a pipeline takes over from the one before it, when another configuration takes its place.
 
 A sensor, ego motion and the output go on as they were where neither their settings nor their messages have changed.
+Obstacles keep their slots, whatever else changes of the output, as long as it has the same: a reader sees a slot empty
+before it is another's, and none that stays as it was for ever.
 Obstacles live on where ego motion does, for their frame of reference is its, where the tracker has the same filter, and
 where a sensor that has seen them is the same as before; what only changed sensors have seen is forgotten. Identities
 are never assigned twice, and totals go on.
@@ -60,8 +62,11 @@ def hand_over(former: Pipeline, successor: Pipeline) -> Kept:
         successor.assemblers[new].state = former.assemblers[old].state
     if ego_motion:
         _take_ego(former, successor)
-    if output and former.encoder is not None and successor.encoder is not None:
-        successor.encoder.state = former.encoder.state
+    if former.encoder is not None and successor.encoder is not None:
+        if _same_slots(former.binding.output, successor.binding.output):
+            successor.encoder.state = former.encoder.state
+        else:
+            successor.encoder.state.saturated = former.saturated
     successor.output_cycle.state = OutputCycleState(former.output_cycle.state.due_ns)
     _take_trackers(former, successor, sensors if ego_motion else {})
     same_numbers = len(sensors) == len(former.assemblers) and all(old == new for old, new in sensors.items())
@@ -106,6 +111,14 @@ def _same_output(former: BoundOutput | None, successor: BoundOutput | None) -> b
     return former.settings == successor.settings and _messages(former.database, former.can_ids) == _messages(
         successor.database, successor.can_ids
     )
+
+
+def _same_slots(former: BoundOutput | None, successor: BoundOutput | None) -> bool:
+    """Return whether a reader takes the slots of both for the same."""
+    if former is None or successor is None:
+        return False
+    before, after = former.settings, successor.settings
+    return (before.bus, before.objects, former.writer.slots) == (after.bus, after.objects, successor.writer.slots)
 
 
 def _messages(database: Database, can_ids: Iterable[int]) -> list[MessageSpec]:

@@ -227,3 +227,14 @@ def test_vehicles_outlive_sensors_that_come_go_and_change(frames: list[Frame], t
     (tmp_path / "after").mkdir()
     back = hand_over(drive.pipeline, Pipeline(configuration(tmp_path / "after", vehicles)))
     assert back.obstacles >= 3
+
+
+def test_obstacles_keep_their_slots_where_little_of_the_output_changes(
+    before: Binding, frames: list[Frame], tmp_path: Path
+) -> None:
+    """Which obstacles come first matters only where slots run short."""
+    alone = list(Pipeline(before).run(frames))
+    drive = Drive(before, configuration(tmp_path, lambda tree: tree["output"].update(path_half_width=3.5)), frames)
+    assert not drive.kept.output
+    assert drive.kept.obstacles >= 3
+    assert wire(drive.earlier) + wire(drive.later) == wire(alone)
