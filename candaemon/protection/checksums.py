@@ -21,6 +21,7 @@ from candaemon.dbc.bits import first_bit
 from candaemon.dbc.types import MessageSpec
 from candaemon.errors import ConfigError
 from candaemon.frames.frame import EXTENDED
+from candaemon.frames.frame_block import FD_LENGTHS
 
 Kind = Literal["toyota", "honda", "xor", "additive", "crc8_sae_j1850"]
 
@@ -105,6 +106,7 @@ class Protector:
         self._position, self._shift, self._mask, self._length, _ = self._places[messages[0].can_id]
         self._ids = np.array(sorted(self._places), np.int64)
         self._of_ids = np.array([self._places[can_id] for can_id in sorted(self._places)], np.int64).T
+        self._padded = any(each.length not in FD_LENGTHS for each in self._places.values())
         self._others = np.array([byte for byte in range(self._length) if byte != self._position], dtype=np.intp)
         if kind == "crc8_sae_j1850":
             self._tables, self._start = self._positional_tables()
@@ -135,6 +137,8 @@ class Protector:
     def verify(self, can_id: int, data: bytes) -> bool:
         """Return whether a frame of one of the messages carries the checksum it should; one too short never does."""
         position, shift, mask, length, _ = self._places[can_id]
+        if self._padded and length not in FD_LENGTHS:
+            data = data[:length]  # a controller fills it up to a length that a frame has
         return len(data) >= length and data[position] >> shift & mask == self.checksum(can_id, data)
 
     def verified(self, can_ids: Integers, lengths: Integers, payloads: Bytes) -> Booleans:
@@ -146,6 +150,10 @@ class Protector:
             payloads: (n, width), zeros after the length.
         """
         position, shift, mask, least, _ = self._of_ids[:, np.searchsorted(self._ids, can_ids)]
+        if self._padded:
+            padded = ~np.isin(least, list(FD_LENGTHS))
+            lengths = np.where(padded, np.minimum(lengths, least), lengths)
+            payloads = np.where(np.arange(payloads.shape[1]) < lengths[:, None], payloads, 0).astype(np.uint8)
         column = np.minimum(position, payloads.shape[1] - 1)  # of a frame that is too short it does not matter
         carried = payloads[np.arange(len(payloads)), column] >> shift & mask
         right: Booleans = (lengths >= least) & (carried == self._checksums(can_ids, lengths, payloads))

@@ -157,3 +157,17 @@ def test_many_frames_are_verified_as_one_by_one(kind: Kind, data: st.DataObject)
     assert found.tolist() == [
         protector.verify(spec.can_id, p) for (spec, _, _), p in zip(frames, payloads, strict=True)
     ]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("padding", [b"", b"\x00\x00", b"\xcc\xcc", b"\xff\xff"])
+def test_what_a_controller_fills_a_frame_up_with_is_no_part_of_it(kind: Kind, padding: bytes) -> None:
+    """No CAN FD frame has 10 bytes: one of 12 comes."""
+    checked = Protector(kind, [message(9, length=10, kind=kind)], "Sum")
+    frame = checked.seal(0x210, bytes(range(3, 13))) + padding
+    assert checked.verify(0x210, frame)
+    table = np.zeros((2, 16), np.uint8)
+    table[0, : len(frame)] = table[1, : len(frame)] = np.frombuffer(frame, np.uint8)
+    table[1, 4] ^= 0x10
+    ids, lengths = np.full(2, 0x210), np.full(2, len(frame))
+    assert checked.verified(ids, lengths, table).tolist() == [True, False]
