@@ -209,9 +209,9 @@ def cycle_row(cycle: Cycle, pipeline: Pipeline, sensors: Sequence[str]) -> dict[
             "speed": pose.velocity_in_vehicle_axes()[0],
             "yaw_rate": pose.yaw_rate,
         }
-    if cycle.georeference is not None:
-        latitude, longitude = cycle.georeference.to_earth(np.array([pose.east]), np.array([pose.north]))
-        row |= {"latitude": float(np.degrees(latitude[0])), "longitude": float(np.degrees(longitude[0]))}
+        if cycle.georeference is not None:
+            latitude, longitude = cycle.georeference.to_earth(np.array([pose.east]), np.array([pose.north]))
+            row |= {"latitude": float(np.degrees(latitude[0])), "longitude": float(np.degrees(longitude[0]))}
     return row
 
 
@@ -236,7 +236,7 @@ def _leaves(path: str, branch: Any) -> Sequence[tuple[str, Any]]:
 
 
 def _time(time_ns: int) -> dict[str, Values]:
-    return {"time_ns": time_ns, "time": time_ns * 1e-9}
+    return {"time_ns": time_ns, "time": time_ns / 10**9}
 
 
 def repeated(values: Values, rows: int) -> NDArray[Any] | Sequence[Any]:

@@ -39,7 +39,8 @@ _OWN = (4.6, 1.8, -1.0)  # m: length and width of the own vehicle as it is drawn
 _CLOUD: Final = np.dtype(
     [
         *((name, "<f4") for name in ("x", "y", "z", "range_rate", "nis")),
-        *((name, "<i4") for name in ("object", "obstacle")),
+        ("object", "<f8"),  # a sensor may number its objects with more than 32 bits
+        ("obstacle", "<i4"),
         ("fate", "u1"),
     ]
 )
@@ -132,9 +133,9 @@ class SceneMessages:
         identity = np.asarray(columns["id"])
         cloud["obstacle"] = np.where(identity == NO_OBSTACLE, -1, identity)
         kinds = m.PackedElementFieldNumericType
-        numeric = {"f": kinds.Float32, "i": kinds.Int32, "u": kinds.Uint8}
+        numeric = {"<f4": kinds.Float32, "<f8": kinds.Float64, "<i4": kinds.Int32, "|u1": kinds.Uint8}
         fields = [
-            m.PackedElementField(name=name, offset=_CLOUD.fields[name][1], type=numeric[_CLOUD[name].kind])
+            m.PackedElementField(name=name, offset=_CLOUD.fields[name][1], type=numeric[_CLOUD[name].str])
             for name in _CLOUD.names or ()
             if _CLOUD.fields is not None
         ]

@@ -129,7 +129,7 @@ class SensorFault(Settings):
         None,
         ge=-1000,
         le=1e5,
-        description="m of a bias, m/s of a drift, times the variance of noise; default: 3 m, 1 m/s, 200",
+        description="m of a bias, m/s of a drift, times the variance of the noise configured; default: 3 m, 1 m/s, 200",
     )
 
     @model_validator(mode="after")

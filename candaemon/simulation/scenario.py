@@ -52,8 +52,8 @@ class Segment(Settings):
     """A section of a trajectory: along the heading (speed, acceleration, yaw rate, lane change) or by axes (ax, ay).
 
     It ends after `duration`, at `until`, with its lane change, or, with both a `speed` and an `acceleration`, when that
-    speed is reached. Without an end it lasts as long as the scenario. A vehicle that brakes to 0 stands still for the
-    rest of its segment; only a `speed` below 0 makes it drive backwards.
+    speed is reached. Without an end it lasts as long as the scenario. A vehicle that brakes to 0 along its heading
+    stands still for the rest of its segment; only a `speed` below 0 makes it drive backwards.
     """
 
     duration: float | None = Field(None, gt=0, le=LONGEST_DRIVE, description="s")
@@ -217,7 +217,10 @@ class Actor(Settings):
         None, ge=1, le=8, description="objects it can be reported as; a point is always one; default: 2, or as drawn"
     )
     reflections_range: float = Field(
-        70.0, gt=0, le=500, description="m up to which the second one is seen; the third half as far, …"
+        70.0,
+        gt=0,
+        le=500,
+        description="m up to which the second one is seen; the third half as far, with traffic two thirds, …",
     )
 
     @model_validator(mode="after")

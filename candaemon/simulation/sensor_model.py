@@ -153,7 +153,7 @@ class SensorModel:
     def __init__(
         self, scene: Scene, settings: SensorSettings, measurement: MeasurementEffects, *, seed: int, source: int
     ) -> None:
-        settings = _turned(settings, measurement.turned_deg)
+        settings = turned(settings, measurement.turned_deg)
         self._scene, self._settings, self._measurement = scene, settings, measurement
         self._looks = cycle(settings.views.values())
         self._view = settings.field_of_view
@@ -416,7 +416,7 @@ class SensorModel:
         self._clutter_place = np.concatenate([self._clutter_place[stay], motion.position])
 
 
-def _turned(settings: SensorSettings, angle_deg: float) -> SensorSettings:
+def turned(settings: SensorSettings, angle_deg: float) -> SensorSettings:
     """Return a sensor as it is mounted: turned to the left of what its configuration says."""
     if not angle_deg:
         return settings

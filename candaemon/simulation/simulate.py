@@ -24,6 +24,7 @@ from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.scene import Scene, SceneState
 from candaemon.simulation.schedule import scan_times, start_ns
 from candaemon.simulation.sensor_frames import SensorEncoder
+from candaemon.simulation.sensor_model import turned
 from candaemon.simulation.slot_reports import SlotReport, SlotReporter
 from candaemon.simulation.truth import Truth, TruthCycle
 
@@ -71,7 +72,7 @@ class Simulation:
         self._binding = binding
         self._scene = Scene(scenario)
         self._settings = [sensor.settings for sensor in binding.sensors]
-        if binding.ego is None and (scenario.ego.segments or scenario.ego.start.speed > 0.0):
+        if binding.ego is None and (scenario.ego.segments or scenario.ego.start.speed != 0.0):
             raise ConfigError(
                 "the configuration's ego is static but the scenario's moves; let it stand there, "
                 "or give an ego of kind ins or odometry",
@@ -127,7 +128,9 @@ class Simulation:
 
     def truth(self) -> Iterator[TruthCycle]:
         """Yield the truth at each measurement time of any sensor, in order."""
-        truth = Truth(self._scene, self._settings, occlusion=self.scenario.measurement.occlusion)
+        measurement = self.scenario.measurement
+        mounted = [turned(settings, measurement.turned_deg) for settings in self._settings]
+        truth = Truth(self._scene, mounted, occlusion=measurement.occlusion)
         times = np.unique(np.concatenate([self._times(k) for k in range(len(self._settings))]))
         for instant, time_ns in zip(self._states(times), times.tolist(), strict=True):
             yield truth.cycle(instant, time_ns)
@@ -148,9 +151,10 @@ class Simulation:
     def _scans(self, sensor: BoundSensor, encoder: SensorEncoder) -> Iterator[tuple[int, SlotReport, list[Frame]]]:
         """Yield one sensor's measurement times, reports and frames, these in order of time."""
         last = -(1 << 62)
-        for index, (time_ns, report) in enumerate(self.reports(sensor.index)):
+        number = {time_ns: k for k, time_ns in enumerate(self._times(sensor.index).tolist())}  # silent ones count, too
+        for time_ns, report in self.reports(sensor.index):
             frames = []
-            for frame in encoder.frames(report, index, time_ns):
+            for frame in encoder.frames(report, number[time_ns], time_ns):
                 # a delayed frame delays those behind it: a bus keeps their order
                 last = max(last, frame.time_ns)
                 frames.append(frame if frame.time_ns == last else frame._replace(time_ns=last))

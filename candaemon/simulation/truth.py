@@ -65,6 +65,7 @@ class Truth:
             point = instant.on_actors(actor, offset).position
             local = (point - sensor.position) * np.exp(-1j * sensor.yaw)
             in_sight = np.any([in_view(local, view) for view in settings.views.values()], axis=0)
+            in_sight &= np.abs(local) <= self._reflections.reach
             if self._occlusion:
                 in_sight &= ~hidden(self._scene, instant, sensor, local, actor)
             np.logical_or.at(seen, actor, in_sight)

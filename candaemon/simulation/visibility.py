@@ -154,9 +154,8 @@ def hidden(scene: Scene, instant: SceneState, sensor: Pose, point: ComplexPlane,
     )
     corner = box * (np.exp(1j * instant.actors.yaw[solid]) * turn)[:, None] + centre[:, None]
     spread = np.angle(corner * np.conj(centre)[:, None])
-    direction, distance = np.angle(point), np.abs(point)
-    middle = np.angle(centre)
-    behind = distance[:, None] > np.abs(centre)
-    inside = (direction[:, None] > middle + spread.min(axis=1)) & (direction[:, None] < middle + spread.max(axis=1))
+    aside = np.angle(point[:, None] * np.conj(centre))
+    behind = np.abs(point)[:, None] > np.abs(centre)
+    inside = (aside > spread.min(axis=1)) & (aside < spread.max(axis=1))
     foreign = owner[:, None] != solid
     return np.asarray((behind & inside & foreign).any(axis=1))

@@ -186,7 +186,7 @@ def test_detections_are_those_of_the_table(drive: Drive) -> None:
     found: list[Any] = []
     for message in drive.on("/detections/front"):
         cloud = message.content
-        kinds = {1: "u1", 6: "<i4", 7: "<f4"}
+        kinds = {1: "u1", 6: "<i4", 7: "<f4", 8: "<f8"}
         form = np.dtype(
             {
                 "names": [field.name for field in cloud.fields],

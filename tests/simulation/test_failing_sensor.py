@@ -9,6 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from candaemon.arrays import Floats
+from candaemon.pipeline.pipeline import Pipeline
 from candaemon.simulation.effects import SensorFault
 from candaemon.simulation.scenario import MOST_SENSOR_FAULTS, Scenario
 from candaemon.simulation.simulate import simulate
@@ -80,3 +81,29 @@ def test_a_scenario_may_have_so_many_faults() -> None:
     assert len(most.sensor_faults) == MOST_SENSOR_FAULTS
     with pytest.raises(ValidationError, match="at most 1000"):
         Scenario.model_validate({"duration": 1.0, "sensor_faults": (fault,) * (MOST_SENSOR_FAULTS + 1)})
+
+
+@pytest.mark.parametrize("silent", [3, 4])
+def test_after_a_silence_each_scan_is_still_of_its_look(silent: int) -> None:
+    """ford_mrr sees 20 degrees to either side with its long range, 75 with its short one, in turns."""
+    of = binding("ford_mrr")
+    told = {
+        "duration": 6.0,
+        "ego": {"start": {"speed": 10.0}},
+        "measurement": {"clutter": 0.0, "cycle_jitter": 0.0},
+        "stationary": {"posts": [{"x": 20.0 + 3.0 * k, "y": y} for k in range(40) for y in (-12.0, 12.0)]},
+        "sensor_faults": ({"sensor": "front", "kind": "silent", "begin": 2.0, "end": 2.0 + 0.03 * silent},),
+    }
+    widest: dict[tuple[bool, int], float] = {}
+    pipeline = Pipeline(of)
+    for cycle in pipeline.run(simulate(Scenario.model_validate(told), of, 1).frames()):
+        seen = cycle.detections
+        if seen is not None and len(seen.x):
+            place = seen.measurement.position - seen.measurement.origin
+            sight = np.degrees(np.arctan2(place[:, 1], place[:, 0]) - cycle.pose.heading)
+            key = seen.time_ns * 1e-9 - 1_700_000_000.0 > 2.5, seen.look
+            widest[key] = max(widest.get(key, 0.0), float(np.abs(np.remainder(sight + 180.0, 360.0) - 180.0).max()))
+    looks = {look for _, look in widest}
+    assert len(looks) == 4
+    for look in looks:
+        assert (widest[False, look] > 20.0) == (widest[True, look] > 20.0)

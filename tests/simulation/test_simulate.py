@@ -28,6 +28,7 @@ from candaemon.simulation.scene import Scene
 from candaemon.simulation.schedule import start_ns
 from candaemon.simulation.simulate import Simulation, simulate
 from candaemon.simulation.slot_reports import SlotReport
+from candaemon.simulation.truth import Truth
 from tests.support.bound import binding as bound
 from tests.support.paths import ROOT
 
@@ -190,6 +191,46 @@ def test_a_car_hides_the_one_before_it_and_truth_says_so() -> None:
         drive("automotive_cruise", duration=3.0, actors=cars, measurement={"occlusion": False}), bound("esr_ins")
     )
     assert all(1 in report.owner for _, report in seen.reports(0))
+
+
+def test_what_a_car_behind_us_hides_is_hidden_on_both_sides_of_where_angles_begin_anew() -> None:
+    """Straight behind, angles jump from 180 to -180 degrees."""
+    sensor = bound("esr_ins").sensors[0].settings
+    round_about = sensor.field_of_view.model_copy(update={"azimuth_deg": 180.0})
+    for ahead in (1.0, -1.0):
+        cars = tuple(
+            {"name": name, "start": {"x": ahead * x, "y": y, "vx": 15.0, "vy": 0.0}, "reflections": 1}
+            for name, x, y in (("near", 30.0, 0.0), ("left", 60.0, 0.4), ("right", 60.0, -0.4))
+        )
+        scene = Scene(drive("automotive_cruise", duration=1.0, actors=cars))
+        truth = Truth(scene, [sensor.model_copy(update={"field_of_view": round_about})], occlusion=True)
+        assert truth.visible(next(scene.states(np.array([0.5])))).tolist() == [True, False, False]
+
+
+def test_truth_sees_what_a_turned_sensor_sees() -> None:
+    sensor = bound("esr_ins").sensors[0].settings
+    places = {name: 40.0 * np.exp(1j * np.radians(angle)) for name, angle in (("right", -43.5), ("left", 46.5))}
+    cars = tuple(
+        {"name": name, "start": {"x": sensor.mount.x + place.real, "y": place.imag, "speed": 15.0}, "reflections": 1}
+        for name, place in places.items()
+    )
+    assert sensor.field_of_view.azimuth_deg == 45.0
+    still = {"clutter": 0.0, "detection_probability": 1.0, "turned_deg": 3.0, "occlusion": False}
+    scenario = drive("automotive_cruise", duration=0.5, actors=cars, measurement=still)
+    simulation = simulate(scenario, bound("esr_ins"))
+    seen = {int(owner) for _, report in simulation.reports(0) for owner in report.owner}
+    assert seen & {0, 1} == {1}
+    assert all(cycle.columns["state"].tolist()[:2] == ["hidden", "actor"] for cycle in simulation.truth())
+
+
+def test_truth_sees_a_second_reflection_as_far_as_the_sensor_does() -> None:
+    car = {"name": "beside", "start": {"x": 90.0, "y": 6.0, "speed": 15.0}, "reflections": 2, "reflections_range": 60.0}
+    ahead = {"name": "ahead", "size": {"length": 12.0, "width": 2.5}, "start": {"x": 70.0, "y": 4.4, "speed": 15.0}}
+    scenario = drive("automotive_cruise", duration=0.5, actors=(car, ahead), measurement={"clutter": 0.0})
+    simulation = simulate(scenario, bound("esr_ins"))
+    seen = {int(owner) for _, report in simulation.reports(0) for owner in report.owner}
+    told = {cycle.columns["state"][0] for cycle in simulation.truth()}
+    assert told == ({"actor"} if 0 in seen else {"hidden"})
 
 
 CARS = (
