@@ -45,7 +45,7 @@ _HUBER: Final = 2.0
 """Standard deviations of a window's vote from which on it counts less."""
 REACH: Final = np.array([0.03, radians(1.5)])
 """s and rad: equations made so far from the estimate count half, for they are linear about another one."""
-_FLOOR: Final = np.array([0.003, radians(0.06), 0.001, radians(0.03)])
+_FLOOR: Final = np.array([0.003, radians(0.09), 0.001, radians(0.03)])
 """One standard deviation of what no scatter shows: reflections that wander together, rounding, a bent mounting."""
 _AGING: Final = np.array([0.002, radians(0.05), 0.002, radians(0.1)])
 """One standard deviation by which the parameters drift in an hour."""
