@@ -26,6 +26,7 @@ from candaemon.fleet.comparison import (
     compare,
     markdown,
     sentences,
+    value_text,
 )
 from candaemon.fleet.dataset import ReplayOptions
 from candaemon.fleet.drive_list import drives_of
@@ -265,7 +266,7 @@ def _sheets(found: Comparison) -> Iterator[console.Sheet]:
             f"{each.name}, {each.unit}" if each.unit else each.name,
             str(each.drives),
             f"{each.before:.4g}",
-            f"{each.after:.4g}",
+            value_text(each.after),
             change_text(each.change),
             change_text(each.low),
             change_text(each.high),
@@ -277,7 +278,7 @@ def _sheets(found: Comparison) -> Iterator[console.Sheet]:
     if rows:
         yield console.Sheet("figures", rows, head)
     drives = tuple(
-        (each.drive, each.name, f"{each.before:.4g}", f"{each.after:.4g}", change_text(each.change))
+        (each.drive, each.name, f"{each.before:.4g}", value_text(each.after), change_text(each.change))
         for each in found.worse_drives[:_FAILED_NAMED]
     )
     if drives:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from math import exp, isfinite
+from math import exp, inf, isfinite, isnan, nan
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
@@ -34,7 +34,8 @@ class FigureChange:
         key, name, unit: of the figure.
         drives: that have it in both.
         before, after: means over these.
-        change: relative change; of ratios the mean, else that of the means; NaN where there was nothing before.
+        change: relative change; of ratios the mean, else that of the means; NaN where there was nothing before, or
+            there is nothing after.
         low, high: 95 % confidence interval of `change`.
         p: corrected for the number of figures.
         verdict: what that means.
@@ -55,7 +56,7 @@ class FigureChange:
 
 @dataclass(frozen=True, slots=True)
 class DriveChange:
-    """A drive that became worse in a figure, by a relative `change`."""
+    """A drive that became worse in a figure, by a relative `change`: infinite where it was 0, or is gone (NaN)."""
 
     drive: str
     key: str
@@ -71,7 +72,7 @@ class Comparison:
 
     Attributes:
         figures: those that became worse first.
-        worse_drives: beyond the tolerance, worst first.
+        worse_drives: beyond the tolerance, or without a figure that they had, worst first.
         same_bytes: drives whose tables are the same to the byte.
         same_figures: others whose figures are equal.
         changed: all other drives of both runs.
@@ -120,6 +121,7 @@ def compare(
     changes = [change for each in known.values() if (change := _change(each, pairs)) is not None]
     corrected = holm([each.p for each, _ in changes])
     judged = [_judged(each, figure, p, least) for (each, figure), p in zip(changes, corrected, strict=True)]
+    judged += [gone for each in known.values() if (gone := _gone(each, pairs)) is not None]
     judged.sort(key=lambda each: (_ORDER[each.verdict], each.p, each.key))
     worse = [each for figure in known.values() for each in _worse_drives(figure, pairs, tolerance)]
     same_bytes = [a.drive for a, b in pairs if a.files and a.files == b.files]
@@ -175,19 +177,29 @@ def _judged(change: FigureChange, figure: DriveFigure, p: float, least: float) -
     return FigureChange(**values)
 
 
+def _gone(figure: DriveFigure, pairs: list[tuple[DriveFigures, DriveFigures]]) -> FigureChange | None:
+    """Return a figure that no drive has any longer, as that of obstacles where there are none; None: some has it."""
+    before = [a.values[figure.key] for a, _ in pairs if figure.key in a.values]
+    if figure.better == "neither" or not before or any(figure.key in b.values for _, b in pairs):
+        return None
+    mean = sum(before) / len(before)
+    return FigureChange(figure.key, figure.name, figure.unit, len(before), mean, nan, nan, nan, nan, 0.0, "worse")
+
+
 def _worse_drives(
     figure: DriveFigure, pairs: list[tuple[DriveFigures, DriveFigures]], tolerance: float
 ) -> Iterator[DriveChange]:
-    """Yield drives whose figure is worse by more than the tolerance."""
+    """Yield drives whose figure is worse by more than the tolerance and its slack, or gone."""
     if figure.better == "neither":
         return
     for a, b in pairs:
-        if figure.key not in a.values or figure.key not in b.values:
+        if figure.key not in a.values:
             continue
-        before, after = a.values[figure.key], b.values[figure.key]
+        before, after = a.values[figure.key], b.values.get(figure.key, nan)
         worse = after - before if figure.better == "lower" else before - after
-        if worse > 0 and figure.ratio and before > 0 and worse / before > tolerance:
-            yield DriveChange(a.drive, figure.key, figure.name, before, after, worse / before)
+        if isnan(after) or (worse > figure.slack and worse > tolerance * before):
+            change = worse / before if before > 0 and not isnan(after) else inf
+            yield DriveChange(a.drive, figure.key, figure.name, before, after, change)
 
 
 def _plain(value: Any) -> Any:
@@ -200,6 +212,11 @@ def _plain(value: Any) -> Any:
             return value if isfinite(value) else None
         case _:
             return value
+
+
+def value_text(value: float) -> str:
+    """Return a figure for readers; one that is gone is none."""
+    return "none" if isnan(value) else f"{value:.4g}"
 
 
 def change_text(change: float) -> str:
@@ -215,16 +232,17 @@ def markdown(comparison: Comparison, before: str, after: str) -> str:
         lines += ["| figure | before | after | change | 95 % interval | p | |", "|---|--:|--:|--:|--:|--:|---|"]
         for each in told:
             name = f"{each.name} ({each.unit})" if each.unit else each.name
+            values = f"{each.before:.4g} | {value_text(each.after)} | {change_text(each.change)}"
             interval = f"{change_text(each.low)} to {change_text(each.high)}"
             lines.append(
-                f"| {_cell(name)} | {each.before:.4g} | {each.after:.4g} | {change_text(each.change)} | {interval} "
+                f"| {_cell(name)} | {values} | {interval} "
                 f"| {each.p:.2g} | {'**worse**' if each.verdict == 'worse' else each.verdict} |"
             )
         lines.append("")
     if comparison.worse_drives:
         lines += ["| drive | figure | before | after | change |", "|---|---|--:|--:|--:|"]
         for drive in comparison.worse_drives[:_DRIVES_TOLD]:
-            cells = (drive.drive, drive.name, f"{drive.before:.4g}", f"{drive.after:.4g}", change_text(drive.change))
+            cells = (drive.drive, drive.name, f"{drive.before:.4g}", value_text(drive.after), change_text(drive.change))
             lines.append(f"| {' | '.join(map(_cell, cells))} |")
         lines.append("")
     return "\n".join(lines)
@@ -248,7 +266,7 @@ def sentences(comparison: Comparison) -> Iterator[str]:
     if comparison.worse_drives:
         limit = f"{100 * comparison.tolerance:g} %"
         count = len({each.drive for each in comparison.worse_drives})
-        yield f"In {count:,} drives a figure is worse by more than {limit}."
+        yield f"In {count:,} drives a figure is worse by more than {limit}, or gone."
     if comparison.missing:
         names = ", ".join(list(comparison.missing)[:_DRIVES_TOLD])
         yield f"{len(comparison.missing):,} drives are missing: {names}."

@@ -46,6 +46,7 @@ class DriveFigure:
         unit: of it.
         better: which is.
         ratio: two of a drive are compared by their ratio; else by their difference.
+        slack: difference up to which two of a drive are as good, whatever their ratio.
     """
 
     key: str
@@ -53,18 +54,23 @@ class DriveFigure:
     unit: str
     better: Better
     ratio: bool = True
+    slack: float = 0.0
 
 
-CONSISTENCY: Final = DriveFigure("nis.off", "NIS off its expectation, |ln(mean / expected)|", "", "lower", ratio=False)
-COVERAGE: Final = DriveFigure("nis.coverage_off", "share within the 95 % quantile, off 95 %", "", "lower", ratio=False)
-LOSSES: Final = DriveFigure("losses", "frames lost or refused, of a thousand", "‰", "lower", ratio=False)
+CONSISTENCY: Final = DriveFigure(
+    "nis.off", "NIS off its expectation, |ln(mean / expected)|", "", "lower", ratio=False, slack=0.1
+)
+COVERAGE: Final = DriveFigure(
+    "nis.coverage_off", "share within the 95 % quantile, off 95 %", "", "lower", ratio=False, slack=0.02
+)
+LOSSES: Final = DriveFigure("losses", "frames lost or refused, of a thousand", "‰", "lower", ratio=False, slack=1.0)
 FIGURES: Final = (
     CONSISTENCY,
     COVERAGE,
     DriveFigure("stationary.speed", "speed of what stands, RMS", "m/s", "lower"),
-    DriveFigure("duplicates.share", "samples beside another obstacle", "", "lower", ratio=False),
+    DriveFigure("duplicates.share", "samples beside another obstacle", "", "lower", ratio=False, slack=0.01),
     LOSSES,
-    DriveFigure("cycles.without_ego", "scans without own motion", "", "lower", ratio=False),
+    DriveFigure("cycles.without_ego", "scans without own motion", "", "lower", ratio=False, slack=2.0),
     DriveFigure("tracks.confirmed", "obstacles confirmed", "", "neither"),
     DriveFigure("cycles.told", "cycles", "", "neither"),
 )

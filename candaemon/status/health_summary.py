@@ -136,7 +136,7 @@ class StatusLogger(Observer):
         frames, cycles = sum(bus.frames for bus in pipeline.counts.buses), pipeline.counts.cycles
         span_s = max(now_s - self._last_s, 1e-9)
         line = (
-            f"{(frames - self._frames) / span_s:.0f} frames/s, {(cycles - self._cycles) / span_s:.1f} cycles/s, "
+            f"{max(frames - self._frames, 0) / span_s:.0f} frames/s, {(cycles - self._cycles) / span_s:.1f} cycles/s, "
             f"{obstacle_count(daemon)} obstacles, own motion {ego_motion(daemon)}; {self._since_the_start(daemon)}"
         )
         missing = buses_down(daemon)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -144,3 +145,45 @@ def test_what_holds_no_figures_is_refused(tmp_path: Path, text: str) -> None:
         load_figures(str(tmp_path / "a.json"))
     with pytest.raises(InputError, match="no drive"):
         load_figures(str(tmp_path))
+
+
+def without(run: FleetFigures, *drives: str) -> FleetFigures:
+    """Return a run in which some drives have no figures of obstacles."""
+    gone = {name: replace(each, values={}, files={}) for name, each in run.drives.items() if name in drives}
+    return FleetFigures({**run.drives, **gone})
+
+
+def test_a_figure_that_is_gone_is_worse(tmp_path: Path) -> None:
+    """As where nothing is tracked any longer: nothing is predicted wrongly then."""
+    before = fleet(1, drives=4)
+    nothing = compare(before, without(before, *before.drives))
+    assert {each.key for each in nothing.regressions} == set(KEYS)
+    assert "| 0.2" in markdown(nothing, "A", "B") or "none" in markdown(nothing, "A", "B")
+    partly = compare(before, without(before, "d002"))
+    assert not partly.regressions
+    assert {each.drive for each in partly.worse_drives} == {"d002"}
+    assert "none" in markdown(partly, "A", "B")
+    a, b = written(tmp_path / "a.json", before), written(tmp_path / "b.json", without(before, "d002"))
+    assert main(["fleet", "compare", a, b, "--fail-on", "regression"]) == 0
+    assert main(["fleet", "compare", a, b, "--fail-on", "drive"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("key", "before", "after", "worse"),
+    [
+        ("nis.off", 0.217, 0.928, True),
+        ("nis.off", 0.01, 0.09, False),
+        ("losses", 0.0, 500.0, True),
+        ("losses", 0.1, 0.9, False),
+        ("cycles.without_ego", 0.0, 200.0, True),
+        ("duplicates.share", 0.0, 0.004, False),
+        ("stationary.speed", 0.0, 0.1, True),
+        ("stationary.speed", 0.2, 0.21, False),
+    ],
+)
+def test_a_drive_is_worse_by_what_matters_of_shares_and_counts_too(
+    key: str, before: float, after: float, worse: bool
+) -> None:
+    one, other = (FleetFigures({"d": DriveFigures("d", {key: value}, "same")}) for value in (before, after))
+    assert bool(compare(one, other).worse_drives) == worse
+    assert not compare(other, one).worse_drives
