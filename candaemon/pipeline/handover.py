@@ -58,8 +58,7 @@ def hand_over(former: Pipeline, successor: Pipeline) -> Kept:
     sensors = _same_sensors(former.binding, successor.binding)
     output = _same_output(former.binding.output, successor.binding.output)
     alive = sum(map(len, former.trackers))
-    for old, new in sensors.items():
-        successor.assemblers[new].state = former.assemblers[old].state
+    _take_sensors(former, successor, sensors)
     if ego_motion:
         _take_ego(former, successor)
     if former.encoder is not None and successor.encoder is not None:
@@ -137,6 +136,17 @@ def _take_ego(former: Pipeline, successor: Pipeline) -> None:
             frames.state = former.ego_frames[can_id].state
 
 
+def _take_sensors(former: Pipeline, successor: Pipeline, sensors: Mapping[int, int]) -> None:
+    """Let sensors that are the same go on, and the totals of those that are not: a counter never falls."""
+    for old, new in sensors.items():
+        successor.assemblers[new].state = former.assemblers[old].state
+    before = {sensor.name: sensor.index for sensor in former.binding.sensors}
+    for sensor in successor.binding.sensors:
+        if sensor.name in before and sensor.index not in sensors.values():
+            assembler = successor.assemblers[sensor.index]
+            assembler.state = replace(assembler.state, counts=former.assemblers[before[sensor.name]].counts)
+
+
 def _take_trackers(former: Pipeline, successor: Pipeline, sensors: Mapping[int, int]) -> None:
     """Let the obstacles of each group live on that is tracked alike and has kept sensors."""
     groups, others = _groups(successor), _groups(former)
@@ -147,6 +157,8 @@ def _take_trackers(former: Pipeline, successor: Pipeline, sensors: Mapping[int, 
         if kept and same_filter(predecessor, tracker):
             predecessor.renumber_sensors(kept)
             set_state(tracker, predecessor.state)
+        elif predecessor is not tracker:
+            tracker.state.counts = predecessor.counts
 
 
 def _take_calibration(former: Pipeline, successor: Pipeline, sensors: Mapping[int, int]) -> None:
