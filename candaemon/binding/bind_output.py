@@ -47,8 +47,8 @@ def bind_output(settings: OutputSettings, bus: int, database: Database, location
 
 def _unsendable(message: MessageSpec, location: SettingLocation) -> ConfigError:
     """Return the error of a message that no frame carries as it is: a controller would make it longer."""
-    next_length = min(length for length in FD_LENGTHS if length > message.length)
+    longer = [length for length in FD_LENGTHS if length > message.length]
+    cure = f"give it {min(longer)}" if longer else f"give it {max(FD_LENGTHS)} at most"
     return location.error(
-        f"message '{message.name}' has {message.length} bytes, which no CAN FD frame carries; give it {next_length} in "
-        "the DBC"
+        f"message '{message.name}' has {message.length} bytes, which no CAN FD frame carries; {cure} in the DBC"
     )

@@ -65,6 +65,8 @@ class InsEpoch:
     def state(self, state: InsEpochState) -> None:
         if not (state.missing <= self.needed <= state.missing | state.arrived_ns.keys()):
             raise ValueError("other quantities than the configuration's")
+        if state.period_ns <= 0:
+            raise ValueError("a period that is not above 0")
         if state.value.keys() != state.arrived_ns.keys():
             raise ValueError("a quantity without a time")
         self._state = state

@@ -19,6 +19,8 @@ from candaemon.objects.conditions import CompiledCondition
 
 SHARPEST_CURVE: Final = 0.3
 """1/m, of the path of a car's rear axle: who stands does not turn."""
+_LEAST_SCALE: Final = 0.1
+"""No wheel reads ten times too fast."""
 LARGEST_BIAS: Final = radians(3.0)
 """rad/s; a yaw rate beyond the sharpest curve is the sensor's bias up to here, and a turn on the spot above."""
 
@@ -78,9 +80,9 @@ class OdometryMotion:
 
     A sample is made with each speed for which a yaw rate is known: the sensor's, while it comes; else the curvature's,
     the wheels', or none, of a vehicle that stands. Where several messages tell a speed, as one of the front and one of
-    the rear wheels, it is told when as many came: the front ones go faster in a bend. The local frame's x axis is the
-    first heading. Wheels and speedometers hardly ever say which way they turn: that is the gear's to tell, and ahead
-    where it is silent.
+    the rear wheels, it is told when as many frames came, of whichever of them: the front ones go faster in a bend. The
+    local frame's x axis is the first heading. Wheels and speedometers hardly ever say which way they turn: that is the
+    gear's to tell, and ahead where it is silent.
 
     Args:
         settings: of the odometry.
@@ -130,6 +132,10 @@ class OdometryMotion:
     def state(self, state: OdometryState) -> None:
         if not state.sides.keys() < {"left_wheels", "right_wheels"} or not state.coming.keys() <= self._messages.keys():
             raise ValueError("wheels of other sides than left or right")
+        if any(number < 1 or came < 1 for _, number, came in state.coming.values()):
+            raise ValueError("a speed that no message told")
+        if not state.bias.mean[0] > 0.0:
+            raise ValueError("a factor of the speed that is not above 0")
         self._state, self.bias.state, self.history.state = state, state.bias, state.history
 
     def update(self, time_ns: int, names: Sequence[str], values: Sequence[float]) -> None:
@@ -281,7 +287,9 @@ class OdometryMotion:
         by_wheels = self._state.by_wheels
         if self._state.derived is not None and not by_wheels:
             returns = replace(returns, drifts=())  # these are the curvature's error, not that of the silent sensor
-        self.bias.learn_from_returns(returns, returns.own_speed / self.bias.scale, by_wheels=by_wheels)
+        self.bias.learn_from_returns(
+            returns, returns.own_speed / max(self.bias.scale, _LEAST_SCALE), by_wheels=by_wheels
+        )
 
     @property
     def corrections(self) -> tuple[float, float]:

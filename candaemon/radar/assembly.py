@@ -41,6 +41,8 @@ from candaemon.radar.selection import Selection
 
 UNKNOWN: Final = -1
 """Frames awaited where a scan does not say how many it has: it is counted down from here and never reaches 0."""
+AGAIN_NS: Final = 5_000_000
+"""Within which a frame that is sent twice comes again: at once on a bus, after some ms through gateways."""
 LONGEST_PAYLOAD: Final = 64
 BUNCH: Final = 4
 """Frames that come at once at most: adapters on USB deliver some together."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from candaemon.binding.bound import BoundSensor
 from candaemon.frames.times import NEVER_NS
-from candaemon.radar.assembly import UNKNOWN
+from candaemon.radar.assembly import AGAIN_NS, UNKNOWN
 from candaemon.radar.claimed_frames import Route
 from candaemon.radar.scan import Scan, ScanCounts
 from candaemon.radar.timeout_assembler import TimeoutAssembler
@@ -76,11 +76,13 @@ class HeaderAssembler(TimeoutAssembler):
             again: whether its payload is that of the one before.
         """
         state = self._state
+        # one without a counter may be the next scan's: a frame that is sent again follows at once
+        span_ns = self._half_cycle_ns if measurement >= 0 else min(AGAIN_NS, self._half_cycle_ns)
         if not state.is_open:
-            return again and self._is_late(time_ns, self._half_cycle_ns)
+            return again and self._is_late(time_ns, span_ns)
         if measurement >= 0:
             return came and measurement == state.measurement
-        return came and again and time_ns < state.first_ns + self._half_cycle_ns
+        return came and again and time_ns < state.first_ns + span_ns
 
     def _count_skipped(self, measurement: int, period: int) -> None:
         """Count the scans that never came; a jump by half the counter's range or more is a restart."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from candaemon.binding.bound import BoundSensor
-from candaemon.radar.assembly import UNKNOWN
+from candaemon.radar.assembly import AGAIN_NS, UNKNOWN
 from candaemon.radar.claimed_frames import Route
 from candaemon.radar.scan import Scan, ScanCounts
 from candaemon.radar.timeout_assembler import TimeoutAssembler
@@ -36,7 +36,7 @@ class TriggerAssembler(TimeoutAssembler):
         """
         state = self._state
         again, state.marks[0] = state.marks.get(0) == data, data
-        if again and not state.is_open and self._is_late(time_ns, self._half_cycle_ns):
+        if again and not state.is_open and 0 <= time_ns - state.last_ns < AGAIN_NS:
             state.counts.late += 1
             return None
         closed = self._admit(part, slot, data, time_ns)

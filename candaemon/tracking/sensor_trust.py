@@ -56,6 +56,7 @@ _OFFSET = 0.3  # s, of the mean of an obstacle's innovations, from which noise i
 _LED_AWAY = 0.4  # of the limit of a bias, that this mean may be: by no more do others lead tracks away
 _SINCE_NS = 1_000_000_000  # without innovations, after which that mean begins anew
 _LEAST_SPEED = 0.5  # m/s; slower, nothing changes from scan to scan, and the same objects may be true
+_CLEARLY = 0.15  # of `REACH`, by which objects must lie nearer there to fit better elsewhere
 _AGREES = 0.6  # of the limits of a bias, within which a sensor is right again
 
 
@@ -306,8 +307,13 @@ class SensorTrust:
         return any(not (fault.cuts_off or fault == Fault.SILENT) for fault in others)
 
     def _has_witness(self, sensor: int) -> bool:
-        """Return whether another of its group has no fault: where one began to err, the other seems to be off."""
-        return any(self.fault(each) == Fault.NONE for each in self._others[sensor])
+        """Return whether another of its group is not off itself: where one is, the other seems to be."""
+        others = [self._state.sensors[each] for each in self._others[sensor]]
+        return any(
+            each.fault == Fault.NONE
+            or (each.fault == Fault.NOISY and max(abs(each.along), abs(each.across)) <= _AGREES)
+            for each in others
+        )
 
     def _compare(
         self, state: SensorTrustState, detections: Detections, tracker: AnyTracker, dt: float, now_ns: int
@@ -465,13 +471,15 @@ def _fits_better_elsewhere(
 ) -> bool:
     """Return whether a biased sensor's detections fit the others' obstacles better by as much nearer as they were off.
 
-    A detection that is off lies beside another obstacle sooner or later, and seems right there.
+    A detection that is off lies beside another obstacle sooner or later, and seems right there. A little better counts
+    as no better: what is tolerated of a sensor may be half of what it was off.
     """
     measurement = detections.measurement
     _, sight, across = _lines_of_sight(measurement)
     place = measurement.position - state.off_along * sight - state.off_across * across
     moved = replace(detections, measurement=replace(measurement, position=place))
-    return _fit(_by_others(_nearest(moved, expected), moved, expected)) > _fit(found)
+    there = _by_others(_nearest(moved, expected), moved, expected)
+    return _fit(there) > _fit(found) + _CLEARLY * len(there.rows)
 
 
 def _fit(found: _Matches) -> float:

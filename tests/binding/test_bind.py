@@ -42,12 +42,13 @@ def broken(folder: Path, name: str, *changes: tuple[str, str]) -> str:
     return str(caught.value)
 
 
-def test_a_message_that_no_can_fd_frame_carries_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("length", "cure"), [(50, "give it 64"), (66, "give it 64 at most")])
+def test_a_message_that_no_can_fd_frame_carries_is_refused(length: int, cure: str, tmp_path: Path) -> None:
     text = (ROOT / "dbc" / "obstacles_fd.dbc").read_text(encoding="utf-8")
     dbc = tmp_path / "mine.dbc"
-    dbc.write_text(re.sub(r"(BO_ \d+ OBSTACLE_07: )48", r"\g<1>50", text), encoding="utf-8")
+    dbc.write_text(re.sub(r"(BO_ \d+ OBSTACLE_07: )48", rf"\g<1>{length}", text), encoding="utf-8")
     told = broken(tmp_path, "esr_ins_fd", (str(ROOT / "dbc" / "obstacles_fd.dbc"), str(dbc)))
-    assert "message 'OBSTACLE_07' has 50 bytes, which no CAN FD frame carries; give it 64 in the DBC" in told
+    assert f"message 'OBSTACLE_07' has {length} bytes, which no CAN FD frame carries; {cure} in the DBC" in told
 
 
 def line_of(folder: Path, text: str) -> int:

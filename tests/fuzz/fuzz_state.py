@@ -28,7 +28,7 @@ from .traffic import Traffic
 Path: TypeAlias = tuple[Any, ...]
 """Keys and indices that lead to a value in a tree."""
 
-_CONFIGS = ("demo", "toyota_rav4_ins", "ars408_to_esr")
+_CONFIGS = ("demo", "toyota_rav4_ins", "ars408_to_esr", "toyota_rav4")
 _LENGTH = 1500
 _AFTER = 300
 _WORDS = (b"\xc0", b"\x00", b"\x80", b"\x90", b"\xa0", b"\xc4\x00", b"\xcb\x7f\xf0\x00\x00\x00\x00\x00\x00",

@@ -321,3 +321,21 @@ def test_a_clock_that_is_set_back_puts_nothing_off() -> None:
     state.last_ns = state.right_ns = state.compared_ns = state.noisy_ns = 10**12
     trust.watch(10**12 - 6 * 10**11)
     assert {state.last_ns, state.right_ns, state.compared_ns, state.noisy_ns} == {4 * 10**11}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("noise", "seed"), [(200.0, 1), (50.0, 3)])
+def test_a_bias_is_found_though_the_only_other_sensor_is_noisy(noise: float, seed: int) -> None:
+    faults = (
+        {"sensor": "lidar", "kind": "noisy", "begin": 4.0, "end": 30.0, "amount": noise},
+        {"sensor": "radar", "kind": "biased", "begin": 9.0, "end": 20.0, "amount": 6.0},
+    )
+    told = scenario_of(ROOT / "config" / "scenarios" / "failing_lidar.yaml").model_dump()
+    drive = Scenario.model_validate(told | {"duration": 11.0, "sensor_faults": faults})
+    pipeline, found = Pipeline(binding("radar_lidar")), None
+    for cycle in pipeline.run(simulate(drive, binding("radar_lidar"), seed).frames()):
+        if found is None and pipeline.trust.fault(RADAR) is Fault.BIASED:
+            found = cycle.time_ns * 1e-9 - drive.start_time
+        assert pipeline.trust.fault(LIDAR) is not Fault.BIASED
+    assert found is not None
+    assert 9.0 < found < 10.0

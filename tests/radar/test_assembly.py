@@ -274,3 +274,18 @@ def test_frames_that_come_twice_make_no_scan_of_their_own(kind: str, objects: in
     assert twice.counts.missing == once.counts.missing
     again = twice.counts.duplicate + twice.counts.late + twice.counts.repeated
     assert again == len(frames) + once.counts.late
+
+
+@pytest.mark.parametrize("objects", [5, 0])
+def test_a_header_without_a_counter_may_be_that_of_the_next_scan(objects: int) -> None:
+    """Of two scans that come close behind each other, both are used; a header that is sent twice is one."""
+    shipped = sensor("ars408")
+    assert shipped.header is not None
+    bound = dataclasses.replace(shipped, headers=(dataclasses.replace(shipped.header, counter=None),))
+    header = shipped.header.write(objects, 0)[1]
+    sent = [Sent(k, *frame) for k, frame in enumerate(cycle("ars408", 0, objects=objects))]
+    sent = [each._replace(data=header) if each.can_id == shipped.header.can_id else each for each in sent]
+    quick = [each._replace(time_ns=each.time_ns + delay) for delay in (0, 20_000_000, 72_000_000) for each in sent]
+    assert len(run(make_assembler(bound), quick)) == 3
+    doubled = [again for each in quick for again in (each, each._replace(time_ns=each.time_ns + 130_000))]
+    assert len(run(make_assembler(bound), sorted(doubled, key=lambda each: each.time_ns))) == 3
