@@ -31,7 +31,7 @@ from candaemon.fleet.comparison import (
 from candaemon.fleet.dataset import ReplayOptions
 from candaemon.fleet.drive_list import drives_of
 from candaemon.fleet.drive_task import DriveOrder, DriveOutcome
-from candaemon.fleet.fleet_figures import load_figures
+from candaemon.fleet.fleet_figures import FleetFigures, load_figures
 from candaemon.fleet.fleet_page import page as fleet_page
 from candaemon.fleet.fleet_page import report_of
 from candaemon.fleet.fleet_run import FleetResult, configurations_of, orders_of, run_fleet
@@ -39,6 +39,7 @@ from candaemon.fleet.result_store import store_at
 from candaemon.fleet.workers import Workers
 from candaemon.printable import printable
 from candaemon.report.drive_page import printable_lines
+from candaemon.similar_names import listed_names
 
 MOST_WORKERS: Final = 1024
 """Most processes of this machine."""
@@ -189,9 +190,22 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(execute_fleet=write_report)
 
 
+def _loaded(location: str) -> FleetFigures:
+    """Load the figures of a run, and warn of drives that count twice."""
+    found = load_figures(location)
+    console.warn(
+        [
+            f"drives {listed_names(names)} of {location} are the same logs and count each: a run over other logs named "
+            "one of them otherwise; run all again into a new folder"
+            for names in found.twice
+        ]
+    )
+    return found
+
+
 def write_report(arguments: argparse.Namespace) -> None:
     """Write the page, and the figures where they are asked for."""
-    found = report_of(load_figures(arguments.results), store_at(arguments.results))
+    found = report_of(_loaded(arguments.results), store_at(arguments.results))
     with Outputs() as outputs:
         page = outputs.open(arguments.output)
         figures = None if arguments.json is None else outputs.open(arguments.json)
@@ -244,7 +258,7 @@ def conditions(text: str) -> tuple[str, ...]:
 
 def compare_runs(arguments: argparse.Namespace) -> None:
     """Compare two runs; fail where a condition holds."""
-    before, after = load_figures(arguments.before), load_figures(arguments.after)
+    before, after = _loaded(arguments.before), _loaded(arguments.after)
     found = compare(before, after, least=arguments.least / 100, tolerance=arguments.tolerance / 100)
     if arguments.json is not None:
         write_file(arguments.json, f"{json.dumps(found.to_json(), indent=1, allow_nan=False, ensure_ascii=False)}\n")

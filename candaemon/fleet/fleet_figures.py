@@ -110,6 +110,18 @@ class FleetFigures:
     drives: Mapping[str, DriveFigures]
     failed: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def twice(self) -> list[tuple[str, ...]]:
+        """Names of drives that are the same logs through the same configuration, as a folder of several runs has them.
+
+        A drive's name tells it from the others of its run: beside other logs, one has another name.
+        """
+        alike: dict[tuple[str, str], list[str]] = {}
+        for name, each in self.drives.items():
+            if each.inputs:
+                alike.setdefault((each.inputs, each.configuration), []).append(name)
+        return [tuple(names) for names in alike.values() if len(names) > 1]
+
     def figures(self) -> tuple[DriveFigure, ...]:
         """Return what its drives may have, errors of predictions first."""
         keys = {key for drive in self.drives.values() for key in drive.values if key.startswith("predictions.")}

@@ -187,3 +187,15 @@ def test_a_drive_is_worse_by_what_matters_of_shares_and_counts_too(
     one, other = (FleetFigures({"d": DriveFigures("d", {key: value}, "same")}) for value in (before, after))
     assert bool(compare(one, other).worse_drives) == worse
     assert not compare(other, one).worse_drives
+
+
+def test_drives_that_count_twice_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`drive` was `mon/drive.log` until `tue/drive.log` came, and is `mon-drive` from then on."""
+    one = DriveFigures("drive", {"nis.off": 0.1}, "aaaa", configuration="a.yaml")
+    others = [replace(one, drive="mon-drive"), replace(one, drive="tue-drive", inputs="bbbb")]
+    others.append(replace(one, drive="mon-drive-of-b", configuration="b.yaml"))
+    run = FleetFigures({each.drive: each for each in (one, *others)})
+    assert run.twice == [("drive", "mon-drive")]
+    path = written(tmp_path / "a.json", run)
+    assert main(["fleet", "compare", path, path]) == 0
+    assert f"warning: drives drive, mon-drive of {path} are the same logs" in capsys.readouterr().err
