@@ -436,12 +436,16 @@ class SensorTrust:
             if confirmed or now_ns - state.compared_ns >= _FORGIVEN * 1e9:
                 state.along = state.across = 0.0
                 self._recovered(state)
-        elif worst > 1.0 and state.fault in {Fault.NONE, Fault.NOISY} and self._has_witness(detections.sensor):
+        elif (
+            len(found.rows)
+            and worst > 1.0
+            and state.fault in {Fault.NONE, Fault.NOISY}
+            and self._has_witness(detections.sensor)
+        ):
             self._found(state, Fault.BIASED)
             state.right_ns = state.compared_ns = now_ns
-            if len(found.rows):
-                state.off_along = float(np.median((found.innovation * sight).sum(axis=1)))
-                state.off_across = float(np.median((found.innovation * across).sum(axis=1)))
+            state.off_along = float(np.median((found.innovation * sight).sum(axis=1)))
+            state.off_across = float(np.median((found.innovation * across).sum(axis=1)))
 
     def _found(self, state: SensorTrustState, fault: Fault) -> None:
         state.fault = int(fault)
