@@ -16,7 +16,6 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.arrays.rows import checked_state
-from candaemon.config.tracker import MOST_TRACKS
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.estimation.body_filter import BIAS, POSITION, BodyFilter, BodyFilterState
 from candaemon.tracking.body_modes import STANDING, dynamics_of, modes_of
@@ -25,6 +24,7 @@ from candaemon.tracking.columns import Table
 from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
+from candaemon.tracking.table_rows import check_rows, renumbered, renumbered_bits, renumbered_ids
 from candaemon.tracking.turning import Turning, rate_and_pivot
 
 UNUSED: Final = 1e3
@@ -835,16 +835,13 @@ class Bodies:
         Args:
             sensors: number of a sensor from here on, by the number it had.
         """
-        obstacles, reflections, row_of = self.obstacles, self.reflections, self._state.row_of
-        self._state.row_of = {(sensors[of], key): row for (of, key), row in row_of.items() if of in sensors}
+        obstacles, reflections = self.obstacles, self.reflections
         self._id_rows.clear()
-        reflections.sensor = np.array([sensors.get(of, -1) for of in reflections.sensor.tolist()], dtype=np.int64)
+        self._state.row_of = renumbered_ids(self._state.row_of, sensors)
+        reflections.sensor = renumbered(reflections.sensor, sensors)
         reflections.object_id[reflections.sensor < 0] = -1
-        seen_by = np.zeros_like(obstacles.sensors)
-        for old, new in sensors.items():
-            seen_by |= (obstacles.sensors >> old & 1) << new
-        obstacles.sensors = seen_by
-        ended = seen_by == 0
+        obstacles.sensors = renumbered_bits(obstacles.sensors, sensors)
+        ended = obstacles.sensors == 0
         if ended.any():
             self.delete(ended[reflections.body], ended)
 
@@ -932,22 +929,12 @@ def _check_rows(state: BodiesState) -> None:
         ValueError: they do not.
     """
     reflections, obstacles = state.reflections, state.obstacles
-    n, k, filters = len(reflections), len(obstacles), len(state.estimator.probability)
-    if n > MOST_TRACKS:
-        raise ValueError(f"found {n} reflections, expected {MOST_TRACKS} at most")
-    if k != filters:
-        raise ValueError(f"found {filters} filters for {k} obstacles")
-    owner, leader = reflections.body, obstacles.leader
-    if ((owner < 0) | (owner >= k)).any() or ((leader < 0) | (leader >= n)).any():
-        raise ValueError("a reflection has no obstacle, or an obstacle no leading reflection")
-    if (obstacles.id <= 0).any() or len(np.unique(obstacles.id)) < k:
-        raise ValueError("two obstacles have the same number, or one has none")
+    filters = len(state.estimator.probability)
+    if len(obstacles) != filters:
+        raise ValueError(f"found {filters} filters for {len(obstacles)} obstacles")
+    check_rows(reflections.body, obstacles.leader, obstacles.id, state.row_of.values())
     probable = (obstacles.existence >= 0.0) & (obstacles.existence <= 1.0)
     if not (probable & (obstacles.in_sight >= 0.0) & (obstacles.in_sight <= 1.0) & (obstacles.unseen >= 0.0)).all():
         raise ValueError("the existence of an obstacle is no probability, or was not seen for less than no time")
     if not np.isfinite(reflections.trail).all():
         raise ValueError("a reflection was followed to no place")
-    if (owner[leader] != np.arange(k)).any():
-        raise ValueError("an obstacle is led by another one's reflection")
-    if any(not 0 <= row < n for row in state.row_of.values()):
-        raise ValueError("a sensor's object id stands for no reflection")

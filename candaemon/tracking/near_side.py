@@ -15,6 +15,7 @@ from candaemon.config.tracker import ReflectionSettings
 from candaemon.estimation.body_filter import VELOCITY
 from candaemon.estimation.measurement import Measurement
 from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.reflections import lengths
 
 
 def detections_before(
@@ -35,8 +36,8 @@ def detections_before(
     shown &= reflections.sensor == measurement.sensor
     nearest = np.full(len(bodies), -np.inf)
     nearest[reflections.body[shown]] = np.inf
-    np.minimum.at(nearest, reflections.body[shown], _distance(mean[shown, :2] - measurement.origin))
-    distance = _distance(measurement.position[left] - measurement.origin)
+    np.minimum.at(nearest, reflections.body[shown], lengths(mean[shown, :2] - measurement.origin))
+    distance = lengths(measurement.position[left] - measurement.origin)
     return np.asarray(nearest - distance[:, None] > extent.before)
 
 
@@ -61,7 +62,7 @@ def is_before(
         if sensor not in origins:
             continue
         near, far = (
-            _distance(
+            lengths(
                 bodies.moments().shown[body, :2]
                 + bodies.offsets(rows[reflections.sensor[rows] == sensor])
                 - origins[sensor]
@@ -79,8 +80,3 @@ def _known_for_long(bodies: Bodies, extent: ReflectionSettings, time_ns: int) ->
     slow = (velocity * velocity).sum(axis=1) < extent.course.speed**2
     old = time_ns - obstacles.first_ns > round(extent.course.apart_for * 1e9)
     return np.asarray(obstacles.confirmed & slow & old)
-
-
-def _distance(apart: Floats) -> Floats:
-    """Return the lengths of vectors (m, 2)."""
-    return np.asarray(np.sqrt((apart * apart).sum(axis=1)))

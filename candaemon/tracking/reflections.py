@@ -53,6 +53,11 @@ def from_travel_axes(components: Floats, direction: Floats) -> Floats:
     return np.stack([x * c - y * s, y * c + x * s], axis=-1)
 
 
+def lengths(vectors: Floats) -> Floats:
+    """Return the lengths of vectors (…, 2)."""
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)))
+
+
 def rigid_motion(
     obstacles: ObstacleTable, reflections: ReflectionTable, mean: Floats, covariance: Floats
 ) -> RigidMotion:

@@ -269,7 +269,8 @@ class SensorTrust:
             state.counts.cut_off += 1
             return None
         state.counts.weighted_down += 1
-        return replace(detections, measurement=weighted(detections.measurement, factor))
+        measurement = detections.measurement
+        return replace(detections, measurement=measurement.weakened(np.full(len(measurement.position), factor)))
 
     def _note_clock(self, state: SensorTrustState, now_ns: int) -> None:
         """Let nothing that is remembered lie ahead, where the clock was set back."""
@@ -508,17 +509,6 @@ def _levels_of(ratios: Floats) -> Floats:
 def _no_longer(vectors: Floats, length: float) -> Floats:
     """Return vectors (n, 2), those that are longer cut to a length."""
     return vectors * np.minimum(1.0, length / np.maximum(np.hypot(vectors[:, 0], vectors[:, 1]), 1e-9))[:, None]
-
-
-def weighted(measurement: Measurement, factor: float) -> Measurement:
-    """Return a measurement with all its variances multiplied by a factor."""
-    rate = measurement.range_rate_variance
-    return replace(
-        measurement,
-        noise=measurement.noise * factor,
-        range_rate_variance=None if rate is None else rate * factor,
-        projections=tuple(replace(each, variance=each.variance * factor) for each in measurement.projections),
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from candaemon.estimation.measurement import Measurement
 from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.body_sizes import SURELY_ALONE, WALKER
 from candaemon.tracking.body_store import Bodies
-from candaemon.tracking.reflections import to_travel_axes
+from candaemon.tracking.reflections import lengths, to_travel_axes
 
 _SURELY = 3.0  # standard deviations
 _JUMP = 4.5  # sums of both variances: the square of three standard deviations along one axis. Beyond, it is an outlier
@@ -196,7 +196,7 @@ def abreast(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indic
     people[_with_others(body, place, walk, people)] = False
     lead, since_ns = obstacles.leader[body], time_ns - round(settings.patience * 1e9)
     velocity = reflections.trail[lead, 2:]
-    course = velocity / np.maximum(_distance(velocity), _LEAST_SPEED)[:, None]
+    course = velocity / np.maximum(lengths(velocity), _LEAST_SPEED)[:, None]
     aside = np.abs(to_travel_axes(place - place[lead], course)[:, 1])
     seen = (reflections.last_ns >= since_ns) & (reflections.last_ns[lead] >= since_ns)
     found = np.flatnonzero(people[body] & seen & (aside > WALKER[0]))
@@ -213,7 +213,7 @@ def _with_others(body: Indices, place: Floats, walk: Booleans, people: Booleans)
         people: which bodies may be people (k,).
     """
     others, far = np.flatnonzero(~walk & people[body]), np.flatnonzero(walk & people[body])
-    close = (body[others, None] == body[far]) & (_distance(place[others, None] - place[far]) < WALKER[0])
+    close = (body[others, None] == body[far]) & (lengths(place[others, None] - place[far]) < WALKER[0])
     apart: Indices = body[others[~close.any(axis=1)]]
     return apart
 
@@ -228,19 +228,14 @@ def part_abreast(bodies: Bodies, rows: Indices, settings: ReflectionSettings) ->
     """
     reflections, obstacles, known = bodies.reflections, bodies.obstacles, len(bodies)
     owner, place = reflections.body[rows], bodies.offsets()
-    order = np.lexsort((-_distance(place[rows] - place[obstacles.leader[owner]]), owner))
+    order = np.lexsort((-lengths(place[rows] - place[obstacles.leader[owner]]), owner))
     rows, owner = rows[order], owner[order]  # the farthest of each body first
     left, begin, group = np.unique(owner, return_index=True, return_inverse=True)
-    own = _distance(place[rows] - place[rows[begin[group]]]) < WALKER[0]
+    own = lengths(place[rows] - place[rows[begin[group]]]) < WALKER[0]
     _go_on(bodies, known, left, bodies.split_together(rows[own]), settings)
     people = np.concatenate([left, np.arange(known, len(bodies))])
     obstacles.length[people], obstacles.width[people] = WALKER
     obstacles.alone[people] = SURELY_ALONE
-
-
-def _distance(apart: Floats) -> Floats:
-    """Return the lengths of vectors (…, 2)."""
-    return np.asarray(np.sqrt((apart * apart).sum(axis=-1)))
 
 
 def part_strays(bodies: Bodies, rows: Indices, settings: ReflectionSettings) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from candaemon import compiled
 from candaemon.arrays import Booleans, Floats, Indices, Integers
 from candaemon.arrays.rows import checked_state
-from candaemon.config.tracker import MOST_TRACKS, TrackerSettings
+from candaemon.config.tracker import TrackerSettings
 from candaemon.estimation.estimator_state import EstimatorState
 from candaemon.estimation.measurement import Measurement
 from candaemon.estimation.smoothing import Link
@@ -23,6 +23,7 @@ from candaemon.tracking.estimator_factory import make_estimator
 from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.reflections import RigidMotion, change_reference, decay_offsets, from_travel_axes, rigid_motion
+from candaemon.tracking.table_rows import check_rows, renumbered, renumbered_bits, renumbered_ids
 
 
 @dataclass(slots=True)
@@ -101,7 +102,9 @@ class TrackStore:
         obstacles = checked_state(state.obstacles, ObstacleTable())
         reflections = checked_state(state.reflections, ReflectionTable())
         self.estimator.state = state.estimator
-        _check_rows(state, len(self.estimator))
+        if len(reflections) != len(self.estimator):
+            raise ValueError(f"found {len(self.estimator)} filters for {len(reflections)} reflections")
+        check_rows(reflections.obstacle, obstacles.leader, obstacles.id, state.row_of.values())
         self._state, self.reflections, self.obstacles = state, reflections, obstacles
         self._forget_rows()
         self._moments = None
@@ -293,17 +296,12 @@ class TrackStore:
         """
         obstacles, reflections = self.obstacles, self.reflections
         self._forget_rows()
-        row_of = self._state.row_of
-        self._state.row_of = {(sensors[of], key): row for (of, key), row in row_of.items() if of in sensors}
-        before = reflections.sensor
-        reflections.sensor = np.array([sensors.get(of, -1) for of in before.tolist()], dtype=np.int64)
+        self._state.row_of = renumbered_ids(self._state.row_of, sensors)
+        reflections.sensor = renumbered(reflections.sensor, sensors)
         reflections.object_id[reflections.sensor < 0] = -1
-        seen_by = np.zeros_like(obstacles.sensors)
-        for old, new in sensors.items():
-            seen_by |= (obstacles.sensors >> old & 1) << new
-        obstacles.sensors = seen_by
+        obstacles.sensors = renumbered_bits(obstacles.sensors, sensors)
         self.estimator.renumber_sensors(sensors)
-        ended = seen_by == 0
+        ended = obstacles.sensors == 0
         if ended.any():
             self.delete(ended[reflections.obstacle], ended)
 
@@ -362,26 +360,3 @@ class TrackStore:
         self._state.row_of = {key: int(new_row[row]) for key, row in row_of.items() if not gone[row]}
         self._moments = None
         return new_row
-
-
-def _check_rows(state: TrackStoreState, filters: int) -> None:
-    """Check that the tables of a state refer to rows that are there.
-
-    Raises:
-        ValueError: they do not.
-    """
-    reflections, obstacles = state.reflections, state.obstacles
-    n, k = len(reflections), len(obstacles)
-    if n > MOST_TRACKS:
-        raise ValueError(f"found {n} reflections, expected {MOST_TRACKS} at most")
-    if n != filters:
-        raise ValueError(f"found {filters} filters for {n} reflections")
-    owner, leader = reflections.obstacle, obstacles.leader
-    if ((owner < 0) | (owner >= k)).any() or ((leader < 0) | (leader >= n)).any():
-        raise ValueError("a reflection has no obstacle, or an obstacle no leading reflection")
-    if (obstacles.id <= 0).any() or len(np.unique(obstacles.id)) < k:
-        raise ValueError("two obstacles have the same number, or one has none")
-    if (owner[leader] != np.arange(k)).any():
-        raise ValueError("an obstacle is led by another one's reflection")
-    if any(not 0 <= row < n for row in state.row_of.values()):
-        raise ValueError("a sensor's object id stands for no reflection")
