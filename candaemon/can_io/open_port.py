@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 from collections.abc import Callable
 from contextlib import suppress
@@ -27,6 +28,11 @@ _HINTS = {
         "expected a multicast group such as 239.74.163.2 as channel, and `pip install 'candaemon[multicast]'`"
     ),
 }
+_NO_ROUTE = (
+    "no interface leads to the group: bring one up, or give it a route, `ip route add {channel} dev …`;"
+    " `ip route get {channel}` shows it"
+)
+_UNREACHABLE = (errno.ENETUNREACH, errno.ENODEV, errno.EADDRNOTAVAIL)
 _HINT = "check buses.{name}.channel and buses.{name}.options, and that the interface's driver is installed"
 
 PortMaker: TypeAlias = Callable[[PortRequest], Port]
@@ -57,7 +63,7 @@ def open_port(request: PortRequest) -> Port:
         return PORTS.get(settings.interface, open_through_python_can)(request)
     except port_errors(*_WRAPPER_ERRORS) as error:
         where = f"bus '{request.name}': cannot open {settings.interface} '{settings.channel}'"
-        raise BusError(f"{where}: {_reason(error, settings)}; {_hint(request.name, settings)}") from error
+        raise BusError(f"{where}: {_reason(error, settings)}; {_hint(request.name, settings, error)}") from error
 
 
 def is_known(interface: str) -> bool:
@@ -87,11 +93,13 @@ def _reason(error: Exception, settings: BusSettings) -> str:
     return f"python-can says: {said}"
 
 
-def _hint(name: str, settings: BusSettings) -> str:
+def _hint(name: str, settings: BusSettings, error: Exception) -> str:
     """Say what to do about a bus that cannot be opened."""
     if not is_known(settings.interface):
         return f"expected one of python-can's interfaces: {', '.join(known_interfaces())}"
     hint = _HINTS.get(settings.interface, _HINT)
+    if settings.interface == "udp_multicast" and isinstance(error, OSError) and error.errno in _UNREACHABLE:
+        hint = _NO_ROUTE
     return hint.format(name=name, channel=settings.channel, bitrate=settings.bitrate)
 
 

@@ -116,8 +116,15 @@ class UdpMulticastPort:
         return len(frames)
 
     def check(self) -> None:
-        """Count what was lost behind the last frame; a group has no state that could be looked at."""
+        """Count what was lost behind the last frame, and look whether the group is still heard.
+
+        Raises:
+            OSError: it is not: an interface that is deleted takes the membership along, and gives none back when it
+                comes again.
+        """
         self._drops.look()
+        if self._hearing is not self._sending and not _is_member(self._hearing, self._family, self._address):
+            raise OSError(errno.ENODEV, "the interface was deleted, and the group is joined no longer")
 
     def close(self) -> None:
         """Leave the group; count what was lost behind the last frame, and what had come and nobody has read."""
@@ -278,16 +285,42 @@ def _listener(family: socket.AddressFamily, address: Any) -> socket.socket:
             hearing.setsockopt(socket.SOL_SOCKET, option, 1)
         hearing.setblocking(False)
         # before it is bound, so that whoever sees it bound can rely on its hearing all
-        if family == socket.AF_INET:
-            hearing.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(family, address))
-        else:
-            hearing.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, _membership(family, address))
+        _join(hearing, family, address)
         # bound to any address it would hear every group that this machine has joined on the port
         hearing.bind(address)
     except OSError:
         hearing.close()
         raise
     return hearing
+
+
+def _join(hearing: socket.socket, family: socket.AddressFamily, address: Any) -> None:
+    """Let a socket hear a group.
+
+    Raises:
+        OSError: there is no interface for it; with `EADDRINUSE`, the socket hears it already.
+    """
+    if family == socket.AF_INET:
+        hearing.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(family, address))
+    else:
+        hearing.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, _membership(family, address))
+
+
+def _is_member(hearing: socket.socket, family: socket.AddressFamily, address: Any) -> bool:
+    """Return whether a socket hears a group: the kernel says so to whom joins it again.
+
+    Raises:
+        OSError: there is no interface for it.
+    """
+    try:
+        _join(hearing, family, address)
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise
+        if family == socket.AF_INET6 and address[3]:  # such a socket stays a member of what is no more
+            socket.if_indextoname(address[3])
+        return True
+    return False
 
 
 def _leave(hearing: socket.socket, family: socket.AddressFamily, address: Any) -> None:

@@ -74,6 +74,7 @@ class Daemon:
         self.sequence = ReorderBuffer(_window_ns(binding), max_gap_ns=_clock_step_ns(binding))
         self._clock_watch = ClockStepDetector(steady)
         self.received = 0
+        self._latest_ns = 0
         self.last: Cycle | None = None
         self._clock = clock
         self._observers = tuple(observers)
@@ -177,6 +178,8 @@ class Daemon:
         """Run ordered items through the pipeline; send and report each cycle as it comes."""
         for observer in self._observers:
             observer.on_items(items)
+        if items:
+            self._latest_ns = items[-1][0]
         began_s = time.perf_counter()
         for cycle in self.pipeline.run(items):
             by_frame = any(len(item) > 1 and item[0] == cycle.time_ns for item in items)
@@ -227,7 +230,7 @@ class Daemon:
     def _swap(self, pipeline: Pipeline) -> None:
         """Go on with another pipeline, which takes over what it can of the former one's state, and with its buses."""
         self._process(self.sequence.flush())
-        for cycle in self.pipeline.settle():  # what waits for other sensors would wait for ever
+        for cycle in self.pipeline.settle(self._latest_ns):  # what waits for other sensors would wait for ever
             self._send(cycle, time.perf_counter(), by_frame=False)
         former, binding = self.pipeline, pipeline.binding
         kept = hand_over(former, pipeline)

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import Final, Self
 
@@ -69,5 +70,6 @@ class ServiceSignals:
 def _end_start(number: int, _frame: FrameType | None) -> None:
     """End the process, wherever it is in its start: neither a lock that is held nor an `except` keeps it."""
     message = f"candaemon: stopped by {signal.Signals(number).name} before the service was ready\n"
-    os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, message.encode("ascii"))
+    with suppress(OSError, ValueError):  # as of a full disk, or of a stream that is closed
+        os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, message.encode("ascii"))
     os._exit(0)

@@ -42,7 +42,7 @@ class PlaneFilter(FilterBank):
     """Batched Kalman filter of one model; rows are tracks.
 
     State order [x, y, vx, vy, ax, ay], local frame, SI units. A position is taken jointly, then speed by speed, each
-    linearised at the state so far, as `correction.correct` does.
+    linearised at the state so far, as `measurement_update.correct` does.
 
     Args:
         model: of Han et al. 2015.

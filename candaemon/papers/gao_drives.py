@@ -57,7 +57,7 @@ class LidarRadarDrive:
         return variance
 
     def run(self, runs: int, seed: int, advance: Advance) -> Result:
-        """LidarRadarDrive it; see `candaemon.papers.experiment.Experiment`."""
+        """Drive it; see `candaemon.papers.experiment.Experiment`."""
         random = np.random.default_rng(seed)
         recording = record(self.truth[:, None], self.variance(), self.start, runs, random, self.process)
         outcome = filtered(recording, advance)

@@ -248,12 +248,12 @@ class Pipeline:
             scan = assembler.flush()
             if scan is not None:
                 yield from self._cycle(scan, closed_ns)
-        yield from self.settle()
+        yield from self.settle(NEVER_NS)
 
-    def settle(self) -> Iterator[Cycle]:
-        """Track the scans that wait for those of other sensors."""
+    def settle(self, time_ns: int) -> Iterator[Cycle]:
+        """Track the scans that wait for those of other sensors, by a time at the latest: the present one."""
         for alignment in sorted(self.alignments, key=_given_up):
-            given_up_ns = alignment.deadline_ns
+            given_up_ns = min(alignment.deadline_ns, time_ns)
             yield from self._follow(alignment.expire(), given_up_ns)
 
     @property

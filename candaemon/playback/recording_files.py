@@ -10,8 +10,8 @@ A folder holds candump logs, each with a file of the pipeline's state at its beg
 The number increases over restarts of the service and determines the order, since the clock may have been set back.
 Logs are read in *runs*. A file that continues where the previous one ended belongs to the same run; a start of the
 service, a reload, or input that was left out begins another run, with the state stored there. Open cycles at the end of
-a run are reported only where the service reported them, that is, where it was stopped. Such a log's last line is
-`(1533226488.434433) tick 001#`.
+a run are reported only where the service reported them: all where it was stopped, those that wait for other sensors
+before a reload. The last line of such a log is `(1533226488.434433) tick 001#`, or `002#`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,10 @@ CONFIGURATIONS: Final = "configurations"
 ENDED: Final = 1
 """Identifier of the tick with which a stopped service ends its last log."""
 
-_END = re.compile(rb"\) tick 001#\s*$")
+SETTLED: Final = 2
+"""Identifier of the tick with which a log ends before a reload."""
+
+_END = re.compile(rb"\((\d{1,12})\.(\d{6,9})\) tick 00([12])#\s*$")
 _LONGEST_LINE = 300  # characters
 _LONGEST_VERSION = 40  # characters
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -58,18 +61,21 @@ class Run:
         state: file with the pipeline's state before the first log; None: the pipeline starts empty.
         ends: whether open cycles at the end are reported.
         by_time: whether the logs may overlap, or be in another order than in time.
+        settled_ns: time of the reload at its end, before which the cycles that waited for other sensors are reported;
+            None: there was none.
     """
 
     logs: tuple[Path, ...]
     state: Path | None
     ends: bool
     by_time: bool = False
+    settled_ns: int | None = None
 
     def without_first(self) -> Run | None:
         """Return what is left of a run without its first log, begun with the next state; None where there is none."""
         for k, log in enumerate(self.logs[1:], 1):
             if log.with_suffix(STATE).exists():
-                return Run(self.logs[k:], log.with_suffix(STATE), self.ends)
+                return Run(self.logs[k:], log.with_suffix(STATE), self.ends, settled_ns=self.settled_ns)
         return None
 
 
@@ -267,16 +273,24 @@ def _grouped(pieces: Sequence[tuple[Path, StateHeader | None]]) -> list[Run]:
 def _run(pieces: Sequence[tuple[Path, StateHeader | None]]) -> Run:
     """Return the run of consecutive logs."""
     logs = tuple(log for log, _ in pieces)
-    plain = pieces[0][1] is None
-    return Run(logs, None if plain else logs[0].with_suffix(STATE), ends=plain or _was_stopped(logs[-1]))
+    if pieces[0][1] is None:
+        return Run(logs, None, ends=True)
+    mark, time_ns = _end_of(logs[-1])
+    state = logs[0].with_suffix(STATE)
+    return Run(logs, state, ends=mark == ENDED, settled_ns=time_ns if mark == SETTLED else None)
 
 
-def _was_stopped(log: Path) -> bool:
-    """Return whether a log ends where the service was stopped."""
+def _end_of(log: Path) -> tuple[int, int]:
+    """Return identifier and time, ns, of the tick that marks a log's end; zeros where none does.
+
+    Raises:
+        InputError: the log cannot be read.
+    """
     try:
         with log.open("rb") as file:
             file.seek(0, os.SEEK_END)
             file.seek(max(file.tell() - _LONGEST_LINE, 0))
-            return _END.search(file.read()) is not None
+            found = _END.search(file.read())
     except OSError as error:
         raise InputError(f"the log cannot be read: {error.strerror}", file=log) from error
+    return (0, 0) if found is None else (int(found[3]), int(found[1]) * 1_000_000_000 + int(found[2].ljust(9, b"0")))

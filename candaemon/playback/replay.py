@@ -175,7 +175,7 @@ def replay(
                 written.write(cycle)
                 if progress is not None:
                     progress(counts)
-            for cycle in pipeline.finish() if run.ends else ():
+            for cycle in last_cycles(run, pipeline):
                 written.write(cycle)
             written.finish()
             steps.add(sequence)
@@ -184,6 +184,19 @@ def replay(
         counts.require_frames(request.log)
     seconds = time.perf_counter() - started
     return Replayed(pipeline, counts, steps, reader.stray_times, score, clock.first_ns, clock.last_ns, seconds)
+
+
+def last_cycles(run: Run, pipeline: Pipeline) -> Iterator[Cycle]:
+    """Yield the cycles that were open at the end of a run, as far as the service reported them.
+
+    Args:
+        run: all of whose logs were read.
+        pipeline: that they were run through.
+    """
+    if run.ends:
+        yield from pipeline.finish()
+    elif run.settled_ns is not None:
+        yield from pipeline.settle(run.settled_ns)
 
 
 def begun_runs(binding: Binding, recorded: Iterable[Run]) -> Iterator[tuple[Run, Pipeline]]:

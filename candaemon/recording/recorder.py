@@ -23,7 +23,7 @@ from candaemon.daemon.observer import CompletedCycle, DaemonView, Observer
 from candaemon.frames.frame import Frame, Tick
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import Snapshots
-from candaemon.playback.recording_files import ENDED
+from candaemon.playback.recording_files import ENDED, SETTLED
 from candaemon.recording.event_archive import Event
 from candaemon.recording.event_detector import EventDetector
 from candaemon.recording.ring import MEGABYTE, SHARE_OF_A_FILE
@@ -127,21 +127,32 @@ class Recorder(Observer):
             self._keep(Event("mark", "", self._last_ns))
 
     def on_reload_end(self, daemon: DaemonView, error: str) -> None:
-        """Begin a file with the configuration that took its place."""
+        """Begin a file with the configuration that took its place.
+
+        It begins at once where the one before has: should the service be stopped before anything else comes, the file
+        holds what is then reported.
+        """
         if not error:
-            self._flush()
+            has_begun = not (self._paused or self._reason)
+            self._end(SETTLED)
             former = self._detector
             self._adopt(Pipeline(daemon.pipeline.binding))
             self._detector.go_on_from(former)
             self._pipeline = daemon.pipeline
             self._reason = "reload"
+            if has_begun:
+                self._begin(self._last_ns)
 
     def on_stop(self, daemon: DaemonView) -> None:  # noqa: ARG002  # an observer's signature
         """Write what waits and close the files."""
-        if not (self._paused or self._reason):
-            self._text.append(candump_text([self._tick(self._last_ns, ENDED)], self._channels))
-        self._flush()
+        self._end(ENDED)
         self._disk.close(_CLOSING_S)
+
+    def _end(self, mark: int) -> None:
+        """Mark where the file ends, if one has begun, and write what waits."""
+        if not (self._paused or self._reason):
+            self._text.append(candump_text([self._tick(self._last_ns, mark)], self._channels))
+        self._flush()
 
     def _adopt(self, fresh: Pipeline) -> None:
         """Take over what depends on the configuration.

@@ -16,7 +16,7 @@ from candaemon.frames.frame import Frame
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import fingerprint
 from candaemon.playback.recording_files import runs_of
-from candaemon.playback.replay import begun_runs, channel_indices
+from candaemon.playback.replay import begun_runs, channel_indices, last_cycles
 from candaemon.view.painter import Painter
 from candaemon.view.picture import Picture
 
@@ -48,7 +48,7 @@ def pictures_of_log(
         reader = DriveReader(indices, counts, WHOLE_DRIVE)
         blocks = reader.by_time(run.logs) if run.by_time else reader.consecutive(run.logs)
         cycles = pipeline.run_blocks(sequence.sequenced_blocks(blocks))
-        for cycle in chain(cycles, pipeline.finish() if run.ends else ()):
+        for cycle in chain(cycles, last_cycles(run, pipeline)):
             yield painter.paint(cycle)
             if progress is not None:
                 progress(counts)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import select
 import socket
@@ -17,8 +19,10 @@ from can.interfaces.udp_multicast.utils import pack_message
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from candaemon.can_io.open_port import PORTS, open_port
 from candaemon.can_io.port import PortCounts, PortRequest
 from candaemon.config.buses import BusSettings
+from candaemon.errors import BusError
 from candaemon.frames.frame import EXTENDED, Frame
 
 msgpack = pytest.importorskip("msgpack", reason="udp_multicast needs msgpack")
@@ -198,6 +202,20 @@ def test_a_receive_buffer_that_is_too_small_is_told_with_the_cure(
     assert re.search(r"bus 'bench': the kernel keeps \d+ frames .*net\.core\.rmem_max to 6400000001 or more", text)
 
 
+def test_an_interface_that_takes_the_membership_along_is_told(bench: Bench) -> None:
+    bench.port.check()
+    mreq = socket.inet_aton(GROUP) + struct.pack("@I", socket.INADDR_ANY)
+    with socket.socket(fileno=os.dup(bench.port.fileno())) as same:  # as the kernel does where one is deleted
+        same.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, mreq)
+    with pytest.raises(OSError, match="the group is joined no longer") as told:
+        bench.port.check()
+    assert told.value.errno == errno.ENODEV
+    reopened = bench.open()
+    reopened.check()
+    bench.other.send(message())
+    assert [frame.can_id for frame in heard(reopened, 1)] == [0x123]
+
+
 def test_what_is_no_data_frame_is_counted(bench: Bench) -> None:
     there = bench.open(fd=False)
     bench.other.send(message(is_remote_frame=True, data=b""))
@@ -297,3 +315,14 @@ def test_what_cannot_be_opened(channel: str) -> None:
     bus = BusSettings(interface="udp_multicast", channel=channel)
     with pytest.raises(OSError):  # noqa: PT011 - the kernel's reasons differ
         UdpMulticastPort(PortRequest("bench", 0, bus, PortCounts()))
+
+
+def test_a_group_that_no_interface_leads_to_is_told_with_the_cure(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unreachable(request: PortRequest) -> UdpMulticastPort:
+        raise OSError(errno.ENETUNREACH, os.strerror(errno.ENETUNREACH))
+
+    monkeypatch.setitem(PORTS, "udp_multicast", unreachable)  # a machine without a route cannot be had here
+    bus = BusSettings(interface="udp_multicast", channel=GROUP)
+    with pytest.raises(BusError, match=f"ip route add {GROUP}") as told:
+        open_port(PortRequest("bench", 0, bus, PortCounts()))
+    assert "pip install" not in str(told.value)

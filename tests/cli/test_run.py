@@ -142,6 +142,23 @@ def test_a_signal_during_the_start_ends_it_with_a_message(service: Service, numb
     assert not service.hears_more()
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, on which nothing can be written")
+def test_a_signal_during_the_start_ends_it_whatever_catches_errors() -> None:
+    within_try = """
+import os, signal
+from candaemon.daemon.process_signals import ServiceSignals
+with ServiceSignals():
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+    except OSError:
+        pass
+    print("goes on")
+"""
+    with Path("/dev/full").open("wb") as full:
+        told = subprocess.run([sys.executable, "-c", within_try], stdout=subprocess.PIPE, stderr=full, check=False)
+    assert (told.returncode, told.stdout) == (0, b"")
+
+
 def test_signals_during_the_start_are_looked_at_when_the_service_is_ready(service: Service) -> None:
     while not catches(service.process, signal.SIGUSR1):
         assert service.process.poll() is None

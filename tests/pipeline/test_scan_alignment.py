@@ -246,7 +246,7 @@ def test_a_reload_tracks_what_waits(of: Binding) -> None:
     waiting = former.alignments[0].state.waiting
     assert waiting is not None
     successor = Pipeline(of)
-    assert [cycle.obstacles.time_ns for cycle in former.settle()][-1] == waiting.scan.time_ns
+    assert [cycle.obstacles.time_ns for cycle in former.settle(NEVER_NS)][-1] == waiting.scan.time_ns
     kept = hand_over(former, successor)
     assert former.alignments[0].deadline_ns == NEVER_NS
     tracker = successor.trackers[0]

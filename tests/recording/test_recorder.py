@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding
@@ -16,10 +17,12 @@ from candaemon.config.load import load_config
 from candaemon.config.recording import RecordingSettings
 from candaemon.daemon.reload import Reloader
 from candaemon.errors import InputError
+from candaemon.frames.times import NEVER_NS
 from candaemon.playback.recording_files import header_beside, logs_in
 from candaemon.recording.recorder import Recorder
 from tests.support.bound import binding
-from tests.support.recorded import as_log, driven, highway, replayed
+from tests.support.paths import ROOT
+from tests.support.recorded import Driven, as_log, driven, highway, replayed
 
 SECOND = RecordingSettings(file_seconds=1.0)
 
@@ -154,3 +157,57 @@ def test_a_reload_begins_a_file_of_its_own(of: Binding, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"another configuration.*configurations.*--fresh"):
         replayed(third, tmp_path / "ring")
     assert replayed(third, tmp_path / "ring", fresh=True)
+
+
+def reloaded(runs: Driven, successor: Binding) -> None:
+    """Load a configuration again."""
+    runs.daemon._reloader = Reloader(lambda: successor)  # the daemon of these tests has none
+    runs.daemon.reload()
+    while runs.daemon.binding is not successor:
+        runs.daemon.run_once()
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_what_a_stop_right_after_a_reload_sends_is_recorded(of: Binding, tmp_path: Path, times: int) -> None:
+    recording = Recorder(SECOND, tmp_path / "ring", of)
+    with driven(of, recording) as runs:
+        frames = highway(of, 1.2)
+        runs.feed(frames[: len(frames) // 2])
+        while runs.daemon.pipeline.assemblers[0].deadline_ns == NEVER_NS:  # up to where a scan is open
+            runs.feed(frames[runs.fed : runs.fed + 1])
+        runs.feed(frames[runs.fed : runs.fed + 20])
+        for _ in range(times):
+            reloaded(runs, bind(of.loaded))
+        before = len(runs.sent.frames)
+        runs.stop()
+    assert len(runs.sent.frames) > before
+    assert replayed(of, tmp_path / "ring") == as_log(of, runs.sent.frames)
+
+
+def test_what_a_reload_no_longer_lets_wait_is_recorded(tmp_path: Path) -> None:
+    tree = yaml.safe_load((ROOT / "config" / "radar_lidar.yaml").read_text(encoding="utf-8"))
+    tree["groups"] = {"ahead": {"sensors": ["radar", "lidar"], "align": "lagrange"}}
+    for bus in tree["buses"].values():
+        bus["interface"] = "virtual"
+    for part in (tree["ego"], tree["output"], *tree["sensors"].values()):
+        part["dbc"] = str(ROOT / "config" / part["dbc"])
+    (tmp_path / "aligned.yaml").write_text(yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
+    of = bind(load_config(tmp_path / "aligned.yaml"))
+    recording = Recorder(SECOND, tmp_path / "ring", of)
+    settled = []
+    with driven(of, recording) as runs:
+        frames = highway(of, 1.5)
+        runs.feed(frames[: len(frames) // 2])
+        for _ in range(3):
+            runs.feed(frames[runs.fed : runs.fed + 150])
+            while runs.daemon.pipeline.alignments[0].deadline_ns == NEVER_NS:  # up to where a scan waits
+                runs.feed(frames[runs.fed : runs.fed + 1])
+            before = len(runs.sent.frames)
+            reloaded(runs, bind(of.loaded))
+            settled.append(len(runs.sent.frames) - before)
+            times_ns = [frame.time_ns for frame in runs.sent.frames]
+            assert times_ns[-1] <= runs.now_ns
+        runs.feed(frames[runs.fed :])
+        runs.stop()
+    assert min(settled) > 0
+    assert replayed(of, tmp_path / "ring") == as_log(of, runs.sent.frames)

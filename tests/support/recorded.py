@@ -41,7 +41,7 @@ class Driven:
         self.observers = (*observers, self.sent)
         self.daemon = Daemon(of, clock=lambda: self.now_ns, observers=self.observers)
         self._sides = sides
-        self._fed = 0
+        self.fed = 0
 
     def feed(self, frames: Sequence[Frame]) -> None:
         """Let frames come over the buses; a tick in each pause of 10 ms and more."""
@@ -50,8 +50,8 @@ class Driven:
                 self.silence(TICK_NS * 1e-9)
             self._sides[frame.bus].send(to_message(frame))
             self.now_ns = frame.time_ns
-            self._fed += 1
-            while self.daemon.received < self._fed:
+            self.fed += 1
+            while self.daemon.received < self.fed:
                 self.daemon.step(5.0)
                 self._turned()
 
