@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
+from typing import Final
+
+import numpy as np
 
 from candaemon.binding.bound import Binding
 from candaemon.can_io.drive_reader import DriveReader
 from candaemon.can_io.logs.formats import check_log
 from candaemon.can_io.logs.stream import LogCounts
-from candaemon.can_io.reorder import ReorderBuffer
+from candaemon.can_io.reorder import ItemBlock, ReorderBuffer
 from candaemon.can_io.time_range import WHOLE_DRIVE
 from candaemon.frames.frame import Frame
+from candaemon.frames.frame_block import FrameBlock
 from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import fingerprint
 from candaemon.playback.recording_files import runs_of
 from candaemon.playback.replay import begun_runs, channel_indices, last_cycles
 from candaemon.view.painter import Painter
 from candaemon.view.picture import Picture
+
+_STEP_NS: Final = 100_000_000
 
 
 def pictures_of_log(
@@ -47,12 +53,23 @@ def pictures_of_log(
         sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
         reader = DriveReader(indices, counts, WHOLE_DRIVE)
         blocks = reader.by_time(run.logs) if run.by_time else reader.consecutive(run.logs)
-        cycles = pipeline.run_blocks(sequence.sequenced_blocks(blocks))
+        cycles = pipeline.run_blocks(_in_steps(sequence.sequenced_blocks(blocks)))
         for cycle in chain(cycles, last_cycles(run, pipeline)):
             yield painter.paint(cycle)
             if progress is not None:
                 progress(counts)
     counts.require_frames(logs[0])
+
+
+def _in_steps(blocks: Iterable[ItemBlock]) -> Iterator[ItemBlock]:
+    """Yield blocks cut into short ones: the counts of a bus are ahead of the cycles by what a block holds."""
+    for block in blocks:
+        if not isinstance(block, FrameBlock):
+            yield block
+            continue
+        ends = np.flatnonzero(np.diff(block.time_ns // _STEP_NS)) + 1
+        for begin, end in pairwise([0, *ends.tolist(), len(block)]):
+            yield block.rows(slice(begin, end))
 
 
 def pictures_of_frames(binding: Binding, frames: Iterable[Frame]) -> Iterator[Picture]:

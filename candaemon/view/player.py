@@ -17,6 +17,8 @@ FASTEST_PLAY: Final = 50.0
 """Largest multiple of real time."""
 MOST_HISTORY: Final = 2000
 """Pictures of one message after a seek; 20 s of 100 cycles/s."""
+LONGEST_GAP_S: Final = 5.0
+"""s without a picture that are played; a longer gap is passed over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,7 @@ class Player:
         self._now_s: float | None = None
         self._next = 0
         self._afresh = True
+        self._stepped: int | None = None  # number after the picture that was stepped to: several may be of one time
 
     @property
     def state(self) -> dict[str, Any]:
@@ -70,7 +73,7 @@ class Player:
         ended = extent.complete and self._at_s is not None and self._at_s >= extent.last_s
         if ended and not self.playing:
             self.seek(extent.first_s)
-        self.playing = True
+        self.playing, self._stepped = True, None
 
     def pause(self) -> None:
         """Stop where it is."""
@@ -84,18 +87,21 @@ class Player:
         """Go to an instant, or the nearest there is."""
         extent = self._store.extent()
         self._at_s = min(max(time_s, extent.first_s), extent.last_s)
-        self.follows, self._afresh = False, True
+        self.follows, self._afresh, self._stepped = False, True, None
 
     def follow(self) -> None:
         """Show the newest from here on."""
         self.playing = self.follows = self._afresh = True
+        self._stepped = None
 
     def step(self, pictures: int) -> None:
         """Pause, and go on or back by so many pictures."""
         extent = self._store.extent()
         if self._at_s is not None and extent.after > extent.first:
-            shown = self._store.number_at(self._at_s) - 1
-            self.seek(self._store.time_of(shown + pictures))
+            shown = (self._stepped or self._store.number_at(self._at_s)) - 1
+            number = min(max(shown + pictures, extent.first), extent.after - 1)
+            self.seek(self._store.time_of(number))
+            self._stepped = number + 1
         self.pause()
 
     def due(self, now_s: float) -> Due | None:
@@ -114,21 +120,30 @@ class Player:
         elif self._at_s is None:
             self._at_s = extent.first_s
         elif self.playing:
-            self._at_s += passed_s * self.speed
+            self._at_s = self._beyond_gap(self._at_s + passed_s * self.speed)
             if self._at_s >= extent.last_s:
                 self._at_s = extent.last_s
                 self.playing = not extent.complete
         if self._at_s < extent.first_s:  # has been forgotten meanwhile
-            self._at_s, self._afresh = extent.first_s, True
-        after = self._store.number_at(self._at_s)
+            self._at_s, self._afresh, self._stepped = extent.first_s, True, None
+        after = self._stepped or self._store.number_at(self._at_s)
         if self._afresh:
             return self._whole(after)
         return self._further(after) if after > self._next else None
 
+    def _beyond_gap(self, time_s: float) -> float:
+        """Return a time, or that of the next picture where none comes for long."""
+        coming = self._store.number_at(time_s)
+        next_s = self._store.time_of(coming)  # of the last one, where no other comes
+        if next_s - time_s <= LONGEST_GAP_S:
+            return time_s
+        self._afresh = True
+        return next_s
+
     def _whole(self, after: int) -> Due:
-        """Return the pictures that lead to an instant."""
+        """Return the pictures that lead to an instant; the last one before it is one of them, however old it is."""
         assert self._at_s is not None  # noqa: S101 - set by the caller
-        first = max(self._store.number_at(self._at_s - HISTORY_S), after - MOST_HISTORY)
+        first = max(min(self._store.number_at(self._at_s - HISTORY_S), after - 1), after - MOST_HISTORY)
         self._next, self._afresh = after, False
         return Due(self._at_s, self._store.read(first, after), afresh=True, dropped=0)
 

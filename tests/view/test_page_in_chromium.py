@@ -14,6 +14,7 @@ import pytest
 
 from candaemon.binding.bind import bind
 from candaemon.config.load import load_config
+from candaemon.view import viewer
 from candaemon.view.drive_pictures import pictures_of_log
 from candaemon.view.painter import stage_of
 from candaemon.view.picture import Picture
@@ -262,6 +263,23 @@ def test_it_begins_where_the_address_says(browser: Any) -> None:
         page.wait("t => document.getElementById('road').dataset.time >= t - 0.06", pictures[0].time + 7)
         assert page.do("document.getElementById('selected-title').textContent") == f"Obstacle {identity}"
         assert page.errors == []
+
+
+def test_it_goes_where_the_address_is_changed_to(page: Tab, drive: Drive) -> None:
+    pause(page)
+    page.do("location.hash = '#t=4'")
+    page.wait("t => Math.abs(document.getElementById('road').dataset.time - t) < 0.06", drive.at(4.0).time)
+
+
+def test_it_goes_on_where_it_was_after_it_slept(page: Tab, drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viewer, "CONFIRM_S", 1.0)  # for how long a page may sleep and not be dropped
+    pause(page)
+    seek(page, drive, 4.0)
+    page.do("{ const end = performance.now() + 2500; while (performance.now() < end); }")
+    page.wait("document.getElementById('link').textContent === 'connected'")
+    page.page.wait_for_timeout(500)
+    page.wait("t => Math.abs(document.getElementById('road').dataset.time - t) < 2e-3", drive.at(4.0).time)
+    assert page.do("document.getElementById('play').textContent") == "Play"
 
 
 @pytest.mark.parametrize(("width", "height"), [(1366, 768), (768, 1024), (1024, 768)])

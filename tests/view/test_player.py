@@ -50,6 +50,37 @@ def test_a_pause_stops_time_and_a_step_moves_it() -> None:
     assert numbers(player.due(51.0)) == list(range(20, 40))
 
 
+def test_a_step_goes_through_pictures_of_one_time() -> None:
+    store = PictureStore()
+    for number, time_s in enumerate((1.0, 2.0, 1.9, 3.0)):  # a scan measured earlier than the one before
+        store.append(time_s, str(number).encode())
+    store.complete()
+    player = Player(store, follows=False)
+    player.seek(3.0)
+    seen = [numbers(player.due(0.0))[-1]]
+    for pictures in (-1, -1, -1, -1, 1, 1, 1, 1):
+        player.step(pictures)
+        seen.append(numbers(player.due(0.0))[-1])
+    assert seen == [3, 2, 1, 0, 0, 1, 2, 3, 3]
+
+
+def test_a_gap_shows_what_was_last_and_is_passed_over() -> None:
+    store = PictureStore()
+    for number, time_s in enumerate((1.0, 2.0, 3602.0, 3602.5)):
+        store.append(time_s, str(number).encode())
+    store.complete()
+    player = Player(store, follows=False)
+    player.pause()
+    player.seek(1800.0)
+    due = player.due(0.0)
+    assert (numbers(due), due and due.at_s) == ([1], 1800.0)
+    player.play()
+    due = player.due(0.1)
+    assert due is not None
+    assert (numbers(due), due.at_s, due.afresh) == ([2], 3602.0, True)
+    assert numbers(player.due(0.6)) == [3]
+
+
 def test_a_seek_brings_what_led_there() -> None:
     player = Player(drive(), follows=False)
     player.due(0.0)

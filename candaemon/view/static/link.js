@@ -24,8 +24,11 @@ export class Link {
     };
     socket.onmessage = (event) => {
       const message = JSON.parse(event.data);
-      this.take(message);
-      if (message.n) this.say({do: "shown", n: message.n});
+      try {
+        this.take(message);
+      } finally {  // who confirms nothing is dropped
+        if (message.n) this.say({do: "shown", n: message.n});
+      }
     };
     socket.onclose = () => {
       this.changed(false);

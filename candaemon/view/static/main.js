@@ -35,11 +35,23 @@ function take(message) {
     skipped += message.dropped;
     for (const picture of message.pictures) health = picture.health ?? health;
   }
+  goWhereWanted();
+  redraw();
+}
+
+function goWhereWanted() {
   if (wanted !== null && state.last >= wanted.from(state.first)) {
     link.say({do: "seek", t: wanted.from(state.first)});
     wanted = null;
   }
-  redraw();
+}
+
+// A connection that opens again begins to play anew: go on as before.
+function goOn() {
+  if (state.follows) return;
+  link.say({do: "seek", t: shown});
+  link.say({do: "speed", value: state.speed});
+  if (!state.playing) link.say({do: "pause"});
 }
 
 function setUp(message) {
@@ -47,7 +59,7 @@ function setUp(message) {
     memory.clear();
     [health, status, skipped] = [null, null, 0];
     road.fitted = false;
-  }
+  } else if (shown) goOn();
   stage = road.stage = message;
   plots.modes = message.modes;
   element("title").textContent = `${message.name}: ${message.title}`;
@@ -165,8 +177,14 @@ function deepLink() {
   if (hash.has("id")) selected = Number(hash.get("id"));
   const time = Number(hash.get("t"));
   if (!hash.has("t") || !Number.isFinite(time)) return null;
-  return {from: (first) => (time < 1e6 && first > 1e6 ? first + time : time)};
+  return {from: (first) => (time < 1e6 ? first + time : time)};
 }
+
+addEventListener("hashchange", () => {
+  wanted = deepLink();
+  choose(selected);
+  goWhereWanted();
+});
 
 const togglePlay = () => link.say({do: state.playing ? "pause" : "play"});
 const KEYS = [
@@ -227,6 +245,9 @@ element("seek").onchange = (event) => {
   held = false;
   seekTo(state.first + Number(event.target.value));
 };
+for (const end of ["pointerup", "pointercancel", "blur"]) {  // back where it began, it does not change
+  element("seek").addEventListener(end, () => { held = false; });
+}
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => setTheme(null));
 setTheme(localStorage.getItem("theme"));
 setUnit(UNITS.find((unit) => unit.name === localStorage.getItem("unit")) ?? UNITS[0]);

@@ -5,6 +5,8 @@ import {at, speedOf} from "./memory.js";
 const HEIGHT = 92;
 const LINES = ["sensor-0", "sensor-1", "sensor-2", "sensor-3", "sensor-4", "sensor-5"];
 
+const POINTS = ["NIS", "innovation"];  // of several sensors, a cycle has them of those it saw: no two in a row
+
 export class Plots {
   constructor(place, memory) {
     this.place = place;
@@ -53,7 +55,7 @@ export class Plots {
         title, width: this.width(), height: HEIGHT, legend: {show: false}, cursor: {show: false},
         scales: {x: {time: false}},
         axes: [{...axis, size: 18}, {...axis, size: 42}],
-        series: [{}, ...lines.map(([label], k) => ({label, stroke: colour(LINES[k % LINES.length]), width: 1.5, spanGaps: false, points: {show: lines.length < 3 && title.startsWith("NIS"), size: 3}}))],
+        series: [{}, ...lines.map(([label], k) => ({label, stroke: colour(LINES[k % LINES.length]), width: 1.5, spanGaps: false, points: {show: POINTS.some((each) => title.startsWith(each)), size: 3}}))],
       };
       if (lines.length > 1) options.title = `${title}: ${lines.map(([label]) => label).join(", ")}`;
       this.plots.push({plot: new uPlot(options, undefined, this.place), lines});
