@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final, Literal, TypeAlias
 
 from candaemon.binding.location import SettingLocation
@@ -15,20 +16,25 @@ Dimension: TypeAlias = Literal["length", "angle", "speed", "rate", "acceleration
 UNITS: Final[dict[str, tuple[Dimension, float]]] = {
     **dict.fromkeys(("m", "meter", "metre"), ("length", UNIT_FACTORS["m"])),
     **{name: ("length", factor) for name, factor in (("mm", 1e-3), ("cm", 1e-2), ("dm", 1e-1), ("km", 1e3))},
+    **{f"{name}meter": ("length", factor) for name, factor in (("milli", 1e-3), ("centi", 1e-2), ("deci", 1e-1))},
     **dict.fromkeys(("ft", "feet", "foot"), ("length", 0.3048)),
-    **dict.fromkeys(("deg", "degree", "°", "ø"), ("angle", UNIT_FACTORS["deg"])),
+    **dict.fromkeys(("deg", "degree", "°", "ø", "degreeofarc", "degreofarc"), ("angle", UNIT_FACTORS["deg"])),
     **dict.fromkeys(("rad", "radian"), ("angle", 1.0)),
     "mrad": ("angle", 1e-3),
     **dict.fromkeys(("m/s", "mps", "meter/s", "metre/s"), ("speed", 1.0)),
-    **dict.fromkeys(("km/h", "kph", "kmh", "kmph", "km/hr"), ("speed", UNIT_FACTORS["km/h"])),
+    **dict.fromkeys(("km/h", "kph", "kmh", "kmph", "km/hr", "kilometer/h"), ("speed", UNIT_FACTORS["km/h"])),
     **dict.fromkeys(("mph", "mi/h"), ("speed", UNIT_FACTORS["mph"])),
     **{name: ("speed", factor) for name, factor in (("mm/s", 1e-3), ("cm/s", 1e-2), ("dm/s", 1e-1))},
     **dict.fromkeys(("ft/s", "fps", "feet/s"), ("speed", 0.3048)),
     **dict.fromkeys(("kn", "kt", "kts", "knot", "knots"), ("speed", 1852 / 3600)),
-    **dict.fromkeys(("deg/s", "degree/s", "°/s", "dps"), ("rate", UNIT_FACTORS["deg/s"])),
+    **dict.fromkeys(
+        ("deg/s", "degree/s", "°/s", "dps", "degreeofarc/s", "degreofarc/s"), ("rate", UNIT_FACTORS["deg/s"])
+    ),
     **dict.fromkeys(("rad/s", "radian/s"), ("rate", 1.0)),
     "mrad/s": ("rate", 1e-3),
-    **dict.fromkeys(("m/s^2", "m/s2", "m/s²", "m/s/s", "meter/s/s", "m/s**2", "mpss"), ("acceleration", 1.0)),
+    **dict.fromkeys(
+        ("m/s^2", "m/s2", "m/s²", "m/s/s", "meter/s/s", "meter/s^2", "m/s**2", "mpss"), ("acceleration", 1.0)
+    ),
     **dict.fromkeys(("g", "g-force"), ("acceleration", UNIT_FACTORS["g"])),
     **dict.fromkeys(("1/m", "m^-1", "rad/m"), ("curvature", 1.0)),
     **dict.fromkeys(("s", "second"), ("time", 1.0)),
@@ -65,14 +71,18 @@ SI_NAMES: Final[dict[Dimension, str]] = {
     "number": "1",
 }
 
+_PER: Final = re.compile("per(?!cent)")
+
 DEFAULT_UNITS: Final = Units()
 """SI, and no word on angles."""
 
 
 def normalised_unit(unit: str) -> str:
-    """Bring a unit's text into one form: `Meters/Sec` becomes `meter/s`."""
-    text = unit.strip().strip("[]").lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
+    """Bring a unit's text into one form: `Meters/Sec` and `Unit_MeterPerSecon` become `meter/s`."""
+    text = unit.strip().strip("[]").lower().replace(" ", "").removeprefix("unit_")
+    text = _PER.sub("/", text).replace("seconds", "s").replace("second", "s").replace("secon", "s")
     text = text.replace("sec", "s").replace("hour", "h").replace("hr", "h").replace("metre", "meter")
+    text = text.replace("squared", "^2").replace("squar", "^2")
     for plural in ("meters", "degrees", "radians"):
         text = text.replace(plural, plural[:-1])
     return text

@@ -153,10 +153,12 @@ def multiplexed_warnings(sensors: Iterable[BoundSensor]) -> list[str]:
     for layout, signal in chain.from_iterable(sensor.reader.required for sensor in sensors):
         selector = None if layout.selector is None else layout.selector[0].name
         if signal.multiplexer_signal not in {None, selector}:
-            values = ", ".join(map(str, sorted(signal.multiplexer_ids)))
+            ids = sorted(signal.multiplexer_ids)
+            values = ", ".join(map(str, ids))
             found.append(
                 f"{_named(layout.shortest, signal)} is there only where {signal.multiplexer_signal} is {values}; "
-                "objects of other frames are not used, and count as not_finite"
+                "objects of other frames are not used, and count as not_finite; where such frames are parts of one "
+                f"object, give objects.messages an entry for each: when: {{{signal.multiplexer_signal}: {ids[0]}}}"
             )
     return found
 

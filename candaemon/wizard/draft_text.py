@@ -202,7 +202,8 @@ def _sensor(
     mapped, closing, layout = sensor.mapped, sensor.closing, sensor.layout
     for note in mapped.notes:
         lines.add(1, f"# {printable(note, LONGEST_WHY)}")
-    lines.add(1, f"{sensor.name}:", layout.why)
+    left_out = layout.left_out
+    lines.add(1, f"{sensor.name}:", left_out or layout.why, guess=bool(left_out))
     lines.add(2, f"bus: {bus}")
     lines.add(2, f"dbc: {quoted(path_of(sensor.dbc))}")
     lines.add(2, "mount: {x: 3.6}", "the front bumper of most cars, from the rear axle; measure it", guess=True)
@@ -219,7 +220,7 @@ def _sensor(
         lines.choice(3, key, choice)
     if mapped.over_ground:
         key = "range_rates" if "range_rate" in mapped.choices else "rates"
-        lines.add(2, f"{key}: absolute", mapped.over_ground)
+        lines.add(2, f"{key}: absolute", mapped.over_ground, guess=not len(mapped.table))
     _noise(lines, sensor, noise_factor, nis)
     far, wide = mapped.seen
     if mapped.looks is not None:
@@ -258,7 +259,8 @@ def _objects(lines: Lines, sensor: Sensor) -> None:
         keys += ["optional: true"] if number in sensor.optional else []
         lines.add(4, f"- {{{', '.join(keys)}}}")
     if layout.unnumbered:
-        lines.add(3, f"slots: {layout.slots}", "half as many again as any scan of the log has, or more", guess=True)
+        told = "half as many again as any scan of the log has, or more" if len(mapped.table) else "no log: plenty"
+        lines.add(3, f"slots: {layout.slots}", told, guess=True)
     else:
         lines.add(3, f"slots: {layout.slots}")
     if layout.points:

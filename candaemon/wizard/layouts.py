@@ -70,6 +70,25 @@ class Layout:
     unnumbered: bool = False
 
     @property
+    def left_out(self) -> str:
+        """What speaks for further objects in each message, of which this layout takes the first only; else empty."""
+        if self.points:
+            return ""
+        for part in self.parts:
+            for role in ("x", "range"):
+                alike: dict[tuple[int, float], list[str]] = {}
+                for name, spec in zip(part.names, part.specs, strict=True):
+                    if role_of(name)[0] == role and spec.length >= 6:
+                        alike.setdefault((spec.length, spec.scale), []).append(name)
+                for names in alike.values():
+                    if len(names) > 1:
+                        return (
+                            f"{part.messages[0].name} seems to hold {len(names)} objects, of which {names[0]} is one; "
+                            "say the others by `points`"
+                        )
+        return ""
+
+    @property
     def name(self) -> str:
         """A name for people: the words of the first message."""
         return "_".join(words(self.parts[0].template)) or "radar"

@@ -10,7 +10,7 @@ import numpy as np
 
 from candaemon.arrays import Floats, Indices
 from candaemon.binding.bind_signal import UNITS, normalised_unit
-from candaemon.config.base import UNIT_FACTORS
+from candaemon.config.base import MOST_UNKNOWN, UNIT_FACTORS
 from candaemon.config.sensors import MOST_LOOKS
 from candaemon.wizard.draft import Choice
 from candaemon.wizard.layouts import Layout
@@ -28,9 +28,9 @@ from candaemon.wizard.object_motion import (
     white_noise,
 )
 from candaemon.wizard.object_table import ObjectColumn, ObjectTable
-from candaemon.wizard.occupancy import Occupancy, Test, occupancy, tabled_tests
+from candaemon.wizard.occupancy import Occupancy, Test, occupancy, tabled_tests, unknown_raws
 from candaemon.wizard.own_motion import SLOWEST, OwnMotion
-from candaemon.wizard.vocabulary import role_of, side_of
+from candaemon.wizard.vocabulary import angle_form, role_of, says_absolute, side_of
 
 LISTED: Final = 0.35
 """Share of objects that go on by their numbers, below which these say nothing."""
@@ -90,6 +90,7 @@ def names_by_role(layout: Layout) -> dict[str, str]:
     for part in layout.parts:
         for name, spec in zip(part.names, part.specs, strict=True):
             role, weight = _role(name, spec.unit, spec.length)
+            weight -= says_absolute(name)  # where another one is relative
             if role and weight > best.get(role, (0, ""))[0]:
                 best[role] = (weight, name)
     return {role: name for role, (_, name) in best.items()}
@@ -152,6 +153,9 @@ def map_signals(table: ObjectTable, own: OwnMotion | None) -> Mapping | None:
     if mapped.identity is None:
         _map_tabled(mapped, table.columns.values())
     _measure_noise(mapped, table, own)
+    for quantity, name in mapped.columns.items():
+        if quantity in mapped.choices:
+            mapped.choices[quantity] = _with_unknowns(mapped.choices[quantity], table.columns[name])
     return mapped
 
 
@@ -277,15 +281,30 @@ def _unit_of(column: ObjectColumn) -> tuple[str, float]:
     return ("", 1.0) if known is None or known[0] == "number" else known
 
 
-def _reference(column: ObjectColumn, *, negative: bool = False, unit: str = "", scale: float = 1.0) -> str:
+def _form_of(key: str, column: ObjectColumn) -> str:
+    """Return what an angle's signal gives in its place by its name, `sine` or `slope`; empty: the angle itself."""
+    return angle_form(column.name) if key == "azimuth" and not _unit_of(column)[0] else ""
+
+
+def _reference(
+    column: ObjectColumn, *, negative: bool = False, unit: str = "", scale: float = 1.0, form: str = ""
+) -> str:
     """Return a signal as a configuration has it."""
+    if form:
+        name = f"{'-' if negative else ''}{column.name}"
+        return f"{{signal: {_in_mapping(name)}, form: {form}}}"
     sign, unit = "-" if negative else "", unit or _unit_instead(column)
-    name = f'"{column.name}"' if "{" in column.name else column.name
+    name = _in_mapping(column.name)
     if scale != 1.0:
         return f"{{signal: {name}, unit: {unit or '1'}, scale: {sign}{scale:.4g}}}"
     return f"{{signal: {name}, unit: {unit}, scale: -1}}" if unit and negative else (
         f"{{signal: {name}, unit: {unit}}}" if unit else f"{sign}{column.name}"
     )  # fmt: skip
+
+
+def _in_mapping(name: str) -> str:
+    """Return a signal's name as it stands in a mapping, where braces would mean something else."""
+    return f'"{name}"' if "{" in name else name
 
 
 def _unit_instead(column: ObjectColumn) -> str:
@@ -303,11 +322,34 @@ def _map_distance(mapped: Mapping, table: ObjectTable, far: str, own: OwnMotion 
     moved = approach_slope(column.values * factor, of, table, own) if own is not None else None
     if moved is not None and moved.samples and abs(moved.value + 1) < 0.1:
         why = f"nears by {-moved.value:.3f} of the way driven ({moved.samples:,} samples of what stands)"
-        mapped.choices[key] = Choice(_reference(column), why if dimension else f"{why}: metres")
+        choice = Choice(_reference(column), why if dimension else f"{why}: metres")
     else:
         why = "by name" + ("" if dimension else "; the DBC names no unit: m")
-        mapped.choices[key] = Choice(_reference(column), why, guess=not dimension)
+        choice = Choice(_reference(column), why, guess=not dimension)
+    mapped.choices[key] = _as_called(choice, key, column)
     mapped.factors[key] = factor
+
+
+def _as_called(choice: Choice, key: str, column: ObjectColumn) -> Choice:
+    """Return what was found for a distance; a guess, where one ahead by its name comes with a direction."""
+    if key != "range" or role_of(column.name)[0] != "x":
+        return choice
+    why = f"{choice.why}; called a distance ahead, which with a direction is taken for that along the line of sight"
+    return replace(choice, why=why, guess=True)
+
+
+def _with_unknowns(choice: Choice, column: ObjectColumn) -> Choice:
+    """Return what was found for a quantity, with the values that are no measurement by the DBC's table."""
+    texts = dict(list(unknown_raws(column.spec).items())[:MOST_UNKNOWN])
+    if not texts:
+        return choice
+    raws = f"unknown_raw: [{', '.join(map(str, texts))}]"
+
+    def told(value: str) -> str:
+        return f"{value[:-1]}, {raws}}}" if value.startswith("{") else f"{{signal: {_in_mapping(value)}, {raws}}}"
+
+    why = f"{choice.why}; not known where the DBC's table says {', '.join(dict.fromkeys(texts.values()))}"
+    return replace(choice, value=told(choice.value), options=tuple(map(told, choice.options)), why=why)
 
 
 def _map_rate(mapped: Mapping, table: ObjectTable, name: str, roles: dict[str, str], own: OwnMotion | None) -> None:
@@ -377,7 +419,10 @@ def _map_lateral(mapped: Mapping, table: ObjectTable, aside: str, own: OwnMotion
     raw = np.abs(column.values[held.occupied])
     wide = float(np.quantile(raw[np.isfinite(raw)], 0.99)) if np.isfinite(raw).any() else 0.0
     unit, unit_why, unit_guess = "", "", False
-    if mapped.polar and not dimension:
+    form = _form_of(key, column)
+    if form:
+        unit_why, unit_guess = f"{form} by its name", True
+    elif mapped.polar and not dimension:
         unit, unit_why, unit_guess = _angle_unit(turn, wide, column)
         factor = UNIT_FACTORS[unit]
     elif mapped.polar and dimension == "angle" and turn.sigmas > PROVEN:
@@ -405,8 +450,8 @@ def _map_lateral(mapped: Mapping, table: ObjectTable, aside: str, own: OwnMotion
         why, guess = f"positive to the {words} by the DBC's comment; the log turns too little to tell", False
     else:
         why, guess = f"positive to the {words}? the log turns too little to tell ({_sigmas(turn)})", True
-    value = _reference(column, negative=negative, unit=unit)
-    other = _reference(column, negative=not negative, unit=unit)
+    value = _reference(column, negative=negative, unit=unit, form=form)
+    other = _reference(column, negative=not negative, unit=unit, form=form)
     text = f"{unit_why}; {why}" if unit_why else why
     mapped.choices[key] = Choice(
         value, text, guess=guess or unit_guess, ask="side" if guess else "unit", options=(other,)
@@ -673,7 +718,11 @@ def map_by_names(layout: Layout) -> Mapping:
     lateral = () if polar or speed not in roles else ("vy",)
     wanted |= {key: roles[key] for key in (speed, *lateral, "width", "length", "score") if key in roles}
     for key, name in wanted.items():
-        mapped.choices[key] = _by_name(key, columns[name])
+        mapped.choices[key] = _with_unknowns(
+            _as_called(_by_name(key, columns[name]), key, columns[name]), columns[name]
+        )
+    if speed in wanted and says_absolute(wanted[speed]):
+        mapped.over_ground = "by its name"
     habits = {
         "x": "0.2",
         "y": "0.3",
@@ -683,7 +732,7 @@ def map_by_names(layout: Layout) -> Mapping:
         "vx": "0.15",
         "vy": "0.4",
     }
-    for key in habits.keys() & wanted.keys():
+    for key in (each for each in habits if each in wanted):
         mapped.noise["azimuth_deg" if key == "azimuth" else key] = Choice(habits[key], "by habit: no log", guess=True)
     _map_tabled(mapped, columns.values())
     state = roles.get("valid")
@@ -710,10 +759,11 @@ def _by_name(key: str, column: ObjectColumn) -> Choice:
     dimension, _ = _unit_of(column)
     told = side_of(column.spec.comment)
     top = max(abs(column.spec.minimum or 0.0), abs(column.spec.maximum or 0.0))
-    unit = ("rad" if 0 < top < 3.3 else "deg") if key == "azimuth" and not dimension else ""
-    strange = "" if unit or not _unit_instead(column) else column.spec.unit.strip()
+    form = _form_of(key, column)
+    unit = ("rad" if 0 < top < 3.3 else "deg") if key == "azimuth" and not (dimension or form) else ""
+    strange = "" if unit or form or not _unit_instead(column) else column.spec.unit.strip()
     why = "by name" + (f"; the DBC's comment says positive to the {'left' if told > 0 else 'right'}" if told else "")
     why += f"; the DBC's unit '{strange}' is not known" if strange else ""
     why += f"; {unit} by the DBC's range" if unit else ""
     sure = key in {"range", "x", "width", "length", "score"} and not strange
-    return Choice(_reference(column, negative=told < 0, unit=unit), why, guess=not sure, ask="sign")
+    return Choice(_reference(column, negative=told < 0, unit=unit, form=form), why, guess=not sure, ask="sign")

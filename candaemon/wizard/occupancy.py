@@ -10,6 +10,8 @@ from typing import Final
 import numpy as np
 
 from candaemon.arrays import Booleans, Floats, Indices
+from candaemon.dbc.bits import representable_raw
+from candaemon.dbc.types import SignalSpec
 from candaemon.wizard.object_table import ObjectColumn, ObjectTable
 from candaemon.wizard.vocabulary import role_of, words
 
@@ -190,6 +192,19 @@ def _new_by(states: _States) -> Test:
     """Return the condition of a new object by a table of values."""
     bound = _bound(states.column, states.first)
     return Test(states.column.name, bound, "by the DBC's table of values", guess=True)
+
+
+def unknown_raws(spec: SignalSpec) -> dict[int, str]:
+    """Return the values of a measured signal of which the DBC's table says that they are no measurement, and its words.
+
+    Args:
+        spec: of the signal; of a state, or a flag, there are none.
+    """
+    if spec.is_float or spec.length <= _STATE_BITS:
+        return {}
+    low, high = representable_raw(spec)
+    texts = {raw: _plain(text) for raw, text in (spec.choices or {}).items() if low <= raw <= high}
+    return {raw: text for raw, text in texts.items() if _NOT_KNOWN.search(text) or _GONE.search(text)}
 
 
 def _plain(text: str) -> str:

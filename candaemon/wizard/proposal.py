@@ -225,18 +225,22 @@ def _by_names(found: Sequence[tuple[Path, Layout]], databases: Table[Path, Datab
     heard: list[Heard] = named_signals(others)
     own = with_gear(find_own_motion(heard, None), others, None)
     if own is not None:
-        signals = {key: replace(choice, why="by name", guess=True) for key, choice in own.signals.items()}
+        signals = {key: replace(choice, why=_named(choice), guess=True) for key, choice in own.signals.items()}
         own = _asked_own(replace(own, signals=signals), ask)
     sensors: list[Sensor] = []
     for path, layout in found:
-        mapped = map_by_names(layout)
-        mapped.choices = {key: ask(f"front.signals.{key}", choice) for key, choice in mapped.choices.items()}
+        mapped, name = map_by_names(layout), _name(sensors, layout)
+        mapped.choices = {key: ask(f"{name}.signals.{key}", choice) for key, choice in mapped.choices.items()}
         told = layout.parts[0].messages[0].cycle_time
         cycle = Choice(f"{told or 0.05:.4g}", "s, by the DBC" if told else "s between scans", guess=told is None)
         closing = _closing_by_names(layout, databases[path], float(cycle.value))
-        name = _name(sensors, layout)
         sensors.append(Sensor(name, path, layout, -1, cycle, mapped, closing, None, (), frozenset()))
     return Proposal(tuple(sensors), own, databases, None)
+
+
+def _named(choice: Choice) -> str:
+    """Return what speaks for a signal of own motion without a log: its name, and what is to be said of its unit."""
+    return choice.why if choice.why.startswith("by name") else f"by name; {choice.why}" if choice.why else "by name"
 
 
 def _closing_by_names(layout: Layout, database: Database, cycle: float) -> Closing:

@@ -30,6 +30,7 @@ _ROLES: Final[tuple[tuple[str, str, int], ...]] = (
         "(dx|dy|vx|vy|ax|x|y) (sigma|std|rms)|rcs|snr|amplitude|power|db|height|elevation|dz|z|vz|zeros|unused",
         9,
     ),
+    ("none", f"(cos|cosine)|{_ANY}(cos|cosine) .*|.* (cos|cosine)", 9),
     ("checksum", "(checksum|chksum|chk|crc|cks|csum|checks)", 8),
     ("counter", "(rolling|alive|message|msg|scan|cycle|meas)? ?(counter|cntr|cnt|count|rolling count|alive)", 8),
     ("counter", "(rolling|alive) .*", 8),
@@ -43,7 +44,7 @@ _ROLES: Final[tuple[tuple[str, str, int], ...]] = (
     ("vx", f"{_ANY}{_SPEED} {_AHEAD}|vx|vlong|xvel", 8),
     ("range_rate", f"{_ANY}({_FAR} (rate|rt|rat|speed|spd|velocity|vel|dot)|doppler|rdot|vr|vrad|rr|rangerate)", 8),
     ("range_rate", f"{_ANY}(radial v|v radial|v rad)", 8),
-    ("range_rate", f"{_ANY}(rel|relative) {_RATE}|vrel|relv|relspeed|relvel|v rel", 7),
+    ("range_rate", f"{_ANY}(rel|relative) {_RATE}|{_ANY}{_RATE} (rel|relative)|vrel|relv|relspeed|relvel", 7),
     ("range_rate", f"{_ANY}(speed|spd|velocity|vel|rate|gschw|geschw|geschwindigkeit)", 4),
     ("azimuth", f"{_ANY}(azimuth|azimut|azi|az|azmth|angle|ang|bearing|theta|phi|alpha|winkel)( .*)?", 7),
     ("heading", f"{_ANY}(orientation|heading|yaw)( angle| ang)?", 8),
@@ -134,6 +135,17 @@ def role_of(name: str) -> tuple[str, int]:
         else:
             break
     return ("", 0) if best[0] == "none" else best
+
+
+def angle_form(name: str) -> str:
+    """Return what of an angle a signal's name says that it gives: `sine` or `slope`; empty: the angle."""
+    told = set(words(name))
+    return "sine" if told & {"sin", "sine"} else "slope" if told & {"tan", "tangent"} else ""
+
+
+def says_absolute(name: str) -> bool:
+    """Return whether a speed's name says that it is one over ground."""
+    return bool(set(words(name)) & {"abs", "absolute", "ground"})
 
 
 _POSITIVE: Final = r"(\+|positive|pos\.?) *(is |= *|to (the )?|values? (are |mean )?)*"

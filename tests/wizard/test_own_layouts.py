@@ -396,3 +396,71 @@ def test_a_list_whose_numbers_are_places_is_closed_by_counts_that_add_up(tmp_pat
     assert isinstance(sensor.scan, HeaderScan)
     assert sensor.scan.count == ("Cluster_NofClustersNear", "Cluster_NofClustersFar")
     assert sensor.scan.counter == "Cluster_MeasCounter"
+
+
+SIGNALS = "BO_ {number} OBJ{slot}: 8 RADAR\n{signals}"
+
+
+def told_by_names(folder: Path, *signals: str, tables: str = "") -> str:
+    """Return what `init` writes of four objects with these signals, without a log; it can be used."""
+    lines = "".join(f" SG_ {signal} CAR\n" for signal in signals)
+    messages = [SIGNALS.format(number=600 + slot, slot=slot, signals=lines) for slot in range(4)]
+    (folder / "own.dbc").write_text(HEAD + "".join(messages) + tables, encoding="utf-8")
+    found = folder / "found.yaml"
+    assert main(["init", str(folder / "own.dbc"), "-o", str(found), "--yes"]) == 0
+    bind(load_config(found))
+    return found.read_text(encoding="utf-8")
+
+
+ASIDE = 'Angle : 16|16@1- (0.01,0) [-90|90] "deg"'
+AHEAD = 'DistX : 0|16@1+ (0.01,0) [0|0] "m"', 'DistY : 16|16@1- (0.01,0) [0|0] "m"'
+
+
+def test_a_distance_ahead_beside_a_direction_is_a_guess(tmp_path: Path) -> None:
+    told = told_by_names(tmp_path, 'LongDist : 0|16@1+ (0.01,0) [0|300] "m"', ASIDE)
+    assert "range: LongDist # guess: by name; called a distance ahead" in told
+
+
+def test_values_that_are_no_measurement_by_the_table_are_not_known(tmp_path: Path) -> None:
+    tables = "".join(f'VAL_ {600 + slot} DistX 65535 "Invalid" 65534 "SNA" 7 "near" ;\n' for slot in range(4))
+    told = told_by_names(tmp_path, *AHEAD, tables=tables)
+    assert "x: {signal: DistX, unknown_raw: [65535, 65534]} # by name; not known where the DBC's table says" in told
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("SinAzimuth", "{signal: SinAzimuth, form: sine}"), ("TanAngle", "{signal: TanAngle, form: slope}")],
+)
+def test_sine_and_slope_are_told_by_the_name(tmp_path: Path, name: str, told: str) -> None:
+    cosine = 'CosAzimuth : 48|16@1- (0.0001,0) [0|0] ""'
+    signals = cosine, 'Range : 0|16@1+ (0.01,0) [0|0] "m"', f'{name} : 16|16@1- (0.0001,0) [0|0] ""'
+    assert f"azimuth: {told} # guess" in told_by_names(tmp_path, *signals)
+
+
+def test_of_two_speeds_the_relative_one_is_taken(tmp_path: Path) -> None:
+    absolute = 'AbsVelX : 32|16@1- (0.01,0) [0|0] "m/s"'
+    both = told_by_names(tmp_path, *AHEAD, absolute, 'RelVelX : 48|16@1- (0.01,0) [0|0] "m/s"')
+    assert "vx: RelVelX" in both
+    assert "absolute" not in both
+    found = tmp_path / "found.yaml"
+    found.unlink()
+    alone = told_by_names(tmp_path, *AHEAD, absolute)
+    assert "vx: AbsVelX" in alone
+    assert "rates: absolute # guess: by its name" in alone
+
+
+def test_units_as_volkswagen_writes_them_are_known(tmp_path: Path) -> None:
+    speed = 'VelX : 32|16@1- (0.01,0) [0|0] "Unit_KiloMeterPerHour"'
+    told = told_by_names(tmp_path, *(each.replace('"m"', '"Unit_Centimeter"') for each in AHEAD), speed)
+    assert "x: DistX #" in told
+    assert "vx: VelX #" in told
+    of = bind(load_config(tmp_path / "found.yaml"))
+    gains = {each.quantity: each.gain for each in of.sensors[0].reader.bindings}
+    assert gains == pytest.approx({"x": 0.01, "y": 0.01, "vx": 1 / 3.6})
+
+
+def test_one_of_several_objects_in_a_message_is_a_guess(tmp_path: Path) -> None:
+    (tmp_path / "meb.dbc").write_bytes((ROOT / "dbc" / "volkswagen_meb.dbc").read_bytes())
+    assert main(["init", str(tmp_path / "meb.dbc"), "-o", str(tmp_path / "found.yaml"), "--yes"]) == 0
+    told = (tmp_path / "found.yaml").read_text(encoding="utf-8")
+    assert "front: # guess: MEB_Distance_01 seems to hold 6 objects, of which Same_Lane_01_Long_Distance is one" in told
