@@ -22,6 +22,7 @@ _ACROSS = 4.0  # m/s across it, which is known worst
 _DEVIATIONS = 3.0  # standard deviations of a velocity by which it may differ beyond that: of what is young, many m/s
 _CONVOY = 4.0  # m/s over ground; what is slower is in no convoy
 _NEARING = 0.7  # m/s along the line of sight, relative to the sensor, that tell an image of what is in no convoy
+_PASSING = 1.0  # m/s across the line of sight, likewise, where twice that is surely told from it
 _MOVES = 2.0  # m/s; slower, its image is not told from what is there: who walks has company on the other side of a rail
 _STANDS = 0.5  # probability of standing; what is at twice the distance of what stands comes as fast as what is met
 _DROVE = 4.0  # m/s; what was once as fast is a vehicle, and a long row mirrors it when it is slow too
@@ -78,11 +79,27 @@ def _doubled(
     any_part = np.hypot(velocity[sources, 0], velocity[sources, 1]) > _CONVOY
     any_part = any_part & (bodies.filter.probability[candidates, STANDING] < _STANDS)[:, None]
     away = np.where(any_part, 2 * _beyond(bodies, sources, 0.5 * apart), np.hypot(apart[..., 0], apart[..., 1]))
-    near = (away < _PLACE) & (nearing | (hidden & brief[:, None]))
     spread = moments.shown_covariance[:, VELOCITY, VELOCITY]
     faster = velocity[candidates, None] - 2 * velocity[sources]
+    passing = _crosses_twice_as_fast(faster, velocity[sources], spread[candidates], sight)
+    near = (away < _PLACE) & (nearing | passing | (hidden & brief[:, None]))
     near &= _as_fast(faster, spread[candidates, None] + 4 * spread[sources], sight, 2 * _ACROSS)
     return np.asarray(near)
+
+
+def _crosses_twice_as_fast(faster: Floats, velocity: Floats, spread: Floats, sight: Floats) -> Booleans:
+    """Return which candidates cross the line of sight twice as fast as which sources, rather than as fast (m, s).
+
+    Args:
+        faster: than twice the sources' velocities, relative to the sensor (m, s, 2), m/s.
+        velocity: of the sources, likewise (s, 2).
+        spread: covariances of the candidates' velocities (m, 2, 2).
+        sight: unit vectors to the sources (s, 2).
+    """
+    left = np.stack([-sight[:, 1], sight[:, 0]], axis=1)
+    across = np.abs((velocity * left).sum(axis=1))
+    unsure = np.sqrt(np.einsum("si,mij,sj->ms", left, spread, left))
+    return np.asarray((across > _PASSING) & (np.abs((faster * left).sum(axis=2)) + unsure < 0.5 * across))
 
 
 def _beyond(bodies: Bodies, sources: Indices, apart: Floats) -> Floats:

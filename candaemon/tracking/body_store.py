@@ -738,7 +738,7 @@ class Bodies:
             column = getattr(obstacles, name)
             column[young], column[old] = column[old], column[young]
         obstacles.sensors[young] |= obstacles.sensors[old]
-        if obstacles.length_variance[old] < obstacles.length_variance[young]:
+        if obstacles.length_variance[old] <= obstacles.length_variance[young]:
             for name in ("length", "width", "length_variance", "width_variance"):
                 column = getattr(obstacles, name)
                 column[young] = column[old]

@@ -104,6 +104,7 @@ def note_strays(
             settings.patience,
             _NEAREST,
         )
+        _drive_on(bodies, rows, measurement, settings)
         return
     place, velocity = trail[rows, :2], trail[rows, 2:]
     expected = place + dt[:, None] * velocity
@@ -126,9 +127,28 @@ def note_strays(
     walks = (speed > slowest) & (speed < stray.running)
     stands = ~lost & (speed < np.maximum(_STILL * slow, _PERHAPS * unsure))
     share, time = np.where(walks, walked[rows] + share, 0.0), np.where(stands, stood[rows] + dt, 0.0)
-    rows = rows[usable]
+    every, rows = rows, rows[usable]
     trail[rows, :2], trail[rows, 2:], reflections.trail_ns[rows] = followed[usable], velocity[usable], time_ns
     walked[rows], stood[rows] = share[usable], time[usable]
+    _drive_on(bodies, every, measurement, settings)
+
+
+def _drive_on(bodies: Bodies, rows: Indices, measurement: Measurement, settings: ReflectionSettings) -> None:
+    """Let reflections not have stood that surely move as their measured speeds tell, wherever they seem to lie.
+
+    Where a vehicle slides by, what is seen of it stays where it is, and its speed does not.
+    """
+    if not np.count_nonzero(stood := bodies.reflections.stood.take(rows)):
+        return
+    slow, moves = settings.stood.speed, np.zeros(len(rows), dtype=np.bool_)
+    for part in measurement.projections:
+        moves |= np.abs(part.value) > slow + _SURELY * np.sqrt(part.variance)
+    if measurement.range_rate is not None and measurement.range_rate_variance is not None:
+        sight = measurement.position - measurement.origin
+        sight /= np.maximum(lengths(sight), _LEAST_STEP)[:, None]
+        along = measurement.range_rate + sight @ measurement.velocity
+        moves |= np.abs(along) > slow + _SURELY * np.sqrt(measurement.range_rate_variance)
+    bodies.reflections.stood[rows] = np.where(moves, 0.0, stood)
 
 
 def strays(bodies: Bodies, settings: ReflectionSettings, time_ns: int) -> Indices | None:

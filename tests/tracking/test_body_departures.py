@@ -52,3 +52,15 @@ def test_who_takes_up_a_course_keeps_its_reflections_where_they_are() -> None:
     bodies.take_up(0, 1)
     assert obstacles.axis[0].tolist() == [0.0, 1.0]
     assert bodies.offsets() == pytest.approx(before)
+
+
+def test_who_takes_up_an_identity_takes_up_the_size_that_reflections_showed() -> None:
+    """To a radar that tells no sizes all are known as well: what reflections showed goes with how far they reached."""
+    fed = HandFedVehicles()
+    for t in times(1, 40):
+        fed.scan(t, [car(1, t, 40.0), car(9, t, -20.0, 30.0)])
+    obstacles = fed.tracker._bodies.obstacles
+    obstacles.length[1], obstacles.width[1], obstacles.extent[1] = 14.0, 2.5, 13.6
+    assert obstacles.length_variance[0] == obstacles.length_variance[1]
+    fed.tracker._bodies.take_up(0, 1)
+    assert (obstacles.length[0], obstacles.width[0], obstacles.extent[0]) == (14.0, 2.5, 13.6)

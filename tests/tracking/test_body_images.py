@@ -193,3 +193,22 @@ def test_what_stopped_beside_a_rail_has_an_image_behind_it(posts: range, across:
         row = told.used_row[told.used_object == 2]
         states += told.state[row].tolist()
     assert states[-1] == last
+
+
+@pytest.mark.parametrize(("times", "held"), [(2.0, True), (1.0, False)], ids=["its echo", "as fast as it"])
+def test_who_crosses_has_an_image_at_twice_the_distance(times: float, held: bool) -> None:
+    """It nears not at all where it passes before us: that it crosses twice as fast tells its image."""
+    settings = TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}, "lifecycle": {"confirm": 4}})
+    tracker, states = VehicleTracker(settings, {}), []
+    rng = np.random.default_rng(1)
+    for k in range(70):
+        time, across = k * CYCLE, -15.0 + 9.0 * k * CYCLE
+        shown = [Seen(1, 20.0, across, 0.0, 9.0)]
+        if k >= 20:  # 6 m before it passes
+            shown.append(Seen(2, 40.0, 2 * -6.0 + times * 9.0 * (time - 20 * CYCLE), 0.0, times * 9.0))
+        noise = 0.1 * rng.normal(size=(len(shown), 2))
+        seen = [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(shown, noise, strict=True)]
+        at = pose(time)
+        told = tracker.step(detections(at, seen, sensor=0, noise=(0.2, 0.2, 0.1)), at)
+        states += told.state[told.used_row[told.used_object == 2]].tolist()
+    assert (set(states) == {TENTATIVE}) == held

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from candaemon import compiled
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
 from candaemon.estimation.measurement import Measurement
@@ -15,6 +16,7 @@ from candaemon.tracking.body_association import beside
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.obstacles import CONFIRMED, PEDESTRIAN, TENTATIVE, Obstacles
+from candaemon.tracking.straying import note_strays
 from tests.support.builders import HandFedVehicles, Seen, times
 
 WALKS, STANDS_UNTIL = 1.4, 2.0
@@ -257,3 +259,27 @@ def test_what_drives_off_shows_both_sides_of_one_vehicle() -> None:
         return [Seen(side, 10.0 + 0.6 * t * t, 0.9 * side, speed) for side in (0, 1)]
 
     assert len(told_of(leaving, 8.0)) == 1
+
+
+@pytest.mark.parametrize(("rate", "stands"), [(0.1, True), (-2.0, False), (np.nan, True)])
+@pytest.mark.parametrize("by_kernels", [True, False])
+def test_what_drives_by_its_speed_has_not_stood(
+    rate: float, stands: bool, by_kernels: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is seen of a vehicle beside us may slide along it as fast as it drives on: its place stands."""
+    if by_kernels and not compiled.in_use:
+        pytest.skip("no compiled kernels")
+    monkeypatch.setattr(compiled, "in_use", by_kernels)
+    bodies, settings = Bodies(VehicleEstimatorSettings(kind="vehicle"), Identities()), ReflectionSettings()
+    modes = bodies.filter.probability.shape[1]
+    still, spread = np.zeros((1, modes, 2)), np.tile(np.eye(2) * 0.01, (1, modes, 1, 1))
+    place = np.array([[8.0, 3.0]])
+    bodies.filter.spawn(place, np.eye(2)[None] * 0.04, still, spread, np.full((1, modes), 1 / modes))
+    bodies.add(0, np.array([1.0, 0.0]), 4.5, 1.8)
+    bodies.add_reflection(0, 0, 0, 0, np.zeros(2))
+    row, none = np.array([0]), np.zeros(2)
+    for k in range(20):
+        told, variance = (np.array([rate]), np.array([0.01])) if k else (None, None)
+        measurement = Measurement(place, np.eye(2)[None] * 0.04, none, none, told, variance)
+        note_strays(bodies, row, row, measurement, (k + 1) * 50_000_000, settings)
+    assert (bodies.reflections.stood[0] > 0.5) == stands
