@@ -242,8 +242,13 @@ def doubts(figures: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def require_used(log: Path, figures: Mapping[str, Any]) -> None:
+def require_used(log: Path, figures: Mapping[str, Any], then: str = "nothing is written") -> None:
     """Refuse a log of which nothing can be tracked.
+
+    Args:
+        log: its name.
+        figures: of `summarise`, or those of `received` with the log's own.
+        then: what becomes of it.
 
     Raises:
         InputError: it has not one usable frame of any sensor, or own motion was not known in any scan.
@@ -260,8 +265,7 @@ def require_used(log: Path, figures: Mapping[str, Any]) -> None:
         return
     others = ", ".join(list(figures["log"]["other_channels"])[:_CHANNELS_NAMED]) or "none"
     raise InputError(
-        f"{wrong}; log channels no bus takes: {others}; check each bus's channel, or use --map CHANNEL=BUS; nothing is "
-        "written",
+        f"{wrong}; log channels no bus takes: {others}; check each bus's channel, or use --map CHANNEL=BUS; {then}",
         file=log,
     )
 

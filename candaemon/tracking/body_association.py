@@ -397,7 +397,7 @@ def beside(
     axis = obstacles.axis[owner]
     place = to_travel_axes(measurement.position[left, None] - mean[None, :, :2], axis)
     reach = to_travel_axes(measurement.position[left, None] - bodies.moments().shown[owner, :2], axis)
-    longest = np.maximum(obstacles.length[owner] + extent.along, extent.along)
+    longest = obstacles.length[owner] + extent.along
     close = (
         (np.abs(place[..., 0]) < np.minimum(extent.along, obstacles.length[owner] + extent.edge))
         & (np.abs(place[..., 1]) < extent.across)

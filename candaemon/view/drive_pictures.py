@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, pairwise
 from pathlib import Path
@@ -21,8 +22,11 @@ from candaemon.pipeline.pipeline import Pipeline
 from candaemon.pipeline.saved_state import fingerprint
 from candaemon.playback.recording_files import runs_of
 from candaemon.playback.replay import begun_runs, channel_indices, last_cycles
+from candaemon.playback.summary import doubts, received, require_used
 from candaemon.view.painter import Painter
 from candaemon.view.picture import Picture
+
+logger = logging.getLogger(__name__)
 
 _STEP_NS: Final = 100_000_000
 
@@ -42,12 +46,14 @@ def pictures_of_log(
         progress: called once a picture.
 
     Raises:
-        InputError: there is no such log, or it holds no frame of the configured buses.
+        InputError: there is no such log, it holds no frame of the configured buses, or nothing can be
+            tracked with what it holds: said at the end.
     """
     indices, counts = channel_indices(binding, dict(channels or {})), LogCounts()
     recorded = runs_of(logs, fingerprint(binding))
     for each in chain.from_iterable(run.logs for run in recorded):
         check_log(each)
+    shows = False
     for run, pipeline in begun_runs(binding, recorded):
         painter = Painter(pipeline)
         sequence = ReorderBuffer(round(binding.settings.ordering_window * 1e9))
@@ -55,10 +61,17 @@ def pictures_of_log(
         blocks = reader.by_time(run.logs) if run.by_time else reader.consecutive(run.logs)
         cycles = pipeline.run_blocks(_in_steps(sequence.sequenced_blocks(blocks)))
         for cycle in chain(cycles, last_cycles(run, pipeline)):
-            yield painter.paint(cycle)
+            picture = painter.paint(cycle)
+            shows = shows or len(picture) > 0
+            yield picture
             if progress is not None:
                 progress(counts)
+        got = received(pipeline)
+        for doubt in doubts(got):
+            logger.warning("%s", doubt)
     counts.require_frames(logs[0])
+    if not shows:
+        require_used(logs[0], {**got, "log": {"other_channels": counts.other_channels}}, "nothing can be shown")
 
 
 def _in_steps(blocks: Iterable[ItemBlock]) -> Iterator[ItemBlock]:

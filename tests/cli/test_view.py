@@ -20,7 +20,9 @@ from candaemon.binding.bind import bind
 from candaemon.cli import view, watch
 from candaemon.cli.main import main
 from candaemon.config.load import load_config
+from candaemon.errors import InputError
 from candaemon.view.character_radar import drawn
+from candaemon.view.drive_pictures import pictures_of_log
 from tests.support.paths import ROOT
 from tests.support.recorded import as_log, highway
 from tests.support.viewing import demo_pictures
@@ -204,3 +206,14 @@ def test_encoded_pictures_are_small() -> None:
     picture = max(demo_pictures(), key=len)
     assert len(picture.encoded()) < 400 * len(picture) + 4000
     json.loads(picture.encoded())
+
+
+def test_a_log_without_own_motion_is_told(log: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    of = bind(load_config(ROOT / "config" / "esr_ins.yaml"))
+    (ins,) = (bus.settings.channel for bus in of.buses if bus.name == "ins")
+    blind, lines = tmp_path / "blind.log", log.read_text(encoding="ascii").splitlines(keepends=True)
+    blind.write_text("".join(line for line in lines if line.split()[1] != ins), encoding="ascii")
+    pictures = pictures_of_log(of, [blind])
+    with pytest.raises(InputError, match=r"own motion was not known in any of .*; nothing can be shown"):
+        list(pictures)
+    assert "own motion was never known" in caplog.text
