@@ -16,7 +16,10 @@ Dimension: TypeAlias = Literal["length", "angle", "speed", "rate", "acceleration
 UNITS: Final[dict[str, tuple[Dimension, float]]] = {
     **dict.fromkeys(("m", "meter", "metre"), ("length", UNIT_FACTORS["m"])),
     **{name: ("length", factor) for name, factor in (("mm", 1e-3), ("cm", 1e-2), ("dm", 1e-1), ("km", 1e3))},
-    **{f"{name}meter": ("length", factor) for name, factor in (("milli", 1e-3), ("centi", 1e-2), ("deci", 1e-1))},
+    **{
+        f"{name}meter": ("length", factor)
+        for name, factor in (("milli", 1e-3), ("centi", 1e-2), ("deci", 1e-1), ("kilo", 1e3))
+    },
     **dict.fromkeys(("ft", "feet", "foot"), ("length", 0.3048)),
     **dict.fromkeys(("deg", "degree", "°", "ø", "degreeofarc", "degreofarc"), ("angle", UNIT_FACTORS["deg"])),
     **dict.fromkeys(("rad", "radian"), ("angle", 1.0)),
@@ -36,9 +39,9 @@ UNITS: Final[dict[str, tuple[Dimension, float]]] = {
         ("m/s^2", "m/s2", "m/s²", "m/s/s", "meter/s/s", "meter/s^2", "m/s**2", "mpss"), ("acceleration", 1.0)
     ),
     **dict.fromkeys(("g", "g-force"), ("acceleration", UNIT_FACTORS["g"])),
-    **dict.fromkeys(("1/m", "m^-1", "rad/m"), ("curvature", 1.0)),
+    **dict.fromkeys(("1/m", "m^-1", "rad/m", "1/meter"), ("curvature", 1.0)),
     **dict.fromkeys(("s", "second"), ("time", 1.0)),
-    "ms": ("time", 1e-3),
+    **dict.fromkeys(("ms", "millis"), ("time", 1e-3)),
     **dict.fromkeys(("us", "µs", "μs"), ("time", 1e-6)),
     "ns": ("time", 1e-9),
     **dict.fromkeys(("%", "percent"), ("number", 0.01)),
@@ -72,6 +75,7 @@ SI_NAMES: Final[dict[Dimension, str]] = {
 }
 
 _PER: Final = re.compile("per(?!cent)")
+_SQUARED: Final = re.compile("squar(ed?)?$")
 
 DEFAULT_UNITS: Final = Units()
 """SI, and no word on angles."""
@@ -80,9 +84,8 @@ DEFAULT_UNITS: Final = Units()
 def normalised_unit(unit: str) -> str:
     """Bring a unit's text into one form: `Meters/Sec` and `Unit_MeterPerSecon` become `meter/s`."""
     text = unit.strip().strip("[]").lower().replace(" ", "").removeprefix("unit_")
-    text = _PER.sub("/", text).replace("seconds", "s").replace("second", "s").replace("secon", "s")
+    text = _PER.sub("/", _SQUARED.sub("^2", text)).replace("seconds", "s").replace("second", "s").replace("secon", "s")
     text = text.replace("sec", "s").replace("hour", "h").replace("hr", "h").replace("metre", "meter")
-    text = text.replace("squared", "^2").replace("squar", "^2")
     for plural in ("meters", "degrees", "radians"):
         text = text.replace(plural, plural[:-1])
     return text

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from typing import Any
 
+from candaemon.can_io.multicast_group import GroupMembership
 from candaemon.can_io.port import Controller, PortRequest
 from candaemon.can_io.receive_buffer import SO_RXQ_OVFL, ReceiveDrops, size_receive_buffer
 from candaemon.can_io.recvmmsg import DatagramBatch
@@ -26,8 +27,7 @@ from candaemon.frames.frame_block import FD_LENGTHS
 PORT = 43_113
 """UDP port where the options give none, as python-can has it."""
 
-_SO_TIMESTAMPNS, _IP_MULTICAST_ALL, _IPV6_MULTICAST_ALL = 35, 49, 29  # Linux; the socket module does not name them
-_INDEX = struct.Struct("@I")
+_SO_TIMESTAMPNS = 35  # Linux; the socket module does not name it
 _HEADER = f"{struct.calcsize('@Nii')}x"
 _CONTROL = struct.calcsize("@Nii2l0NNiiI0N")
 _LONGEST = 512
@@ -74,11 +74,11 @@ class UdpMulticastPort:
         with ExitStack() as opened:
             self._sending = opened.enter_context(_sender(family, address, hops))
             self._own = _sockaddr(*self._sending.getsockname())
-            self._hearing = self._sending
+            self._hearing, self._membership = self._sending, None
             if request.ids is None or request.ids:
-                self._hearing = opened.enter_context(_listener(family, address))
+                self._hearing, self._membership = _listener(family, address)
+                opened.enter_context(self._hearing)
                 size_receive_buffer(self._hearing, request, _DATAGRAM_BYTES)
-            self._family, self._address = family, address
             self._drops = ReceiveDrops(self._hearing, request.counts)
             self._record = struct.Struct(f"{_RECORD} {len(self._own)}s 0N")
             self._datagrams = DatagramBatch(_BATCH, _LONGEST, _CONTROL, self._record.size - _LONGEST - _CONTROL)
@@ -116,30 +116,29 @@ class UdpMulticastPort:
         return len(frames)
 
     def check(self) -> None:
-        """Count what was lost behind the last frame, and look whether the group is still heard.
+        """Count what was lost behind the last frame, and look whether the group can still be heard.
 
         Raises:
-            OSError: it is not: an interface that is deleted takes the membership along, and gives none back when it
-                comes again.
+            OSError: it cannot.
         """
         self._drops.look()
-        if self._hearing is not self._sending and not _is_member(self._hearing, self._family, self._address):
-            raise OSError(errno.ENODEV, "the interface was deleted, and the group is joined no longer")
+        if self._membership is not None:
+            self._membership.check()
 
     def close(self) -> None:
         """Leave the group; count what was lost behind the last frame, and what had come and nobody has read."""
         with self._opened:
-            if self._hearing is not self._sending and self._hearing.fileno() >= 0:
-                self._count_unread()
+            if self._membership is not None and self._hearing.fileno() >= 0:
+                self._count_unread(self._membership)
 
-    def _count_unread(self) -> None:
+    def _count_unread(self, membership: GroupMembership) -> None:
         """Let nothing more come; count what there is.
 
         Raises:
             OSError: the network is gone.
         """
         with suppress(OSError):
-            _leave(self._hearing, self._family, self._address)
+            membership.leave()
         self._drops.look()
         taken = _BATCH
         while taken == _BATCH:
@@ -277,67 +276,18 @@ def _sender(family: socket.AddressFamily, address: Any, hops: int) -> socket.soc
     return sending
 
 
-def _listener(family: socket.AddressFamily, address: Any) -> socket.socket:
-    """Return a socket that hears the group and no other."""
+def _listener(family: socket.AddressFamily, address: Any) -> tuple[socket.socket, GroupMembership]:
+    """Return a socket that hears the group and no other, and its membership."""
     hearing = socket.socket(family, socket.SOCK_DGRAM)
     try:
         for option in (socket.SO_REUSEADDR, socket.SO_REUSEPORT, _SO_TIMESTAMPNS, SO_RXQ_OVFL):
             hearing.setsockopt(socket.SOL_SOCKET, option, 1)
         hearing.setblocking(False)
         # before it is bound, so that whoever sees it bound can rely on its hearing all
-        _join(hearing, family, address)
+        membership = GroupMembership(hearing, address)
         # bound to any address it would hear every group that this machine has joined on the port
         hearing.bind(address)
     except OSError:
         hearing.close()
         raise
-    return hearing
-
-
-def _join(hearing: socket.socket, family: socket.AddressFamily, address: Any) -> None:
-    """Let a socket hear a group.
-
-    Raises:
-        OSError: there is no interface for it; with `EADDRINUSE`, the socket hears it already.
-    """
-    if family == socket.AF_INET:
-        hearing.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(family, address))
-    else:
-        hearing.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, _membership(family, address))
-
-
-def _is_member(hearing: socket.socket, family: socket.AddressFamily, address: Any) -> bool:
-    """Return whether a socket hears a group: the kernel says so to whom joins it again.
-
-    Raises:
-        OSError: there is no interface for it.
-    """
-    try:
-        _join(hearing, family, address)
-    except OSError as error:
-        if error.errno != errno.EADDRINUSE:
-            raise
-        if family == socket.AF_INET6 and address[3]:  # such a socket stays a member of what is no more
-            socket.if_indextoname(address[3])
-        return True
-    return False
-
-
-def _leave(hearing: socket.socket, family: socket.AddressFamily, address: Any) -> None:
-    """Let a socket hear nothing more, even where others of this machine are members of the group.
-
-    Raises:
-        OSError: the network is gone.
-    """
-    if family == socket.AF_INET:
-        hearing.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
-        hearing.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, _membership(family, address))
-    else:
-        hearing.setsockopt(socket.IPPROTO_IPV6, _IPV6_MULTICAST_ALL, 0)
-        hearing.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_LEAVE_GROUP, _membership(family, address))
-
-
-def _membership(family: socket.AddressFamily, address: Any) -> bytes:
-    """Return a group as a socket joins and leaves it."""
-    packed = socket.inet_pton(family, address[0].partition("%")[0])
-    return packed + _INDEX.pack(socket.INADDR_ANY if family == socket.AF_INET else address[3])
+    return hearing, membership

@@ -140,7 +140,7 @@ class Recorder(Observer):
             self._detector.go_on_from(former)
             self._pipeline = daemon.pipeline
             self._reason = "reload"
-            if has_begun:
+            if has_begun and not self._paused and self._disk.refusals == self._refusals:
                 self._begin(self._last_ns)
 
     def on_stop(self, daemon: DaemonView) -> None:  # noqa: ARG002  # an observer's signature

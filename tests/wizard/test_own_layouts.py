@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from candaemon.binding.bind import bind
+from candaemon.binding.bind_signal import UNITS, normalised_unit
 from candaemon.binding.bound import Binding
 from candaemon.can_io.logs.stream import LogCounts
 from candaemon.cli.main import main
@@ -457,6 +458,22 @@ def test_units_as_volkswagen_writes_them_are_known(tmp_path: Path) -> None:
     of = bind(load_config(tmp_path / "found.yaml"))
     gains = {each.quantity: each.gain for each in of.sensors[0].reader.bindings}
     assert gains == pytest.approx({"x": 0.01, "y": 0.01, "vx": 1 / 3.6})
+
+
+@pytest.mark.parametrize(
+    ("unit", "known"),
+    [
+        ("Unit_MeterPerSeconSquar", "m/s^2"),
+        ("Meter per second squared", "m/s^2"),
+        ("Unit_DegreOfArcPerSecon", "deg/s"),
+        ("Unit_KiloMeter", "km"),
+        ("Unit_MilliSecon", "ms"),
+        ("Unit_PerCent", "%"),
+        ("1 per meter", "1/m"),
+    ],
+)
+def test_units_in_words_are_known(unit: str, known: str) -> None:
+    assert UNITS[normalised_unit(unit)] == UNITS[known]
 
 
 def test_one_of_several_objects_in_a_message_is_a_guess(tmp_path: Path) -> None:
