@@ -323,10 +323,11 @@ def _map_distance(mapped: Mapping, table: ObjectTable, far: str, own: OwnMotion 
     if moved is not None and moved.samples and abs(moved.value + 1) < 0.1:
         why = f"nears by {-moved.value:.3f} of the way driven ({moved.samples:,} samples of what stands)"
         choice = Choice(_reference(column), why if dimension else f"{why}: metres")
+        may_be_ahead = moved.value + 1 < 2 * moved.deviation  # a distance along the line of sight changes by less
     else:
         why = "by name" + ("" if dimension else "; the DBC names no unit: m")
-        choice = Choice(_reference(column), why, guess=not dimension)
-    mapped.choices[key] = _as_called(choice, key, column)
+        choice, may_be_ahead = Choice(_reference(column), why, guess=not dimension), True
+    mapped.choices[key] = _as_called(choice, key, column) if may_be_ahead else choice
     mapped.factors[key] = factor
 
 
