@@ -206,17 +206,21 @@ class LiveBuses:
         """Return what has come, in order of time.
 
         A bus that gave all that it may in one reading has more, and older than what others have given: theirs is held
-        back behind its last frame, and they are not read before it has caught up.
+        back behind its last frame, and they are not read before it has caught up. What waits of these is in turn older
+        than what it gives after their last frame.
         """
         frames, self._held = self._held, []
+        last_ns = {frame.bus: frame.time_ns for frame in frames}
         behind = []
         for key, _ in ready:
             bus: LiveBus = key.data
-            if bus.index not in self._ahead:
-                come = bus.receive(READ_LIMIT, now_s)
-                frames += come
-                if len(come) >= READ_LIMIT:
-                    behind.append(come[-1].time_ns)
+            if bus.index in self._ahead:
+                behind.append(last_ns[bus.index])
+                continue
+            come = bus.receive(READ_LIMIT, now_s)
+            frames += come
+            if len(come) >= READ_LIMIT:
+                behind.append(come[-1].time_ns)
         frames.sort(key=_time_of)
         self._ahead.clear()
         if behind:

@@ -31,12 +31,14 @@ class FlakyPort:
         opened: times that it was opened.
         error: what reading raises where it does not exist.
         brings: how many frames it has.
+        apart_ns: between two of them, by the index of the bus.
     """
 
     there = True
     opened = 0
     error: Exception = can.CanOperationError("Network is down")
     brings = 1
+    apart_ns = (1, 1)
     controller: Controller = "active"
 
     def __init__(self, request: PortRequest) -> None:
@@ -56,7 +58,7 @@ class FlakyPort:
             raise self.error
         number = min(limit, self.brings)
         first, self.next = self.next, self.next + number
-        return [Frame(first + k, self.index, 0x123, b"") for k in range(number)]
+        return [Frame((first + k) * self.apart_ns[self.index], self.index, 0x123, b"") for k in range(number)]
 
     def send(self, frames: Sequence[Frame]) -> int:
         return len(frames)
@@ -74,7 +76,7 @@ class FlakyPort:
 @pytest.fixture
 def flaky(monkeypatch: pytest.MonkeyPatch) -> type[FlakyPort]:
     monkeypatch.setitem(PORTS, "flaky", FlakyPort)
-    for name in ("there", "opened", "error", "brings", "controller"):
+    for name in ("there", "opened", "error", "brings", "apart_ns", "controller"):
         monkeypatch.setattr(FlakyPort, name, getattr(FlakyPort, name))
     return FlakyPort
 
@@ -161,6 +163,19 @@ def test_one_bus_that_floods_leaves_the_others_their_turn_and_the_order(flaky: t
     assert [frame.time_ns for frame in frames] == sorted(frame.time_ns for frame in frames)
     assert [frame.time_ns for frame in frames if frame.bus == 1] == [300, 1000]
     assert [frame.time_ns for frame in frames if frame.bus == 0] == list(range(6 * READ_LIMIT))
+
+
+def test_buses_that_all_have_a_backlog_are_read_in_order(flaky: type[FlakyPort]) -> None:
+    flaky.brings, flaky.apart_ns = 10_000, (2, 3)
+    with live(FLAKY, FLAKY) as buses:
+        buses.open()
+        frames = [frame for _ in range(12) for frame in buses.read(0.0)]
+    times = [frame.time_ns for frame in frames]
+    assert times == sorted(times)
+    for bus, apart_ns in enumerate(flaky.apart_ns):
+        mine = [frame.time_ns for frame in frames if frame.bus == bus]
+        assert mine == list(range(0, apart_ns * len(mine), apart_ns))
+        assert len(mine) > 3 * READ_LIMIT
 
 
 def test_a_change_loses_nothing_that_has_come(flaky: type[FlakyPort]) -> None:
