@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from math import cos, sin
 
 import numpy as np
@@ -51,15 +50,22 @@ def report(
         existence: their probabilities of existence (k,); None: the shares of recent scans in which they were seen.
     """
     obstacles = bodies.obstacles
-    numbers, (status, kind), covariance = _told(bodies, pose, slack_ns, wander_time)
-    x, y, vx, vy, ax, ay, sx, sy, svx, svy, yaw_rate, axis_x, axis_y = numbers[:13]
-    length, width, center_x, center_y, age, east, north, ve, vn = numbers[13:]
+    numbers, codes, covariance = _told(bodies, pose, slack_ns, wander_time)
     if existence is None:
         existence = np.bitwise_count(obstacles.history) / np.minimum(obstacles.scans + 1, _HISTORY_LENGTH)
-    found = Obstacles(
+    used_row, used_object = used.reflection, used.objects
+    if shown is None or shown.all():
+        rows = np.arange(len(obstacles))
+    else:
+        rows, kept = shown.nonzero()[0], shown[used_row]
+        numbers, codes, covariance = numbers.take(rows, axis=1), codes.take(rows, axis=1), covariance.take(rows, axis=0)
+        used_row, used_object = (shown.cumsum() - 1)[used_row[kept]], used_object[kept]
+    x, y, vx, vy, ax, ay, sx, sy, svx, svy, yaw_rate, axis_x, axis_y = numbers[:13]
+    length, width, center_x, center_y, age, east, north, ve, vn = numbers[13:]
+    return Obstacles(
         time_ns=pose.time_ns,
-        id=obstacles.id.copy(),
-        state=status,
+        id=obstacles.id.take(rows),
+        state=codes[0],
         x=x,
         y=y,
         vx=vx,
@@ -75,22 +81,21 @@ def report(
         svx=svx,
         svy=svy,
         age=age,
-        existence=existence.copy(),
-        sensors=obstacles.sensors.copy(),
-        heading=np.where(obstacles.directed, np.arctan2(axis_y, axis_x), np.nan),
+        existence=existence.take(rows),
+        sensors=obstacles.sensors.take(rows),
+        heading=np.where(obstacles.directed.take(rows), np.arctan2(axis_y, axis_x), np.nan),
         yaw_rate=yaw_rate,
         length=length,
         width=width,
         center_x=center_x,
         center_y=center_y,
-        kind=kind,
-        kind_likelihood=np.full(len(obstacles), np.nan),
+        kind=codes[1],
+        kind_likelihood=np.full(len(rows), np.nan),
         covariance=covariance,
-        used_row=used.reflection,
-        used_sensor=np.full(len(used.objects), used.sensor, dtype=np.int64),
-        used_object=used.objects,
+        used_row=used_row,
+        used_sensor=np.full(len(used_object), used.sensor, dtype=np.int64),
+        used_object=used_object,
     )
-    return found if shown is None or shown.all() else _only(found, shown)
 
 
 def _told(bodies: Bodies, pose: EgoPose, slack_ns: int, wander_time: float) -> tuple[Floats, NDArray[np.int8], Floats]:
@@ -229,12 +234,3 @@ def _add_places(bodies: Bodies, told: Floats, covariance: Floats, own: Floats, t
             covariance[:, i, j] += place[i, j]
             covariance[:, 2 + i, 2 + j] += own[i, j] + speed * left[i] * left[j]
     told[6:10] = np.sqrt(np.maximum(np.einsum("nii->in", covariance), 0.0))
-
-
-def _only(obstacles: Obstacles, shown: Booleans) -> Obstacles:
-    """Return some of the obstacles, with the detections that they used."""
-    names = {each.name for each in fields(Obstacles)} - {"time_ns"}
-    used = shown[obstacles.used_row]
-    columns = {name: getattr(obstacles, name)[used if name.startswith("used") else shown] for name in names}
-    columns["used_row"] = (np.cumsum(shown) - 1)[columns["used_row"]]
-    return Obstacles(time_ns=obstacles.time_ns, **columns)
