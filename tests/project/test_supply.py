@@ -78,7 +78,9 @@ def test_the_lowest_versions_that_are_named_work_together(tmp_path: Path) -> Non
     assert installed.returncode == 0, installed.stderr[-3000:]
     folders = [f"tests/{room}" for room in (*QUICK, "can_io")]
     command = [python, "-m", "pytest", "-q", "-x", *folders]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    # all examples of each property are for the versions that are installed: a library that is too old fails the first
+    usual = {key: value for key, value in os.environ.items() if key != "CANDAEMON_THOROUGH"}
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=usual)
     assert ended.returncode == 0, ended.stdout[-5000:]
 
 
