@@ -25,6 +25,7 @@ _NEARING = 0.7  # m/s along the line of sight, relative to the sensor, that tell
 _PASSING = 1.0  # m/s across the line of sight, likewise, where twice that is surely told from it
 _MOVES = 2.0  # m/s; slower, its image is not told from what is there: who walks has company on the other side of a rail
 _STANDS = 0.5  # probability of standing; what is at twice the distance of what stands comes as fast as what is met
+_SETTLED_NS, _STILL = 2_000_000_000, 0.5  # ns; m/s: what was never faster in that time stands, in whatever mode
 _DROVE = 4.0  # m/s; what was once as fast is a vehicle, and a long row mirrors it when it is slow too
 _SPACING = 4.0  # m between the standing things of a row
 _DEPTH = 1.2  # m, how exactly they lie in the middle
@@ -41,17 +42,18 @@ def images(bodies: Bodies, candidates: Indices, detections: Detections, brief: B
         detections: a scan of the sensor that would see the images.
         brief: which of them may also be echoes of a vehicle of the sensor's speed that hides them (m,).
     """
-    shown = bodies.moments().shown
-    others = bodies.obstacles.confirmed.copy()
+    shown, obstacles = bodies.moments().shown, bodies.obstacles
+    others = obstacles.confirmed.copy()
     others[candidates] = False
-    moving = np.flatnonzero(others & (bodies.filter.probability[:, STANDING] < _STANDS))
+    moves = (obstacles.fastest > _STILL) | (detections.time_ns - obstacles.first_ns < _SETTLED_NS)
+    moving = np.flatnonzero(others & moves & (bodies.filter.probability[:, STANDING] < _STANDS))
     fast = np.flatnonzero(others & (np.hypot(shown[:, 2], shown[:, 3]) > _MOVES))
     found = np.zeros(len(candidates), dtype=np.bool_)
     if len(moving):
         found |= _doubled(bodies, candidates, moving, detections, brief).any(axis=1)
     if len(fast):
         found |= _mirrored(bodies, candidates, fast, detections).any(axis=1)
-    drove = np.flatnonzero(others & (bodies.obstacles.fastest > _DROVE))
+    drove = np.flatnonzero(others & (obstacles.fastest > _DROVE))
     if len(drove):
         for row in standing_rows(_posts(bodies, detections.measurement.origin)):
             found |= _mirrored_by(row, bodies, candidates, drove, detections).any(axis=1)

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from candaemon.config.tracker import TrackerSettings
+from candaemon.tracking.body_images import images
+from candaemon.tracking.body_modes import STANDING
 from candaemon.tracking.obstacles import CONFIRMED, TENTATIVE
 from candaemon.tracking.vehicle_tracker import VehicleTracker
 from tests.support.builders import CYCLE, Seen, detections, pose
@@ -110,6 +112,24 @@ def test_a_walker_has_an_image_at_twice_the_distance_and_a_post_has_none(speed: 
     away = 30.0 - (own - speed) * AT_8
     echo = (own * AT_8 + 2 * away, 4.0, 2 * speed - own)
     assert _states(echo, speed=speed, own=own, rail=False, cycles=50 if own == 0.0 else 20)[-1] == last
+
+
+@pytest.mark.parametrize(("known", "held"), [(2.4, False), (1.0, True)], ids=["long", "not for long"])
+def test_what_never_moved_has_no_image_though_its_filter_doubts_that_it_stands(known: float, held: bool) -> None:
+    """A guard rail of a few posts, whose reflections wander, comes at us as fast as the traffic beyond it does not."""
+    tracker = VehicleTracker(TrackerSettings.model_validate({"estimator": {"kind": "vehicle"}}), {})
+    for k in range(50):
+        own = 20.0 * k * CYCLE
+        shown = [Seen(1, 100.0, 2.0)] if k * CYCLE >= 2.4 - known else []
+        shown += [Seen(2, 200.0 - own, 4.0, -20.0)] if k > 44 else []
+        at = pose(k * CYCLE, east=own, ve=20.0)
+        scan = detections(at, shown, sensor=0, noise=(0.2, 0.2, 0.1))
+        told = tracker.step(scan, at)
+    bodies = tracker._bodies
+    bodies.obstacles.confirmed[:] = [True, False]
+    bodies.filter.probability[0] = (1.0 - np.eye(bodies.filter.probability.shape[1])[STANDING]) / 3.0
+    assert images(bodies, np.array([1]), scan, np.array([False])).tolist() == [held]
+    assert len(told) == 2
 
 
 def test_what_creeps_past_a_rail_in_a_jam_has_an_image_behind_it() -> None:
