@@ -284,9 +284,9 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
 def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
     """Return how fast what is seen of bodies would slide along them as they pass near us (k,), m/s; None: of none.
 
-    That is of those whose size is not known: a car of which we see the side pass by shows another point of it all the
-    time. A coach does so for longer than `follow_aspect` expects, which takes it for as long as a car. What is small
-    does not.
+    That is of those whose size is not known, and of long ones: a car of which we see the side pass by shows another
+    point of it all the time. A coach does so for longer than `follow_aspect` expects, which takes what has no size for
+    as long as a car; and where on a long side the next reflection lies, no size tells. What is small does not.
 
     Args:
         bodies: of the time before.
@@ -297,7 +297,7 @@ def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
     near = (sight * sight).sum(axis=1) < _BESIDE * _BESIDE
     if not np.count_nonzero(near):
         return None
-    near &= obstacles.confirmed & obstacles.directed & ~obstacles.sized
+    near &= obstacles.confirmed & obstacles.directed & (~obstacles.sized | (obstacles.length > TRUCK_LENGTH))
     rows = near.nonzero()[0]
     if not len(rows):
         return None
@@ -321,7 +321,7 @@ def follow_slides(bodies: Bodies, sliding: Floats, dt: float) -> None:
         sliding: how fast that is (k,), m/s, as `slides` tells.
         dt: since the time before, s.
     """
-    axis, farthest = bodies.obstacles.axis, np.abs(sliding) * dt
+    axis, farthest = bodies.obstacles.axis, np.abs(sliding) * dt * ~bodies.obstacles.sized
     along = (bodies.moments().mean[:, BIAS] * axis).sum(axis=1)
     bodies.settle(np.clip(along, -farthest, farthest)[:, None] * axis)
 

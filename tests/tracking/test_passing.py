@@ -46,6 +46,20 @@ def test_a_coach_that_crosses_close_ahead_drives_straight_on(seed: int) -> None:
     assert (vy < -7.0).all()
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_coach_of_known_length_that_crosses_is_as_fast_while_another_part_of_its_side_shows(seed: int) -> None:
+    """To a lidar, which tells no speed: what is seen of the side stays before us while the coach drives on."""
+    fed, rng, told = HandFedVehicles(noise=(0.15, 0.15, 0.1)), np.random.default_rng(seed), list[float]()
+    for t in times(1, 90):
+        centre = 28.0 - 11.0 * t
+        x, y = rng.normal(size=2) * 0.15 + (11.0, np.clip(0.0, centre - 8.0, centre + 8.0))
+        obstacles = fed.scan(t, [Seen(1, x, y, rated=False)], length=np.array([18.0]), width=np.array([2.5]))
+        if abs(centre) < 8.0:
+            told.append(float(obstacles.vy[0]))
+    assert len(obstacles) == 1
+    assert max(told) < -5.0
+
+
 @pytest.mark.parametrize("jump", [1.0, 1.6, 2.2])
 def test_a_car_whose_reflection_has_slid_for_good_is_told_where_it_is_seen(jump: float) -> None:
     """It may slide back, but the longer it does not, the likelier the place before was that of another part."""
