@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 142
+REVISION = 143
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -3970,12 +3970,14 @@ def note_sizes(
     object[double, ndim=1] origin,
     object[double, ndim=1] own,
     object[double, ndim=1] interval,
+    object[double, ndim=1] in_sight,
     Py_ssize_t time_ns,
     double near,
     double alone_time,
     double faster_share,
     double crossing_share,
     double crossing,
+    double wholly,
     double never,
     double age,
     double told,
@@ -4013,7 +4015,7 @@ def note_sizes(
                 counts = 1.0 if speed < walking else faster_share
                 if seen[2, t]:
                     counts = crossing_share
-                if speed > moved:
+                if speed > moved and in_sight[t] >= wholly:
                     alone[t] = alone[t] + interval[t] * counts / alone_time
             fastest[t] = larger(fastest[t], speed if (time_ns - first_ns[t]) * 1e-9 > age else 0.0)
             if alone[t] > 1.0 and smaller(length_variance[t], width_variance[t]) > told and fastest[t] > moved:

@@ -85,7 +85,7 @@ class BodyExistence:
         obstacles.existence = existence.predicted(obstacles.existence, dt, self._settings.mean_life)
         obstacles.unseen += dt * obstacles.in_sight
 
-    def observe(self, bodies: Bodies, association: Association, detections: Detections, pose: EgoPose) -> None:
+    def observe(self, bodies: Bodies, association: Association, detections: Detections, pose: EgoPose) -> Floats:
         """Weigh what a scan shows, before it updates the bodies.
 
         Args:
@@ -93,9 +93,12 @@ class BodyExistence:
             association: of its detections.
             detections: the scan.
             pose: ego pose.
+
+        Returns:
+            The share of each body that the sensor could see (k,): 1 where its field of view is not known.
         """
         if not len(bodies):
-            return
+            return np.empty(0)
         obstacles, sensor = bodies.obstacles, detections.sensor
         (place, centre, axis), size = _boxes(bodies, pose)
         is_known = sensor in self._visibility.state.sensors
@@ -109,13 +112,16 @@ class BodyExistence:
                 share = np.where(seen, share, share * room)
             probability = self._visibility.detection_probability(sensor, share, distance, missed)
             self._visibility.learn(sensor, share, seen, distance, missed, surely)
+            in_sight = share
         else:
+            in_sight = np.ones(len(obstacles))
             share = self._looked_at(detections, place).astype(np.float64)
             probability = _UNKNOWN_PROBABILITY * share
         expected = np.zeros(len(obstacles), dtype=np.bool_)
         if len(unseen):
             expected[unseen] = self._looked_at(detections, place[unseen])
         self._weigh(obstacles, seen, expected, share, probability, ratio, sensor)
+        return in_sight
 
     def _weigh(
         self,

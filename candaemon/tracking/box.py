@@ -22,6 +22,7 @@ from candaemon.tracking.body_sizes import CAR_LENGTH, CAR_WIDTH, ENOUGH, RIDER, 
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
+_WHOLLY = 0.8  # share in sight, below which one reflection is all that can be seen of a body of any size
 _SIZE_NOISE = 0.5  # m, of a size that a sensor tells
 _HEADING_SHARE = 0.1  # of a heading that a sensor tells, a scan
 _SIZE_WALK = 0.05  # m²/s, at which what is known of a size grows old
@@ -49,6 +50,7 @@ def learn(
     rows: Indices,
     reflections: Indices,
     detections: Detections,
+    in_sight: Floats,
     recent: float,
     alone: AloneSettings,
     backing: float,
@@ -60,6 +62,7 @@ def learn(
         rows: of the detections that belong to a reflection (m,).
         reflections: rows of those (m,).
         detections: the scan.
+        in_sight: share of each body that its sensor could see (k,).
         recent: s, for which a reflection that another sensor has seen still tells how long its body is.
         alone: when what shows a single reflection is small.
         backing: faster than which nothing backs, m/s.
@@ -71,7 +74,7 @@ def learn(
         _average(obstacles.width, obstacles.width_variance, body, detections.width.take(rows), obstacles.interval)
     if detections.heading is not None:
         _turn(bodies, body, detections.heading[rows], backing)
-    _note_size(bodies, body, detections, rows, alone)
+    _note_size(bodies, body, detections, rows, in_sight, alone)
     if detections.length is not None and detections.width is None:
         _suit_widths(bodies)
     _grow(bodies, detections.time_ns, detections.sensor, detections.time_ns - round(recent * 1e9))
@@ -126,11 +129,13 @@ def _turn(bodies: Bodies, body: Indices, heading: Floats, backing: float) -> Non
     obstacles.directed[rows] = True
 
 
-def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indices, settings: AloneSettings) -> None:
+def _note_size(
+    bodies: Bodies, body: Indices, detections: Detections, rows: Indices, in_sight: Floats, settings: AloneSettings
+) -> None:
     """Take what stays a single reflection close by for something small: a walker, or a rider where it is faster.
 
     Two of three scans show one reflection of a car too, and for seconds at a time; from its side it shows several
-    sooner. Who walks does so all the time.
+    sooner. Who walks does so all the time. A lorry of which another one hides all but a corner does so too.
     """
     obstacles, mean, measurement = bodies.obstacles, bodies.moments().mean, detections.measurement
     if compiled.in_use:
@@ -149,12 +154,14 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
             measurement.origin,
             measurement.velocity,
             obstacles.interval,
+            in_sight,
             detections.time_ns,
             settings.within,
             settings.time,
             settings.faster,
             settings.crossing,
             _CROSSING,
+            _WHOLLY,
             _NEVER_ALONE,
             _AXIS_AGE,
             TOLD_WIDTH,
@@ -179,7 +186,7 @@ def _note_size(bodies: Bodies, body: Indices, detections: Detections, rows: Indi
     crossing &= np.abs(vy * ox - vx * oy) >= _CROSSING * np.abs(vx * ox + vy * oy)
     crosses[body[crossing]] = True
     speed = np.sqrt(mean[:, 2] * mean[:, 2] + mean[:, 3] * mean[:, 3])
-    alone = near & (count == 1) & (speed > _MOVED)
+    alone = near & (count == 1) & (speed > _MOVED) & (in_sight >= _WHOLLY)
     counts = np.where(crosses, settings.crossing, np.where(speed < WALKING, 1.0, settings.faster)) * alone
     obstacles.alone = np.where(count > 1, _NEVER_ALONE, obstacles.alone + obstacles.interval * counts / settings.time)
     sure = (detections.time_ns - obstacles.first_ns) * 1e-9 > _AXIS_AGE

@@ -235,8 +235,8 @@ class VehicleTracker:
         if detections is not None:
             detections = self._as_noisy(detections)
             association = self._associate(detections)
-            self._observe_existence(association, detections, pose)
-            self._update(association, detections, pose)
+            in_sight = self._observe_existence(association, detections, pose)
+            self._update(association, detections, pose, in_sight)
             self._initiate(association, detections, pose)
             self._record(association, detections)
             self._observe_noise(detections, pose)
@@ -497,11 +497,11 @@ class VehicleTracker:
         self.counts.slot_jumps += found.slot_jumps
         return found
 
-    def _observe_existence(self, association: Association, detections: Detections, pose: EgoPose) -> None:
-        """Weigh by what a scan shows whether bodies exist."""
-        self._existence.observe(self._bodies, association, detections, pose)
+    def _observe_existence(self, association: Association, detections: Detections, pose: EgoPose) -> Floats:
+        """Weigh by what a scan shows whether bodies exist; return the share of each that could be seen (k,)."""
+        return self._existence.observe(self._bodies, association, detections, pose)
 
-    def _update(self, association: Association, detections: Detections, pose: EgoPose) -> None:
+    def _update(self, association: Association, detections: Detections, pose: EgoPose, in_sight: Floats) -> None:
         """Update the bodies with all their detections, then the places of their reflections."""
         self.counts.cycles += 1
         self.counts.detections += len(detections)
@@ -547,7 +547,7 @@ class VehicleTracker:
         keys = detections.object_id.take(rows) if detections.identified else None
         bodies.mark_detected(row, keys, detections.sensor, detections.time_ns)
         extent = self.settings.reflections
-        box.learn(bodies, rows, row, detections, extent.patience, extent.alone, self._backing.speed)
+        box.learn(bodies, rows, row, detections, in_sight, extent.patience, extent.alone, self._backing.speed)
 
     def _note_rates(self, row: Indices, body: Indices, offset: Floats, measurement: Measurement) -> None:
         """Note how much faster than their bodies reflections come nearer."""

@@ -19,6 +19,7 @@ from candaemon.estimation.measurement import Projection
 from candaemon.estimation.outline import facing_point
 from candaemon.pipeline.cycle import Cycle
 from candaemon.playback.cycle_smoothing import CycleSmoother
+from candaemon.radar.mounting import sensor_views
 from candaemon.tracking.body_modes import STANDING as STANDS
 from candaemon.tracking.obstacles import CAR, CONFIRMED, PEDESTRIAN, STANDING, TRUCK, TWO_WHEELER, Obstacles
 from tests.support.builders import HandFedVehicles, Seen, assert_sane, car, detections, place, pose, times
@@ -577,6 +578,17 @@ def test_a_car_that_stops_is_not_small_though_one_reflection_shows() -> None:
         fed.scan(t, noisy(rng, [Seen(0, x, 0.0, speed)]), ego=own)
     assert speed == 0.0
     assert fed.tracker.state.tracks.obstacles.length[0] > 4.0
+
+
+@pytest.mark.parametrize(("aside", "small"), [(2.0, False), (6.0, True)], ids=["hidden", "in sight"])
+def test_what_another_one_hides_is_not_small_though_one_reflection_shows(aside: float, small: bool) -> None:
+    (radar,) = load_config(ROOT / "config" / "esr_ins.yaml").config.sensors.values()
+    fed = HandFedVehicles(sensors={0: radar}, views=list(sensor_views(radar, 0).values()))
+    rng, length, width = np.random.default_rng(18), np.array([4.5, np.nan]), np.array([1.9, np.nan])
+    for t in times(1, 100):
+        both = [Seen(0, 8.0 + 1.4 * t, 0.0, 1.4), Seen(1, 16.0 + 1.4 * t, aside, 1.4)]
+        fed.scan(t, noisy(rng, both), length=length, width=width)
+    assert (fed.tracker.state.tracks.obstacles.length[1] < 1.0) == small
 
 
 @pytest.mark.parametrize(("across", "small"), [(True, True), (False, False)], ids=["across", "ahead"])
