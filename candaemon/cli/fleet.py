@@ -17,7 +17,7 @@ from candaemon.cli.report import DEFAULT
 from candaemon.config.shipped import find_config
 from candaemon.errors import ConfigError, InputError
 from candaemon.exports.extras import import_extra
-from candaemon.files.outputs import Outputs, write_file
+from candaemon.files.outputs import Outputs
 from candaemon.fleet.comparison import (
     LEAST_CHANGE,
     TOLERANCE,
@@ -31,10 +31,11 @@ from candaemon.fleet.comparison import (
 from candaemon.fleet.dataset import ReplayOptions
 from candaemon.fleet.drive_list import drives_of
 from candaemon.fleet.drive_task import DriveOrder, DriveOutcome
-from candaemon.fleet.fleet_figures import FleetFigures, load_figures
+from candaemon.fleet.fleet_figures import FleetFigures, files_read, load_figures
 from candaemon.fleet.fleet_page import page as fleet_page
 from candaemon.fleet.fleet_page import report_of
 from candaemon.fleet.fleet_run import FleetResult, configurations_of, orders_of, run_fleet
+from candaemon.fleet.locations import is_local, local_path
 from candaemon.fleet.result_store import store_at
 from candaemon.fleet.workers import Workers
 from candaemon.printable import printable
@@ -170,6 +171,13 @@ def _tell(result: FleetResult, seconds: float, output: str) -> None:
         "seconds": round(seconds, 1),
     }
     console.print_figures(output, figures)
+    if result.others:
+        warning = (
+            f"{output} holds drives of former runs too, which reports and comparisons count: "
+            f"{listed_names(result.others)}; to be rid of one, remove records/NAME.json, failed/NAME.json and "
+            "*/drive=NAME there, or run into another folder"
+        )
+        console.warn([warning])
     if result.failed:
         told = [f"{name}: {reason}" for name, reason in sorted(result.failed.items())]
         more = f"\nand {len(told) - _FAILED_NAMED:,} more" if len(told) > _FAILED_NAMED else ""
@@ -191,8 +199,14 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
 
 
 def _loaded(location: str) -> FleetFigures:
-    """Load the figures of a run, and warn of drives that count twice."""
+    """Load the figures of a run; warn of drives that lack tables, and of those that count twice."""
     found = load_figures(location)
+    if found.incomplete:
+        warning = (
+            f"drives {listed_names(found.incomplete)} of {location} count as failed: tables of theirs are missing or "
+            "damaged; run the same 'fleet run' again"
+        )
+        console.warn([warning])
     console.warn(
         [
             f"drives {listed_names(names)} of {location} are the same logs and count each: a run over other logs named "
@@ -205,10 +219,14 @@ def _loaded(location: str) -> FleetFigures:
 
 def write_report(arguments: argparse.Namespace) -> None:
     """Write the page, and the figures where they are asked for."""
-    found = report_of(_loaded(arguments.results), store_at(arguments.results))
-    with Outputs() as outputs:
+    if is_local(arguments.results) and local_path(arguments.results).is_file():
+        raise InputError(
+            "it is a file, and a report is made of tables; give the folder of the 'fleet run'", file=arguments.results
+        )
+    with Outputs(files_read(arguments.results)) as outputs:
         page = outputs.open(arguments.output)
         figures = None if arguments.json is None else outputs.open(arguments.json)
+        found = report_of(_loaded(arguments.results), store_at(arguments.results))
         page.stream.write(fleet_page(found, f"Fleet · {arguments.results}").encode())
         if figures is not None:
             content = json.dumps(found.to_json(), indent=1, allow_nan=False, ensure_ascii=False)
@@ -258,10 +276,13 @@ def conditions(text: str) -> tuple[str, ...]:
 
 def compare_runs(arguments: argparse.Namespace) -> None:
     """Compare two runs; fail where a condition holds."""
-    before, after = _loaded(arguments.before), _loaded(arguments.after)
-    found = compare(before, after, least=arguments.least / 100, tolerance=arguments.tolerance / 100)
-    if arguments.json is not None:
-        write_file(arguments.json, f"{json.dumps(found.to_json(), indent=1, allow_nan=False, ensure_ascii=False)}\n")
+    with Outputs([*files_read(arguments.before), *files_read(arguments.after)]) as outputs:
+        figures = None if arguments.json is None else outputs.open(arguments.json)
+        before, after = _loaded(arguments.before), _loaded(arguments.after)
+        found = compare(before, after, least=arguments.least / 100, tolerance=arguments.tolerance / 100)
+        if figures is not None:
+            content = json.dumps(found.to_json(), indent=1, allow_nan=False, ensure_ascii=False)
+            figures.stream.write(f"{content}\n".encode())
     if arguments.markdown:
         print(printable_lines(markdown(found, arguments.before, arguments.after)))
     else:

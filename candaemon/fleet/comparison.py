@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 
 from candaemon.fleet.fleet_figures import DriveFigure, DriveFigures, FleetFigures
-from candaemon.fleet.paired_test import holm, paired_difference
+from candaemon.fleet.paired_test import fewest_pairs, holm, paired_difference
 
 Verdict: TypeAlias = Literal["worse", "better", "different", "no difference"]
 
@@ -20,8 +20,6 @@ LEAST_CHANGE: Final = 0.001
 """Relative change of the mean below which a figure counts as the same, unless told otherwise."""
 TOLERANCE: Final = 0.1
 """Relative change by which a single drive counts as worse, unless told otherwise."""
-FEWEST_PAIRS: Final = 10
-"""Drives from which on a change in all of them is more than chance, whichever of about a dozen figures it is in."""
 _DRIVES_TOLD: Final = 10
 _ORDER: Final[Mapping[Verdict, int]] = {"worse": 0, "different": 1, "better": 2, "no difference": 3}
 
@@ -261,8 +259,10 @@ def sentences(comparison: Comparison) -> Iterator[str]:
         f"{len(comparison.same_bytes):,} drives the same to the byte, {len(comparison.same_figures):,} with other "
         f"bytes and equal figures, {len(comparison.changed):,} changed."
     )
-    if compared < FEWEST_PAIRS and compared > len(comparison.same_bytes):
-        yield f"So few drives cannot tell a change from chance; {FEWEST_PAIRS} or more can."
+    tested = [each.drives for each in comparison.figures if not isnan(each.after)]
+    fewest = fewest_pairs(len(tested), LEVEL) if tested else 0
+    if max(tested, default=0) < fewest and compared > len(comparison.same_bytes):
+        yield f"So few drives cannot tell a change of one of {len(tested)} figures from chance; {fewest} or more can."
     if comparison.worse_drives:
         limit = f"{100 * comparison.tolerance:g} %"
         count = len({each.drive for each in comparison.worse_drives})

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
@@ -115,7 +115,16 @@ class DriveRecordFile:
         Args:
             sizes: of files in the folder, bytes.
         """
-        return all(sizes.get(table_file(name, self.drive)) == each["bytes"] for name, each in self.files.items())
+        return not self.lacking(sizes)
+
+    def lacking(self, sizes: Mapping[str, int]) -> list[str]:
+        """Return the names of its tables that are missing or of another size than when they were written.
+
+        Args:
+            sizes: of files in the folder, bytes.
+        """
+        names = {table_file(name, self.drive): each["bytes"] for name, each in self.files.items()}
+        return [name for name, size in names.items() if sizes.get(name) != size]
 
 
 def table_file(table: str, drive: str) -> str:
@@ -136,6 +145,16 @@ def record_name(drive: str) -> str:
 def failure_name(drive: str) -> str:
     """Return the name of the note that a drive failed."""
     return f"{FAILED}/{drive}.json"
+
+
+def noted_drives(names: Iterable[str]) -> set[str]:
+    """Return the drives that have a record or a note that they failed.
+
+    Args:
+        names: of files in the folder.
+    """
+    notes = (name.removesuffix(".json").partition("/") for name in names if name.endswith(".json"))
+    return {drive for folder, _, drive in notes if folder in (RECORDS, FAILED)}
 
 
 def key_of(

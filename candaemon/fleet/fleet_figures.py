@@ -5,18 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from math import isfinite, log
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import ModuleType
 from typing import Any, Final, Literal, TypeAlias
 
 from candaemon.errors import InputError
+from candaemon.exports.drive_tables import CYCLES, SUMMARIES
 from candaemon.exports.extras import import_extra
 from candaemon.files.bounded import read_bounded
-from candaemon.fleet.dataset import DriveRecordFile, failures_in, records_in
+from candaemon.fleet.dataset import FAILED, RECORDS, DriveRecordFile, failures_in, records_in, table_file
 from candaemon.fleet.locations import is_local, local_path
 from candaemon.fleet.result_store import FolderStore, ResultStore, store_at
 from candaemon.status.losses import EGO_UNUSABLE_CAUSES, UNUSABLE_CAUSES
@@ -25,15 +28,18 @@ Better: TypeAlias = Literal["lower", "higher", "neither"]
 
 LARGEST_FIGURES: Final = 1 << 30
 """Longest file of figures, bytes."""
+_ROWS_AT_ONCE: Final = 100_000
 _FORM: Final = "candaemon fleet figures 1"
 _KEYS: Final = (
     r"predictions\.\d+\.(x|y|horizon|samples)|nis\.(mean|expected|coverage_95|samples)|stationary\.(vx|speed)"
-    r"|duplicates\.share|tracks\.(confirmed|obstacles)|cycles\.(told|without_ego)|log\.(frames|malformed|error_frames)"
-    rf"|sensors\.[^.]+\.({'|'.join((*UNUSABLE_CAUSES, 'missing'))})"
+    r"|duplicates\.share|tracks\.(confirmed|obstacles)|cycles\.(told|without_ego)|log\.(frames|malformed)"
+    rf"|sensors\.[^.]+\.({'|'.join(UNUSABLE_CAUSES)})"
     rf"|own_motion\.({'|'.join(('short', *EGO_UNUSABLE_CAUSES))})"
 )
 """Figures of `--summary` that what follows is made of."""
-_LOSSES: Final = re.compile(r"log\.(malformed|error_frames)|sensors\..*|own_motion\..*")
+_LOSSES: Final = re.compile(r"log\.malformed|sensors\..*|own_motion\..*")
+PARTS: Final = "read_parquet($files, hive_partitioning = true, hive_types = {'drive': varchar})"
+"""A table over all its parts, in a query of `TableParts`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +96,7 @@ class DriveFigures:
         duration: s.
         configuration, logs: as they were named.
         effort: s of processor time.
+        channels: additional channel names in the logs: channel → bus.
     """
 
     drive: str
@@ -101,14 +108,22 @@ class DriveFigures:
     configuration: str = ""
     logs: tuple[str, ...] = ()
     effort: float = 0.0
+    channels: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class FleetFigures:
-    """The figures of all drives, by name, and the reasons of those that failed."""
+    """The figures of a fleet.
+
+    Attributes:
+        drives: by name.
+        failed: reasons of the drives that have no figures, by name.
+        incomplete: those of the failed whose tables were damaged or removed after their run.
+    """
 
     drives: Mapping[str, DriveFigures]
     failed: Mapping[str, str] = field(default_factory=dict)
+    incomplete: tuple[str, ...] = ()
 
     @property
     def twice(self) -> list[tuple[str, ...]]:
@@ -157,13 +172,29 @@ def load_figures(location: str) -> FleetFigures:
     records = {name: each for name, each in records_in(store).items() if name not in failed}
     if not records and not failed:
         raise InputError(
-            "it holds no drive; expected the folder of a 'fleet run', or its figures in JSON", file=location
+            "it holds no drive; expected the folder of a 'fleet run', or to compare a file of 'fleet report --json'",
+            file=location,
         )
-    values: dict[str, dict[str, float]] = {name: {} for name in records}
-    for drive, key, value in _summaries(store) if records else ():
-        if drive in values:
-            values[drive][key] = value
-    return FleetFigures({name: _of_drive(records[name], values[name]) for name in sorted(records)}, failed)
+    sizes = store.sizes()
+    incomplete = {name: lacking for name, each in records.items() if (lacking := each.lacking(sizes))}
+    failed |= {name: f"{', '.join(lacking)}: missing or damaged since its run" for name, lacking in incomplete.items()}
+    values: dict[str, dict[str, float]] = {name: {} for name in records if name not in incomplete}
+    for drive, key, value in _summary_rows(store, values):
+        values[drive][key] = value
+    drives = {name: _of_drive(records[name], values[name]) for name in sorted(values)}
+    return FleetFigures(drives, failed, tuple(sorted(incomplete)))
+
+
+def files_read(location: str) -> list[Path]:
+    """Return the files of this machine that hold the figures of a run; none where it lies elsewhere."""
+    if not is_local(location):
+        return []
+    path = local_path(location)
+    if path.is_file():
+        return [path]
+    store = FolderStore(location)
+    folders = (RECORDS, FAILED, SUMMARIES.name, CYCLES.name)
+    return [store.path / name for name in chain.from_iterable(map(store.sizes, folders))]
 
 
 def _from_file(location: str) -> FleetFigures:
@@ -181,39 +212,84 @@ def _from_file(location: str) -> FleetFigures:
         ) from error
 
 
+@dataclass(frozen=True, slots=True)
+class TableParts:
+    """A table over several drives.
+
+    Attributes:
+        database: connection of DuckDB.
+        where: location of the results.
+        files: of this machine that hold a drive's part each, and their names in the results.
+    """
+
+    database: Any
+    where: str
+    files: Mapping[str, str]
+
+    def rows(self, query: str, **values: Any) -> Iterator[tuple[Any, ...]]:
+        """Yield the rows that a query gives; none where there is no part.
+
+        Args:
+            query: of `PARTS`.
+            values: of its parameters.
+
+        Raises:
+            InputError: the parts cannot be read; names the first that cannot.
+        """
+        if not self.files:
+            return
+        try:
+            found = self.database.execute(query, {**values, "files": list(self.files)})
+            while some := found.fetchmany(_ROWS_AT_ONCE):
+                yield from some
+        except _duckdb().Error as error:
+            reason = str(error).partition("\n")[0]
+            for path, name in self.files.items():
+                if not self._answers(query, {**values, "files": [path]}):
+                    raise InputError(
+                        f"cannot be read: {reason}; remove it, and run the same 'fleet run' again",
+                        file=f"{self.where}/{name}",
+                    ) from error
+            raise InputError(
+                f"its tables cannot be read together: {reason}; run all drives again into another folder",
+                file=self.where,
+            ) from error
+
+    def _answers(self, query: str, values: Mapping[str, Any]) -> bool:
+        """Return whether a query gives anything."""
+        try:
+            self.database.execute(query, values).fetchall()
+        except _duckdb().Error:
+            return False
+        return True
+
+
+def _duckdb() -> ModuleType:
+    return import_extra("duckdb", "fleet", "figures over many drives")
+
+
 @contextmanager
-def connection(store: ResultStore, table: str) -> Iterator[tuple[Any, str]]:
-    """Yield DuckDB and a folder of this machine in which it finds a table of the results: theirs, or a copy."""
-    database = import_extra("duckdb", "fleet", "figures over many drives")
-    with ExitStack() as files:
+def table_parts(store: ResultStore, table: str, drives: Iterable[str]) -> Iterator[TableParts]:
+    """Yield the parts that drives have of a table: the files of the results, or copies of them."""
+    with ExitStack() as opened:
+        names = [table_file(table, drive) for drive in drives]
         if isinstance(store, FolderStore):
             root = store.path
         else:
-            root = Path(files.enter_context(TemporaryDirectory(prefix="candaemon-fleet-")))
-            for name in store.sizes(table):
+            root = Path(opened.enter_context(TemporaryDirectory(prefix="candaemon-fleet-")))
+            for name in names:
                 store.fetch(name, root / name)
-        yield files.enter_context(database.connect()), str(root)
+        database = opened.enter_context(_duckdb().connect())
+        yield TableParts(database, store.url, {str(root / name): name for name in names})
 
 
-def parts(root: str, table: str) -> str:
-    """Return a table over all drives, for a query."""
-    quoted = root.replace("'", "''")
-    return f"read_parquet('{quoted}/{table}/*/*.parquet', hive_partitioning = true, hive_types = {{'drive': varchar}})"
-
-
-def _summaries(store: ResultStore) -> Iterator[tuple[str, str, float]]:
-    with connection(store, "summaries") as (database, root):
-        yield from _summary_rows(database, root)
-
-
-def _summary_rows(database: Any, root: str) -> Iterator[tuple[str, str, float]]:
-    query = (  # of our own folder and keys
-        f"select drive, key, value from {parts(root, 'summaries')} "  # noqa: S608 - our own folder and keys
-        f"where value is not null and regexp_full_match(key, '{_KEYS}') order by all"
+def _summary_rows(store: ResultStore, drives: Iterable[str]) -> Iterator[tuple[str, str, float]]:
+    query = (
+        f"select drive, key, value from {PARTS} "  # noqa: S608 - a constant
+        "where value is not null and regexp_full_match(key, $keys) order by all"
     )
-    rows = database.execute(query)
-    while some := rows.fetchmany(100_000):
-        yield from some
+    with table_parts(store, SUMMARIES.name, drives) as parts:
+        yield from parts.rows(query, keys=_KEYS)
 
 
 def _of_drive(record: DriveRecordFile, summary: Mapping[str, float]) -> DriveFigures:
@@ -229,6 +305,7 @@ def _of_drive(record: DriveRecordFile, summary: Mapping[str, float]) -> DriveFig
         record.given,
         record.logs,
         record.effort,
+        record.options["channels"],
     )
 
 

@@ -12,7 +12,8 @@ from typing import Any, Final
 import numpy as np
 
 from candaemon.arrays import Floats
-from candaemon.fleet.fleet_figures import DriveFigure, DriveFigures, FleetFigures, connection, parts
+from candaemon.exports.drive_tables import CYCLES
+from candaemon.fleet.fleet_figures import PARTS, DriveFigure, DriveFigures, FleetFigures, TableParts, table_parts
 from candaemon.fleet.paired_test import mean_interval
 from candaemon.fleet.result_store import ResultStore
 from candaemon.printable import printable
@@ -121,9 +122,9 @@ def report_of(fleet: FleetFigures, store: ResultStore) -> FleetReport:
         for key, value in drive.tags.items():
             tagged.setdefault(f"{key}={value}", []).append(drive)
     frequent = sorted(tagged, key=lambda tag: (tag.partition("=")[0], -len(tagged[tag]), tag))
-    with connection(store, "cycles") as (database, root):
-        moments = tuple(_moments(database, root, fleet)) if drives else ()
-        cycles = tuple(_cycles(database, root, fleet)) if drives else ()
+    with table_parts(store, CYCLES.name, fleet.drives) as parts:
+        moments = tuple(_moments(parts, fleet))
+        cycles = tuple(_cycles(parts))
     return FleetReport(
         fleet,
         tuple(_spreads(figures, drives)),
@@ -171,40 +172,40 @@ def _worst(figures: Iterable[DriveFigure], drives: Sequence[DriveFigures]) -> It
             yield WorstDrive(each.drive, figure.key, each.values[figure.key], _command("replay", each), _view(each))
 
 
-def _moments(database: Any, root: str, fleet: FleetFigures) -> Iterator[WorstMoment]:
-    """Yield the worst scan of each drive, of the worst drives."""
+def _moments(parts: TableParts, fleet: FleetFigures) -> Iterator[WorstMoment]:
+    """Yield the worst scan of each drive, of the worst drives.
+
+    A replay's range counts from the log's first frame, which comes before the first cycle: it is told by the log's
+    clock. The page of `view` counts from the first cycle.
+    """
     query = (
-        "with scans as (select drive, sensor, time_ns, "  # noqa: S608 - of our own folder
+        "with scans as (select drive, sensor, time_ns, "  # noqa: S608 - a constant
         "min(time_ns) over (partition by drive) as begin, "
-        f"nis / nullif(nis_expected, 0) as ratio from {parts(root, 'cycles')}) "
-        "select drive, (max_by(time_ns, ratio) - any_value(begin)) / 1e9, max(ratio), max_by(sensor, ratio) "
-        "from scans where ratio is not null group by drive order by 3 desc, 1"
+        f"nis / nullif(nis_expected, 0) as ratio from {PARTS}) "
+        "select drive, max_by(time_ns, ratio), any_value(begin), max(ratio), max_by(sensor, ratio) "
+        f"from scans where ratio is not null group by drive order by 4 desc, 1 limit {WORST_MOMENTS}"
     )
-    found = ((drive, *rest) for drive, *rest in database.execute(query).fetchall() if drive in fleet.drives)
-    for _, (drive, time, ratio, sensor) in zip(range(WORST_MOMENTS), found, strict=False):
-        about = fleet.drives[drive]
-        begin = max(time - _BEFORE_S, 0.0)
-        replay = f"{_command('replay', about)} --from {begin:.2f} --to {time + _BEFORE_S:.2f}"
-        yield WorstMoment(
-            drive, time, ratio, sensor or "", replay, f"{_view(about)}  # and #t={begin:.2f} after the address"
-        )
+    for drive, time_ns, begin_ns, ratio, sensor in parts.rows(query):
+        about, time, at = fleet.drives[drive], (time_ns - begin_ns) * 1e-9, time_ns * 1e-9
+        replay = f"{_command('replay', about)} --from @{max(at - _BEFORE_S, 0.0):.2f} --to @{at + _BEFORE_S:.2f}"
+        view = f"{_view(about)}  # and #t={max(time - _BEFORE_S, 0.0):.2f} after the address"
+        yield WorstMoment(drive, time, ratio, sensor or "", replay, view)
 
 
-def _cycles(database: Any, root: str, fleet: FleetFigures) -> Iterator[tuple[float, int]]:
+def _cycles(parts: TableParts) -> Iterator[tuple[float, int]]:
     """Yield how often scans have which NIS over its expectation, in steps of a tenth up to 5."""
     query = (
-        "select least(floor(nis / nis_expected * 10) / 10, 5.0) as low, drive, count(*) "  # noqa: S608 - likewise
-        f"from {parts(root, 'cycles')} where nis is not null and nis_expected > 0 group by all order by all"
+        "select least(floor(nis / nis_expected * 10) / 10, 5.0) as low, count(*) "  # noqa: S608 - likewise
+        f"from {PARTS} where nis is not null and nis_expected > 0 group by all order by all"
     )
-    counts: dict[float, int] = {}
-    for low, drive, count in database.execute(query).fetchall():
-        if drive in fleet.drives:
-            counts[float(low)] = counts.get(float(low), 0) + count
-    yield from counts.items()
+    for low, count in parts.rows(query):
+        yield float(low), count
 
 
 def _command(name: str, drive: DriveFigures) -> str:
-    return shlex.join(["candaemon", name, drive.configuration, *drive.logs])
+    """Return the command that shows a drive: smoothing alters the table of tracks alone, which it does not write."""
+    maps = (word for channel, bus in drive.channels.items() for word in ("--map", f"{channel}={bus}"))
+    return shlex.join(["candaemon", name, drive.configuration, *drive.logs, *maps])
 
 
 def _view(drive: DriveFigures) -> str:
@@ -342,7 +343,10 @@ def _worst_moments(report: FleetReport) -> str:
         )
         for each in report.moments
     )
-    about = "<p>The scan of each drive that fits worst: its mean NIS over what is expected.</p>"
+    about = (
+        "<p>The scan of each drive that fits worst: its mean NIS over what is expected. Times count from the drive's "
+        "first cycle.</p>"
+    )
     return about + table(("drive", "at (s)", "NIS / expected", "sensor", "see it"), rows, ("sensor", "see it"))
 
 

@@ -12,6 +12,7 @@ from candaemon.fleet.dataset import (
     DriveRecordFile,
     ReplayOptions,
     failure_name,
+    noted_drives,
     records_in,
     write_failure,
 )
@@ -35,6 +36,7 @@ class FleetResult:
         kept: that were there already.
         computed: by this run.
         failed: reasons by drive.
+        others: drives that the folder holds of former runs.
         duration: of the logs computed, s.
         effort: s of processor time that took.
     """
@@ -43,6 +45,7 @@ class FleetResult:
     kept: int = 0
     computed: int = 0
     failed: dict[str, str] = field(default_factory=dict)
+    others: tuple[str, ...] = ()
     duration: float = 0.0
     effort: float = 0.0
 
@@ -91,11 +94,12 @@ def orders_of(
         configurations: of theirs, by path.
         store: with what former runs left.
         options: of the replay.
-        result: takes what is done.
+        result: takes what is done, and which drives the folder holds beside these.
         verify: look into logs that seem to be unchanged, too.
     """
     sizes, records, orders = store.sizes(), records_in_order(store), []
     result.drives = len(drives)
+    result.others = tuple(sorted(noted_drives(sizes) - {drive.name for drive in drives}))
     for drive in drives:
         kept = configurations[drive.configuration]
         order = DriveOrder(drive, store.url, kept.digest, kept.yaml, kept.base, options, software())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import sqrt
+from math import floor, log2, sqrt
 from typing import Final
 
 import numpy as np
@@ -70,6 +70,16 @@ def paired_difference(differences: Floats) -> PairedDifference:
             left -= rows
         p = (beyond + 1) / (PERMUTATIONS + 1)
     return PairedDifference(n, mean, low, high, p)
+
+
+def fewest_pairs(figures: int, level: float) -> int:
+    """Return how many pairs it takes that a difference of one sign in all of them is more than chance.
+
+    Args:
+        figures: that are tested together, at least one.
+        level: probability below which that is so, corrected for their number.
+    """
+    return floor(log2(2 * figures / level)) + 1
 
 
 def mean_interval(values: Floats) -> tuple[float, float]:

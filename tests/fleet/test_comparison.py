@@ -12,9 +12,9 @@ import pytest
 from candaemon.cli.main import main
 from candaemon.errors import InputError
 from candaemon.fleet import fleet_figures
-from candaemon.fleet.comparison import compare, markdown
+from candaemon.fleet.comparison import LEVEL, compare, markdown, sentences
 from candaemon.fleet.fleet_figures import DriveFigures, FleetFigures, load_figures
-from candaemon.fleet.paired_test import EXACT_UP_TO, holm, paired_difference
+from candaemon.fleet.paired_test import EXACT_UP_TO, fewest_pairs, holm, paired_difference
 
 KEYS = ("predictions.x.0.5", "predictions.y.0.5", "predictions.x.1", "predictions.y.1", "stationary.speed", "nis.off")
 
@@ -107,6 +107,23 @@ def test_holm_corrects_for_the_number_of_figures() -> None:
     assert holm([]) == []
 
 
+@pytest.mark.parametrize("figures", [1, 6, 12, 13, 48])
+def test_the_fewest_pairs_are_those_from_which_on_a_figure_can_differ(figures: int) -> None:
+    fewest = fewest_pairs(figures, LEVEL)
+    same = [1.0] * (figures - 1)
+    assert holm([paired_difference(np.ones(fewest)).p, *same])[0] < LEVEL
+    assert holm([paired_difference(np.ones(fewest - 1)).p, *same])[0] >= LEVEL
+
+
+def test_what_is_said_of_few_drives_is_what_the_test_finds() -> None:
+    few, enough = (compare(fleet(1, drives=drives), fleet(2, 1.2, drives=drives)) for drives in (7, 8))
+    told = "So few drives cannot tell a change of one of 6 figures from chance; 8 or more can."
+    assert not few.regressions
+    assert told in sentences(few)
+    assert enough.regressions
+    assert told not in sentences(enough)
+
+
 def written(path: Path, figures: FleetFigures) -> str:
     path.write_text(json.dumps(figures.to_json()), encoding="utf-8")
     return str(path)
@@ -126,6 +143,20 @@ def test_the_command_fails_on_what_it_is_told_to(tmp_path: Path, capsys: pytest.
     assert main(["fleet", "compare", a, b, "--fail-on", "regression", "--least", "4"]) == 0
     assert main(["fleet", "compare", a, a, "--fail-on", "bytes,difference,missing"]) == 0
     assert main(["fleet", "compare", a, b, "--fail-on", "bytes", "--markdown"]) == 1
+
+
+def test_a_comparison_replaces_nothing_that_it_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a, b = written(tmp_path / "a.json", fleet(1)), written(tmp_path / "b.json", fleet(2))
+    before = Path(a).read_bytes()
+    assert main(["fleet", "compare", a, b, "--json", a]) == 2
+    assert "it is read too" in capsys.readouterr().err
+    assert Path(a).read_bytes() == before
+
+
+def test_a_report_of_a_file_of_figures_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    a = written(tmp_path / "a.json", fleet(1))
+    assert main(["fleet", "report", a, "-o", str(tmp_path / "a.html")]) == 1
+    assert f"{a}: it is a file" in capsys.readouterr().err
 
 
 def test_a_file_of_figures_has_a_longest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import resource
+import shlex
 import shutil
 from pathlib import Path
 
@@ -13,7 +14,9 @@ import pytest
 from candaemon.cli.main import main
 from candaemon.errors import InputError
 from candaemon.fleet import result_store
-from candaemon.fleet.dataset import records_in, table_files
+from candaemon.fleet.dataset import ReplayOptions, records_in, table_file, table_files
+from candaemon.fleet.fleet_figures import load_figures
+from candaemon.fleet.fleet_page import report_of
 from candaemon.fleet.kept_configuration import MOST_BOUND, kept_binding
 from candaemon.fleet.result_store import FolderStore, store_at
 from tests.support.fleets import CONFIG, Inline, run_inline, short_drives, simulated, tables
@@ -137,7 +140,92 @@ def test_results_on_another_file_system_are_the_same(logs: list[Path], whole: Pa
     found = {name: memory.cat_file(f"/results/{name}") for name in tables(whole)}
     assert found == tables(whole)
     assert run_inline(["memory://logs"], "memory://results").kept == 3
+    there = load_figures("memory://results").drives.values()
+    assert [each.values for each in there] == [each.values for each in load_figures(str(whole)).drives.values()]
     assert not [name for name in memory.find("/results") if name.endswith(".part")]
+
+
+def test_drives_of_former_runs_are_told(logs: list[Path], results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As those of logs that are gone, and of those that failed: reports go on counting them."""
+    (results / "failed").mkdir()
+    (results / "failed" / "gone.json").write_text("{}", encoding="utf-8")
+    assert main(["fleet", "run", str(CONFIG), str(logs[1]), "-o", str(results)]) == 0
+    told = capsys.readouterr().err
+    assert f"warning: {results} holds drives of former runs too" in told
+    assert "d000, d002, gone; to be rid of one, remove records/NAME.json" in told
+    (results / "failed" / "gone.json").unlink()
+    assert run_inline(logs, results).others == ()
+
+
+def test_lost_or_refused_is_what_came_and_was_of_no_use(logs: list[Path], whole: Path, tmp_path: Path) -> None:
+    """A short frame counts once, though its scan misses it; error frames are no losses."""
+    assert {each.values["losses"] for each in load_figures(str(whole)).drives.values()} == {0.0}
+    lines = logs[0].read_text(encoding="ascii").splitlines(keepends=True)
+    number = next(number for number, line in enumerate(lines) if " can1 " in line)
+    time = lines[number].partition(" ")[0]
+    lines[number] = f"{lines[number].partition('#')[0]}#00\n"
+    log = tmp_path / "short.log"
+    log.write_text("".join([*lines, f"{time} can1 20000004#0004000000000000\n"]), encoding="ascii")
+    assert run_inline([log], tmp_path / "results").computed == 1
+    (drive,) = load_figures(str(tmp_path / "results")).drives.values()
+    assert drive.values["losses"] == pytest.approx(1e3 / len(lines))
+
+
+def test_a_drive_whose_tables_are_gone_counts_as_failed(
+    whole: Path, results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gone, short = (table_file(*each) for each in (("summaries", "d001"), ("cycles", "d002")))
+    (results / gone).unlink()
+    (results / short).write_bytes((results / short).read_bytes()[:-1])
+    found = load_figures(str(results))
+    assert list(found.drives) == ["d000"]
+    assert found.incomplete == ("d001", "d002")
+    assert found.failed == {"d001": f"{gone}: missing or damaged since its run", "d002": found.failed["d002"]}
+    assert main(["fleet", "compare", str(whole), str(results), "--fail-on", "missing"]) == 1
+    out, err = capsys.readouterr()
+    assert "1 drives the same to the byte" in out
+    assert f"warning: drives d001, d002 of {results} count as failed" in err
+
+
+@pytest.mark.parametrize("table", ["summaries", "cycles"])
+def test_a_table_that_cannot_be_read_is_named(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], table: str
+) -> None:
+    path = results / table_file(table, "d001")
+    path.write_bytes(path.read_bytes()[:-4] + b"none")
+    page = tmp_path / "page.html"
+    assert main(["fleet", "report", str(results), "-o", str(page)]) == 1
+    told = capsys.readouterr().err
+    assert f"{path}: cannot be read" in told
+    assert "remove it, and run the same 'fleet run' again" in told
+    assert not page.exists()
+
+
+def test_a_report_replaces_nothing_that_it_reads(results: Path) -> None:
+    before = {path: path.read_bytes() for path in results.rglob("*") if path.is_file()}
+    for name in ("records/d000.json", table_file("cycles", "d001")):
+        assert main(["fleet", "report", str(results), "-o", str(results / name)]) == 2
+    assert before == {path: path.read_bytes() for path in results.rglob("*") if path.is_file()}
+    for _ in range(2):
+        assert main(["fleet", "report", str(results), "-o", str(results / "report.html")]) == 0
+
+
+def test_the_command_of_a_moment_replays_it_as_the_run_did(logs: list[Path], tmp_path: Path) -> None:
+    """Its channels are those of the run's --map, and its range is by the log's clock."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    log, results = tmp_path / "drive.log", tmp_path / "results"
+    log.write_text(logs[2].read_text(encoding="ascii").replace(" can1 ", " can9 "), encoding="ascii")
+    assert run_inline([log], results, options=ReplayOptions({"can9": "radar"})).computed == 1
+    found = report_of(load_figures(str(results)), store_at(str(results)))
+    (moment,) = found.moments
+    cycles = parquet.read_table(results / table_file("cycles", "drive")).to_pylist()
+    worst = max((each for each in cycles if each["nis"]), key=lambda each: float(each["nis"] / each["nis_expected"]))
+    command = shlex.split(moment.replay)
+    begin, end = (command[command.index(option) + 1] for option in ("--from", "--to"))
+    assert float(begin.removeprefix("@")) == pytest.approx(worst["time"] - 2.0, abs=0.006)
+    assert float(end.removeprefix("@")) == pytest.approx(worst["time"] + 2.0, abs=0.006)
+    assert main(command[1:]) == 0
+    assert all("--map can9=radar" in each for each in (moment.view, *(drive.view for drive in found.worst)))
 
 
 def test_two_runs_do_not_write_to_one_folder(tmp_path: Path) -> None:

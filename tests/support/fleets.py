@@ -59,9 +59,10 @@ def run_inline(
     config: Path = CONFIG,
     workers: Inline | None = None,
     manifests: Iterable[Path] = (),
+    options: ReplayOptions | None = None,
 ) -> FleetResult:
     """Run a fleet as `candaemon fleet run` does, in this process."""
-    options, result, store = ReplayOptions(), FleetResult(), store_at(str(output))
+    options, result, store = options or ReplayOptions(), FleetResult(), store_at(str(output))
     drives = drives_of([str(log) for log in logs], list(map(str, manifests)), config)
     configurations = configurations_of(drives, options)
     with store.exclusive():
