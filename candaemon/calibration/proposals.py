@@ -195,7 +195,8 @@ def _parts(parts: NoiseParts, factor: float, unit: str) -> str:
     if parts.slow:
         told += f", correlated {factor * parts.slow:.3g} for {parts.time:g} s"
     if parts.walk:
-        told += f", walk {factor**2 * parts.walk:.3g} {unit}²/s"
+        squared = f"({unit})²" if "/" in unit else f"{unit}²"
+        told += f", walk {factor**2 * parts.walk:.3g} {squared}/s"
     return told
 
 

@@ -16,6 +16,7 @@ from candaemon.printable import printable
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
+    from rich.table import Table
 
     from candaemon.can_io.logs.stream import LogCounts
 
@@ -70,6 +71,22 @@ class Sheet:
         object.__setattr__(self, "rows", tuple(tuple(map(printable, row)) for row in self.rows))
         object.__setattr__(self, "header", tuple(map(printable, self.header)))
 
+    def turned(self) -> Sheet:
+        """Return it with a row for each column; the first column, where it names rows, becomes the header."""
+        first, *rest = zip(self.header, *self.rows, strict=True)
+        return Sheet(self.title, (first, *rest)) if first[0] else Sheet(self.title, tuple(rest), first)
+
+    def table(self) -> Table:
+        """Return it as a table of rich."""
+        from rich.table import Table  # noqa: PLC0415 - a slow import that a pipe does not need
+
+        table = Table(title=self.title, title_justify="left", title_style="bold", show_header=bool(self.header))
+        for k, cells in enumerate(zip(*self.rows, strict=True)):
+            table.add_column(self.header[k] if self.header else "", justify="right" if _numeric(cells) else "left")
+        for row in self.rows:
+            table.add_row(*row)
+        return table
+
 
 def console(*, stderr: bool = False) -> Console:
     """Return rich's console, which shows text as it is: brackets in a name are no markup, colons no emoji.
@@ -82,23 +99,29 @@ def console(*, stderr: bool = False) -> Console:
     return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
+def can_redraw() -> bool:
+    """Return whether standard output is a terminal that can draw over what it shows; a dumb one cannot."""
+    return sys.stdout.isatty() and not console().is_dumb_terminal
+
+
 def print_sheets(sheets: Iterable[Sheet]) -> None:
-    """Print sheets: tables on a terminal, plain lines with columns aligned by blanks elsewhere."""
+    """Print sheets: tables on a terminal, plain lines with columns aligned by blanks elsewhere.
+
+    A table of few rows that is too wide for the terminal is turned, if it fits then.
+    """
     if not sys.stdout.isatty():
         for sheet in sheets:
             print("\n".join(_lines(sheet)))
         return
-    from rich.table import Table  # noqa: PLC0415 - as above
+    from candaemon.evaluation.fitted_table import FittedTable  # noqa: PLC0415 - it imports rich, which is slow
 
     shown = console()
     for sheet in sheets:
-        table = Table(title=sheet.title, title_justify="left", title_style="bold", show_header=bool(sheet.header))
-        for k, cells in enumerate(zip(*sheet.rows, strict=True)):
-            name = sheet.header[k] if sheet.header else ""
-            table.add_column(name, justify="right" if _numeric(cells) else "left", overflow="fold")
-        for row in sheet.rows:
-            table.add_row(*row)
-        shown.print(table)
+        fitted = FittedTable(sheet.table())
+        if len(sheet.rows) < len(sheet.header) and not fitted.fits(shown):
+            turned = FittedTable(sheet.turned().table())
+            fitted = turned if turned.fits(shown) else fitted
+        shown.print(fitted)
 
 
 def _lines(sheet: Sheet) -> Iterator[str]:

@@ -8,15 +8,15 @@ them, so that the result is the same at any speed.
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from itertools import groupby
+from math import hypot
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import can
 
@@ -24,13 +24,14 @@ from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding, BoundOutput
 from candaemon.can_io.python_can import to_frame, to_message
 from candaemon.cli.arguments import SCENARIO, input_path, number, seed, speed, whole_number
-from candaemon.cli.console import console, say
+from candaemon.cli.console import can_redraw, console, say
 from candaemon.cli.view import LARGEST_PORT, LONGEST_VIEW, PORT, require_extra, show
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config, find_scenario
 from candaemon.daemon.daemon import Daemon
 from candaemon.daemon.observer import CompletedCycle, Observer
 from candaemon.errors import BusError, ConfigError
+from candaemon.evaluation.fitted_table import FittedTable
 from candaemon.evaluation.metrics import evaluate
 from candaemon.evaluation.printing import print_sections, sections
 from candaemon.evaluation.tables import TRACK_COLUMNS, TRUTH_COLUMNS, TrackWriter
@@ -41,9 +42,6 @@ from candaemon.simulation.drive_files import write_truth
 from candaemon.simulation.scenario import LONGEST_DRIVE, Scenario, load_scenario
 from candaemon.simulation.simulate import Simulation, simulate
 from candaemon.tracking.obstacles import STATE_NAMES
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 SHORTEST_DRIVE: Final = 0.001
 """Shortest drive, s."""
@@ -134,7 +132,7 @@ def run_demo(binding: Binding, scenario: Scenario, *, seed: int, speed: float | 
         seed: of all random numbers.
         speed: times real time; None: `_SPEED` on a terminal, as fast as possible elsewhere.
     """
-    watched = sys.stdout.isatty()
+    watched = can_redraw()
     speed = speed or (_SPEED if watched else None)
     simulation = simulate(scenario, binding, seed)
     say(f"{scenario.duration:g} s of a simulated drive, as CAN frames through {len(binding.buses)} virtual buses")
@@ -286,8 +284,8 @@ class LinePrinter:
 
 def _place(quantities: dict[str, list[float]], row: int) -> str:
     """Return an obstacle's position and speed as text."""
-    x, y, vx = (quantities[name][row] for name in ("x", "y", "vx"))
-    return f"({x:.1f}, {y:.1f}) m {vx:.1f} m/s"
+    x, y, vx, vy = (quantities[name][row] for name in ("x", "y", "vx", "vy"))
+    return f"({x:.1f}, {y:.1f}) m {hypot(vx, vy):.1f} m/s"
 
 
 class LiveTable:
@@ -297,7 +295,6 @@ class LiveTable:
         from rich.live import Live  # noqa: PLC0415 - a slow import that a pipe does not need
 
         self._first_ns: int | None = None
-        self._table: Table | None = None
         self._live = Live(console=console(), auto_refresh=False, refresh_per_second=_REFRESH_HZ)
         self._next_s = 0.0
 
@@ -317,11 +314,16 @@ class LiveTable:
         now_s = self._live.console.get_time()
         if now_s >= self._next_s:
             self._next_s = now_s + 1 / _REFRESH_HZ
-            self._live.update(_table(cycle, (cycle.time_ns - self._first_ns) / _SECOND_NS), refresh=True)
+            self._live.update(obstacles_table(cycle, (cycle.time_ns - self._first_ns) / _SECOND_NS), refresh=True)
 
 
-def _table(cycle: DecodedCycle, seconds: float) -> Table:
-    """Return obstacles as a table, the nearest first."""
+def obstacles_table(cycle: DecodedCycle, seconds: float) -> FittedTable:
+    """Return obstacles as a table, the nearest first.
+
+    Args:
+        cycle: the obstacles.
+        seconds: of the drive.
+    """
     from rich.table import Table  # noqa: PLC0415 - as above
 
     table = Table(title=f"{seconds:5.1f} s · x ahead, y to the left, speeds over ground", title_justify="left")
@@ -329,10 +331,10 @@ def _table(cycle: DecodedCycle, seconds: float) -> Table:
     table.add_column("state", min_width=9)
     columns = [(name, unit) for name, unit in _COLUMNS if name in cycle.quantities]
     for name, unit in columns:
-        table.add_column(f"{name} ({unit})", justify="right", min_width=9)
+        table.add_column(f"{name} ({unit})", justify="right", min_width=6)
     quantities = {name: values.tolist() for name, values in cycle.quantities.items()}
     for row in sorted(range(len(quantities["id"])), key=quantities["x"].__getitem__):
         state = STATE_NAMES[int(quantities["state"][row]) - FIRST_STATE]
         cells = (f"{quantities[name][row]:.1f}" for name, _ in columns)
         table.add_row(f"{quantities['id'][row]:.0f}", state, *cells, style="dim" if state == "coasting" else None)
-    return table
+    return FittedTable(table)

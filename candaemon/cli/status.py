@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
@@ -21,7 +21,9 @@ from candaemon.status.socket_paths import running_instances
 from candaemon.status.status_client import snapshots
 
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console, ConsoleOptions, RenderResult
+
+    from candaemon.evaluation.fitted_table import FittedTable
 
 Tree: TypeAlias = Mapping[str, Any]
 """What `candaemon.status.snapshot.Figures.tree` gives."""
@@ -45,15 +47,15 @@ def execute(arguments: argparse.Namespace) -> None:
 
 
 def sheets(figures: Tree) -> list[Sheet]:
-    """Return the figures as sheets: the service, its obstacles, its buses and its sensors."""
+    """Return the figures as sheets, those first that tell what is wrong: the last ones may find no room."""
     return [
         _service(figures),
         _obstacles(figures),
-        _times(figures),
-        _buses(figures),
         _sensors(figures),
-        *_calibration(figures),
         *_rare(figures),
+        _buses(figures),
+        _times(figures),
+        *_calibration(figures),
     ]
 
 
@@ -80,22 +82,46 @@ class LiveView:
 
     def show(self, figures: Tree) -> None:
         """Draw a status snapshot."""
+        self._live.update(_Screenful([_table(sheet) for sheet in sheets(figures)]), refresh=True)
+
+
+@dataclass(frozen=True, slots=True)
+class _Screenful:
+    """Tables as far as the terminal has lines for them: without columns where it is low, and last how much is hidden.
+
+    Attributes:
+        tables: the first ones are seen on any terminal.
+    """
+
+    tables: Sequence[FittedTable]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the lines that have room."""
         from rich.console import Group  # noqa: PLC0415 - as above
+        from rich.segment import Segment  # noqa: PLC0415 - as above
 
-        self._live.update(Group(*map(_table, sheets(figures))), refresh=True)
+        height = options.size.height
+        lines = console.render_lines(Group(*self.tables), options, pad=False)
+        if len(lines) > height:
+            low = (replace(table, in_columns=False) for table in self.tables)
+            lines = console.render_lines(Group(*low), options, pad=False)
+        if len(lines) > height:
+            hidden = len(lines) - height + 1
+            lines[height - 1 :] = [[Segment(f"… {hidden} more lines: --once shows all")]]
+        for line in lines:
+            yield from line
+            yield Segment.line()
 
 
-def _table(sheet: Sheet) -> RenderableType:
+def _table(sheet: Sheet) -> FittedTable:
     """Return a sheet as a table without lines, which takes less space."""
     from rich import box  # noqa: PLC0415 - as above
-    from rich.table import Table  # noqa: PLC0415 - as above
 
-    table = Table(
-        *sheet.header, title=sheet.title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False
-    )
-    for row in sheet.rows:
-        table.add_row(*row)
-    return table
+    from candaemon.evaluation.fitted_table import FittedTable  # noqa: PLC0415 - as above
+
+    table = sheet.table()
+    table.box, table.pad_edge = box.SIMPLE_HEAD, False
+    return FittedTable(table)
 
 
 def _service(figures: Tree) -> Sheet:
@@ -274,7 +300,7 @@ def watch(instance: str | None, path: Path | None, *, once: bool, as_json: bool)
             print(json.dumps(next(figures), separators=(",", ":")))
             return
         with _figures_of(where):
-            if once or not sys.stdout.isatty():
+            if once or not console.can_redraw():
                 console.print_sheets(sheets(next(figures)))
                 return
             with LiveView() as view:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from textwrap import shorten
 from threading import Event, Timer
 from typing import TYPE_CHECKING, Any, Final
 
 from candaemon.binding.bind import bind
 from candaemon.cli import console
 from candaemon.cli.arguments import CONFIG, input_path, number
-from candaemon.cli.console import Sheet
 from candaemon.cli.view import LONGEST_VIEW
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config
@@ -23,6 +22,7 @@ from candaemon.view.picture import Picture
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+    from rich.table import Table
 
 FARTHEST_AHEAD: Final = 1000.0
 """Farthest that the radar of characters shows, m."""
@@ -30,6 +30,17 @@ _REFRESH_S: Final = 0.1
 _LINES_S: Final = 1.0
 _NICENESS: Final = 5
 _NARROWEST: Final = 100
+"""Columns of a terminal from which on radar and table are side by side."""
+_NARROWEST_RADAR: Final = 40
+_APART: Final = 2
+"""Columns between radar and table."""
+_NUMBERS: Final = (("x", "m"), ("y", "m"), ("vx", "m/s"), ("vy", "m/s"))
+_LEAST: Final = {"id": 4, "state": 9, "x m": 6, "y m": 6, "vx m/s": 6, "vy m/s": 6, "class": 10}
+"""Width of each column of the table at least, so that it does not sway with what is in it."""
+_BETWEEN: Final = 2
+"""Columns between two of the table."""
+_LEAST_MISSED: Final = ("class", "state", "vy m/s", "vx m/s")
+"""Columns of the table that are left out where it is too wide, the first one first."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,17 +66,25 @@ def execute(arguments: argparse.Namespace) -> None:
         timer.daemon = True
         timer.start()
     pictures = listener.pictures(stopping)
-    if sys.stdout.isatty():
+    if console.can_redraw():
         show_live(pictures, arguments.ahead)
     else:
         print_lines(pictures)
 
 
 def print_lines(pictures: Iterable[Picture]) -> None:
-    """Print a line when an obstacle comes or goes, and one an obstacle each second."""
+    """Print a line when an obstacle comes or goes, and one an obstacle each second.
+
+    A line tells where obstacles are from: those of the bus and those tracked here have ids of their own.
+    """
     known: set[int] = set()
+    heard: bool | None = None
     next_s = 0.0
     for picture in pictures:
+        if picture.heard != heard:
+            heard = picture.heard
+            known.clear()
+            print(f"{picture.time:.3f} obstacles {_origin(picture)}", flush=True)
         rows = {row["id"]: row for row in picture.rows() if row["state"] != 0}
         for identity in sorted(rows.keys() - known):
             print(f"{picture.time:.3f} obstacle {identity} came {_line(rows[identity])}", flush=True)
@@ -76,6 +95,10 @@ def print_lines(pictures: Iterable[Picture]) -> None:
             next_s = picture.time + _LINES_S
             for identity, row in sorted(rows.items()):
                 print(f"{picture.time:.3f} obstacle {identity} {_line(row)}", flush=True)
+
+
+def _origin(picture: Picture) -> str:
+    return "from the bus" if picture.heard else "tracked here"
 
 
 def _line(row: dict[str, Any]) -> str:
@@ -113,20 +136,27 @@ def layout(picture: Picture, health: dict[str, Any], size: tuple[int, int], ahea
         size: columns and rows of the terminal.
         ahead: m that the radar shows ahead.
     """
-    from rich.columns import Columns  # noqa: PLC0415 - as above
     from rich.console import Group  # noqa: PLC0415 - as above
+    from rich.table import Table  # noqa: PLC0415 - as above
     from rich.text import Text  # noqa: PLC0415 - as above
 
     columns, rows = size
     wide = columns >= _NARROWEST
-    radar_columns = columns // 2 - 2 if wide else columns
     radar_rows = max(rows - 3 if wide else rows // 2, 5)
-    origin = "from the bus" if picture.heard else "tracked here"
-    head = Text(f"{len(picture)} obstacles {origin} · own motion {health.get('own_motion', '-')} · {_rates(health)}")
-    head.truncate(columns)
+    most = rows - 5 if wide else max(rows - radar_rows - 4, 1)
+    table, table_columns = _table(picture, most, columns - _NARROWEST_RADAR if wide else columns)
+    radar_columns = columns - table_columns - _APART if wide else columns
+    head = (
+        f"{len(picture)} obstacles {_origin(picture)} · own motion {health.get('own_motion', '-')} · {_rates(health)}"
+    )
+    shown = Text(shorten(head, columns, placeholder=" …"))
     radar = Text("\n".join(drawn(picture, radar_columns, radar_rows, ahead=ahead)), no_wrap=True)
-    table = _table(picture, rows - 5 if wide else max(rows - radar_rows - 4, 1))
-    return Group(head, Columns([radar, table], padding=(0, 2)) if wide else Group(radar, table))
+    if not wide:
+        return Group(shown, radar, table)
+    beside = Table.grid(padding=(0, _APART))
+    beside.add_column(width=radar_columns)
+    beside.add_row(radar, table)
+    return Group(shown, beside)
 
 
 def _rates(health: dict[str, Any]) -> str:
@@ -134,28 +164,37 @@ def _rates(health: dict[str, Any]) -> str:
     return ", ".join(f"{name} {each['rate']:.0f} scans/s" for name, each in sensors.items()) or "no scans yet"
 
 
-def _table(picture: Picture, most: int) -> RenderableType:
-    """Return the nearest obstacles as a table."""
+def _table(picture: Picture, most: int, width: int) -> tuple[Table, int]:
+    """Return the nearest obstacles as a table, and its width.
+
+    Args:
+        picture: of the cycle.
+        most: rows.
+        width: columns of the terminal that it may take; what is least missed is left out where they are few.
+    """
     from rich import box  # noqa: PLC0415 - as above
     from rich.table import Table  # noqa: PLC0415 - as above
 
-    found = sorted(picture.rows(), key=lambda row: (row["x"] ** 2 + row["y"] ** 2, row["id"]))
-    cells = tuple(
-        (
-            str(row["id"]),
-            STATE_NAMES[row["state"]],
-            f"{row['x']:.1f}",
-            f"{row['y']:.1f}",
-            f"{row['vx']:.1f}",
-            f"{row['vy']:.1f}",
-            CLASS_NAMES[row.get("class") or 0],
-        )
-        for row in found[:most]
-    )
-    sheet = Sheet("", cells, ("id", "state", "x m", "y m", "vx m/s", "vy m/s", "class"))
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for k, name in enumerate(sheet.header):
-        table.add_column(name, justify="left" if k in {1, 6} else "right", no_wrap=True)
-    for each in sheet.rows:
-        table.add_row(*each)
-    return table
+    found = sorted(picture.rows(), key=lambda row: (row["x"] ** 2 + row["y"] ** 2, row["id"]))[:most]
+    columns = {
+        "id": [str(row["id"]) for row in found],
+        "state": [STATE_NAMES[row["state"]] for row in found],
+        **{f"{name} {unit}": [f"{row[name]:.1f}" for row in found] for name, unit in _NUMBERS},
+        "class": [CLASS_NAMES[row.get("class") or 0] for row in found],
+    }
+    widths = {name: max(map(len, (name, *cells))) for name, cells in columns.items()}
+    widths = {name: max(least, widths[name]) for name, least in _LEAST.items()}
+    for name in _LEAST_MISSED:
+        if _whole(widths) > width:
+            del widths[name]
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True)
+    for name, each in widths.items():
+        table.add_column(name, justify="left" if name in {"state", "class"} else "right", width=each, no_wrap=True)
+    for cells in zip(*(columns[name] for name in widths), strict=True):
+        table.add_row(*cells)
+    return table, _whole(widths)
+
+
+def _whole(widths: Mapping[str, int]) -> int:
+    """Return the width of a table."""
+    return sum(widths.values()) + _BETWEEN * (len(widths) - 1)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from rich.console import Console
 from rich.table import Table
 
+from candaemon.evaluation.fitted_table import FittedTable
 from candaemon.evaluation.results import ActorResult, BoxErrors, Evaluation, GroupErrors
 
 
@@ -106,7 +107,11 @@ def sections(evaluation: Evaluation) -> Iterator[Section]:
 
 def _groups(groups: Sequence[GroupErrors]) -> Section:
     """Return the errors of each group of pairs, to see what is worst."""
-    header = ("samples", "position (m)", "along", "across", "velocity (m/s)", "along", "across", "NEES", "within 95 %")
+    of_position, of_velocity = (
+        ("position (m)", "along (m)", "across (m)"),
+        ("velocity (m/s)", "along (m/s)", "across (m/s)"),
+    )
+    header = ("samples", *of_position, *of_velocity, "NEES", "within 95 %")
     rows = (
         (
             one.by if one.by == one.group else f"{one.by}: {one.group}",
@@ -188,14 +193,14 @@ def _with(count: int, more: int, what: str) -> str:
     return f"{count} ({more} {what})" if more else str(count)
 
 
-def _table(section: Section) -> Table:
-    """Return a section as a table of rich."""
+def _table(section: Section) -> FittedTable:
+    """Return a section as a table for a terminal."""
     table = Table(title=section.title, title_justify="left", title_style="bold")
     for k, name in enumerate(section.header):
         table.add_column(name, justify="right" if k else "left")
     for row in section.rows:
         table.add_row(*row)
-    return table
+    return FittedTable(table)
 
 
 def _lines(section: Section) -> Iterator[str]:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from candaemon.evaluation.fitted_table import FittedTable
 from candaemon.papers.experiment import Experiment, Result, Row
 
 _TEXTS = ("case", "quantity (unit)", "method")
@@ -75,11 +76,11 @@ def _numbers(row: Row) -> tuple[str, str, str, str]:
     return significant(row.printed), significant(row.here), significant(row.default), significant(row.bound)
 
 
-def _table(title: str, rows: Sequence[Row]) -> Table:
-    """Return rows as a table of rich, in which a case, and each quantity of it, is named once."""
+def _table(title: str, rows: Sequence[Row]) -> FittedTable:
+    """Return rows as a table for a terminal, in which a case, and each quantity of it, is named once."""
     table = Table(title=title, title_justify="left", title_style="bold")
     for name in _TEXTS:
-        table.add_column(name, overflow="fold")
+        table.add_column(name)
     for name in _NUMBERS:
         table.add_column(name, justify="right")
     before = ("", "", "")
@@ -91,7 +92,7 @@ def _table(title: str, rows: Sequence[Row]) -> Table:
         else:
             table.add_row("", "" if quantity == before[1] else quantity, method, *_marked(row))
         before = texts
-    return table
+    return FittedTable(table)
 
 
 def _marked(row: Row) -> tuple[Text, ...]:

@@ -18,6 +18,9 @@ _ROWS_A_METRE_WIDE: Final = 2.0
 def drawn(picture: Picture, columns: int, rows: int, *, ahead: float = 100.0) -> list[str]:
     """Return a picture as lines of characters.
 
+    Of obstacles whose ids would touch, the one least far ahead keeps its id. The others are their sign, or nothing
+    where that would touch, too.
+
     Args:
         picture: of the cycle.
         columns: characters of a line.
@@ -36,12 +39,9 @@ def drawn(picture: Picture, columns: int, rows: int, *, ahead: float = 100.0) ->
         row, column = own_row - round(x / metres), middle - round(y / metres * _ROWS_A_METRE_WIDE)
         return (row, column) if 0 <= row < rows and 0 <= column < columns else None
 
-    for k in range(rows):
-        distance = (own_row - k) * metres
-        if round(distance / metres) % 5 == 0 and k != own_row:
-            label = f"{distance:.0f} m"
-            field[k][: len(label)] = label[:columns]
-            field[k][middle] = "|"
+    marked = [k for k in range(rows) if (own_row - k) % 5 == 0 and k != own_row]
+    for k in marked:
+        field[k][middle] = "|"
     for scan in picture.scans:
         for x, y in zip(scan.x.tolist(), scan.y.tolist(), strict=True):
             if (at := cell(x, y)) is not None:
@@ -49,16 +49,23 @@ def drawn(picture: Picture, columns: int, rows: int, *, ahead: float = 100.0) ->
     if 0 <= own_row < rows:
         field[own_row][middle] = _OWN
     named = picture.columns
-    for row in np.argsort(-named["x"], kind="stable").tolist():
+    taken = [[False] * columns for _ in range(rows)]
+    for row in np.argsort(named["x"], kind="stable").tolist():
         at = cell(float(named["x"][row]), float(named["y"][row]))
         if at is not None:
-            text = SIGNS[int(named["state"][row]) % len(SIGNS)] + str(int(named["id"][row]))
-            _put(field[at[0]], at[1], text)
+            sign = SIGNS[int(named["state"][row]) % len(SIGNS)]
+            line = field[at[0]], taken[at[0]]
+            _ = _put(*line, at[1], f"{sign}{int(named['id'][row])}") or _put(*line, at[1], sign)
+    for k in marked:
+        _put(field[k], taken[k], 0, f"{(own_row - k) * metres:.0f} m")
     return ["".join(line).rstrip() for line in field]
 
 
-def _put(line: list[str], column: int, text: str) -> None:
-    """Write a text into a line, as far as it has room."""
-    for k, character in enumerate(text):
-        if column + k < len(line):
-            line[column + k] = character
+def _put(line: list[str], taken: list[bool], column: int, text: str) -> bool:
+    """Write a text into a line where there is room for all of it and it touches no other; return whether there is."""
+    end = column + len(text)
+    if end > len(line) or any(taken[max(column - 1, 0) : end + 1]):
+        return False
+    line[column:end] = text
+    taken[column:end] = [True] * len(text)
+    return True

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from candaemon.arrays import Floats
+from candaemon.calibration.drives import RANGES, SensorFindings
 from candaemon.calibration.noise import NoiseParts, NoiseSamples, noise_parts, residual_pairs
+from candaemon.calibration.parameters import Estimate
+from candaemon.calibration.proposals import proposals
+from tests.support.bound import binding
 
 CYCLE, SCANS, RETURNS = 0.05, 20, 10
 
@@ -75,3 +79,21 @@ def test_what_explains_as_well_is_taken_for_what_the_same_errors_are_elsewhere(w
     assert (_found(0.01, slow=0.16, time=0.45, windows=8, like=like).walk > 0.0) == walks
     assert _found(0.1, slow=0.2, time=0.1, like=like).walk == 0.0
     assert _found(0.02, walk=0.15, windows=400, like=like).walk > 0.0
+
+
+def test_the_unit_of_a_walk_is_that_of_the_quantity_squared_by_time() -> None:
+    of = binding("esr_ins")
+    (sensor,) = of.sensors
+    parts = NoiseParts(0.1, 0.0, 0.0, 0.04, 0.01, 0.0, 0.01, 1000)
+    measured = ("range", "azimuth", "range_rate")
+    found = SensorFindings(
+        Estimate(np.zeros(4), np.eye(4)),
+        30,
+        dict.fromkeys(measured, parts),
+        dict.fromkeys(measured, [None] * len(RANGES)),
+        (None, None),
+    )
+    told = {row.what.rpartition(".")[2]: row.remark for row in proposals(of, {sensor.name: found})}
+    assert told["range"] == "white 0.1, walk 0.04 m²/s"
+    assert told["range_rate"] == "white 0.1, walk 0.04 (m/s)²/s"
+    assert told["azimuth_deg"].endswith(" deg²/s")

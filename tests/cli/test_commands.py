@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import json
 import os
 import pty
@@ -14,11 +15,15 @@ import time
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from rich.console import Console
 
+from candaemon.cli.demo import LinePrinter, obstacles_table
 from candaemon.cli.main import main
 from candaemon.config.load import json_schema
+from candaemon.output.decoder import DecodedCycle
 from candaemon.playback.summary import doubts
 from tests.beds.waiting import wait_until
 from tests.support.paths import ROOT
@@ -360,6 +365,18 @@ def test_demo_is_the_same_at_any_speed(capsys: pytest.CaptureFixture[str]) -> No
     assert capsys.readouterr().out == fast
     assert "confirmed at" in fast
     assert "errors (RMSE" in fast
+
+
+def test_demo_tells_the_speed_of_who_crosses(capsys: pytest.CaptureFixture[str]) -> None:
+    told = {"id": 4.0, "state": 2.0, "x": 20.0, "y": -3.0, "vx": 0.0, "vy": 9.0, "ax": 0.0, "age": 12.5}
+    cycle = DecodedCycle(0, 0, {name: np.array([value]) for name, value in told.items()})
+    with LinePrinter() as printer:
+        printer.cycle(cycle)
+    assert "(20.0, -3.0) m 9.0 m/s" in capsys.readouterr().out
+    for columns in (80, 40):
+        screen = Console(width=columns, record=True, file=io.StringIO())
+        screen.print(obstacles_table(cycle, 1.0))
+        assert re.search(r"age.*12\.5", screen.export_text(), re.DOTALL)
 
 
 def test_demo_draws_on_a_terminal() -> None:

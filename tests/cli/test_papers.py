@@ -130,6 +130,13 @@ def test_a_terminal_gets_a_table_with_the_better_figure_in_bold() -> None:
     ]  # fmt: skip
     assert "(1 run, seed 3)" in plain
     assert "• P(0) is left open" in plain
+    narrow = Console(file=StringIO(), force_terminal=True, width=40, color_system=None)
+    print_result(narrow, experiment, drawn, 1, 3)
+    assert isinstance(narrow.file, StringIO)
+    lines = narrow.file.getvalue().splitlines()
+    assert "    method: CA · printed: 0.500" in lines
+    assert "    here: 0.400" in lines[lines.index("    method: CA · printed: 0.500") + 1]
+    assert "…" not in narrow.file.getvalue()
 
 
 @pytest.mark.usefixtures("three")

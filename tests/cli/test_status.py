@@ -298,3 +298,32 @@ def test_the_live_view_draws_each_set(figures: dict[str, Any]) -> None:
     assert "valid" in page.getvalue()
     assert "dead reckoning" in page.getvalue()
     assert "front" in page.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "shown"), [(80, 24, True), (160, 60, True), (40, 24, True), (80, 12, False)]
+)
+def test_the_live_view_of_a_low_terminal_tells_what_matters(
+    columns: int, rows: int, shown: bool, figures: dict[str, Any]
+) -> None:
+    figures["losses"] |= {"late": 1234567}
+    page = io.StringIO()
+    with LiveView(Console(file=page, force_terminal=True, width=columns, height=rows, color_system=None)) as view:
+        view.show(figures)
+        lines = [line.rstrip() for line in page.getvalue().splitlines()]
+    assert len(lines) <= rows
+    assert max(map(len, lines)) <= columns
+    text = " ".join(lines)
+    assert re.search(r"front +(· state: )?ok", text)
+    assert ("1234567" in text) == shown
+    assert ("--once shows all" in lines[-1]) == ("yaw deg" not in text and "latency" not in text)
+
+
+def test_a_dumb_terminal_is_shown_the_figures_once(
+    figures: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "dumb")
+    with saying(tmp_path / "s", json.dumps(figures).encode() + b"\n") as path:
+        watch(None, path, once=False, as_json=False)
+    assert "front" in capsys.readouterr().out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import json
+import re
 import socket
 import subprocess
 import sys
@@ -20,9 +21,11 @@ from candaemon.binding.bind import bind
 from candaemon.cli import view, watch
 from candaemon.cli.main import main
 from candaemon.config.load import load_config
+from candaemon.ego.pose import EgoPose, EgoStatus
 from candaemon.errors import InputError
 from candaemon.view.character_radar import drawn
 from candaemon.view.drive_pictures import pictures_of_log
+from candaemon.view.picture import Picture
 from tests.support.paths import ROOT
 from tests.support.recorded import as_log, highway
 from tests.support.viewing import demo_pictures
@@ -181,6 +184,36 @@ def test_characters_lie_where_obstacles_are() -> None:
     assert found >= 2
 
 
+def obstacles(*told: tuple[int, float, float], heard: bool = False, time_ns: int = 0) -> Picture:
+    """Return a picture of confirmed cars, each told by id, x and y."""
+    pose = EgoPose(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EgoStatus.VALID)
+    count = len(told)
+    columns = {
+        **dict(zip(("id", "x", "y"), map(np.array, zip(*told, strict=True)), strict=True)),
+        "vx": np.full(count, -12.3), "vy": np.full(count, -1.0),
+        "state": np.ones(count, int), "class": np.ones(count, int),
+    }  # fmt: skip
+    return Picture(time_ns, pose, columns, np.empty((count, 0)), heard=heard)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        ((17, 60.5, 0.0), (3, 60.0, 0.0)),
+        ((117, 60.5, 0.0), (3, 60.0, 0.0)),
+        ((12, 60.0, 0.0), (9, 59.9, 0.0)),
+        ((21, 60.0, 6.0), (18, 60.0, 0.0)),
+        ((11, 60.0, -48.0), (12, 60.0, -44.0)),
+        ((6, 60.0, 48.0), (1, 80.0, 46.0)),
+    ],
+)
+def test_no_id_is_drawn_that_no_obstacle_has(told: tuple[tuple[int, float, float], ...]) -> None:
+    lines = drawn(obstacles(*told), 48, 30)
+    found = re.findall(r"o\d*", " ".join(lines))
+    assert set(found) <= {"o", *(f"o{identity}" for identity, _, _ in told)}
+    assert found
+
+
 def test_a_place_that_is_no_number_is_not_drawn() -> None:
     picture = demo_pictures()[-1]
     picture = type(picture)(
@@ -200,6 +233,33 @@ def test_a_terminal_of_any_size_is_drawn(size: tuple[int, int]) -> None:
     assert "^" in text
     if size[0] >= 60:
         assert "front 2" in text  # 20 scans/s or so
+
+
+@pytest.mark.parametrize("columns", [20, 40, 46, 54, 60, 100, 108, 160])
+def test_watch_shows_every_number_whole(columns: int) -> None:
+    picture = obstacles(*((100 + k, 80.5 + k, -40.5 - k) for k in range(6)))
+    screen = Console(width=columns, height=30, record=True, file=StringIO())
+    screen.print(watch.layout(picture, {"sensors": {"front": {"rate": 20.0}}}, (columns, 30), 100.0))
+    lines = screen.export_text().splitlines()
+    assert len(lines) <= 30
+    assert max(map(len, lines)) <= columns
+    for k in range(6):
+        (row,) = [line.split() for line in lines if f"{80.5 + k:.1f}" in line]
+        assert {str(100 + k), f"{-40.5 - k:.1f}"} <= set(row)
+        assert ({"-12.3", "-1.0"} <= set(row)) == (columns >= 40)
+        assert ("confirmed" in row) == (columns >= 54)
+
+
+def test_a_pipe_is_told_where_obstacles_are_from(capsys: pytest.CaptureFixture[str]) -> None:
+    second = 1_000_000_000
+    watch.print_lines(
+        [obstacles((7, 50.0, 0.0), heard=True, time_ns=second), obstacles((7, 120.0, 0.0), time_ns=2 * second)]
+    )
+    lines = capsys.readouterr().out.splitlines()
+    assert [" ".join(line.split()[:5]) for line in lines] == [
+        "1.000 obstacles from the bus", "1.000 obstacle 7 came confirmed", "1.000 obstacle 7 confirmed x=50.00",
+        "2.000 obstacles tracked here", "2.000 obstacle 7 came confirmed", "2.000 obstacle 7 confirmed x=120.00",
+    ]  # fmt: skip
 
 
 def test_encoded_pictures_are_small() -> None:

@@ -4,6 +4,7 @@ import io
 import itertools
 import json
 import math
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from candaemon.arrays import Floats
 from candaemon.errors import InputError
 from candaemon.evaluation.matching import assign, gospa, resample
 from candaemon.evaluation.metrics import compare, evaluate
-from candaemon.evaluation.printing import print_evaluation
+from candaemon.evaluation.printing import print_evaluation, sections
 from candaemon.evaluation.results import Evaluation, GroupErrors, Options
 from candaemon.evaluation.tables import BODY_NUMBERS, NUMBERS, STATES, TrackTable, TrackWriter
 from candaemon.files.outputs import OutputFile
@@ -296,6 +297,21 @@ def test_files_are_evaluated_and_reported(tmp_path: Path) -> None:
     terminal = io.StringIO()
     print_evaluation(Console(file=terminal, width=100, force_terminal=True), result)
     assert "│" in terminal.getvalue()
+
+
+@pytest.mark.parametrize("columns", [30, 40, 60, 80, 100, 120])
+def test_no_number_is_cut_on_a_narrow_terminal(columns: int, tmp_path: Path) -> None:
+    tracks = saved(tmp_path / "tracks.csv", rows(range(400), 5, "confirmed", still(110.25, 0.0)))
+    truth = saved(tmp_path / "truth.csv", rows(range(400), 1, "actor", still(110.0, 0.0)))
+    result = evaluate(tracks, truth)
+    terminal = io.StringIO()
+    print_evaluation(Console(file=terminal, width=columns, force_terminal=True, color_system=None), result)
+    text = terminal.getvalue()
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= columns
+    told = set(re.findall(r"[\d.]+", text))
+    for section in sections(result):
+        assert set(re.findall(r"[\d.]+", " ".join(cell for row in section.rows for cell in row))) <= told
 
 
 def test_tables_that_do_not_belong_together_are_told(tmp_path: Path) -> None:
