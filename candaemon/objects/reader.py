@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from math import inf
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -140,6 +141,8 @@ class ObjectReader:
         paged: whether a value in each frame says on which page of the list it is.
         bindings: the signals that are quantities.
         quantities: their names, in the same order: the rows of `ObjectBatch.values`.
+        longest: the greatest length that its signal can tell, m: what is longer is told as that; infinite where there
+            is none.
         required: signals without which an object is not used, of quantities and of what makes it valid, with their
             layout.
 
@@ -163,6 +166,7 @@ class ObjectReader:
         self.layouts = tuple(reader.layout for reader in readers)
         self.bindings = tuple(binding for reader in readers for binding in reader.bindings)
         self.quantities = tuple(binding.quantity for binding in self.bindings)
+        self.longest = next((_greatest(each) for each in self.bindings if each.quantity == "length"), inf)
         self.required = tuple((reader.layout, signal) for reader in readers for signal in reader.required)
         self._readers = tuple(readers)
         self._pairs, self._identity = tuple(pairs), identity
@@ -306,6 +310,13 @@ def _all_of(tests: Sequence[Booleans], n: int) -> Booleans:
     for each in others:
         first &= each
     return first
+
+
+def _greatest(binding: SignalBinding) -> float:
+    """Return the greatest value that a signal can tell of its quantity, SI."""
+    if binding.signal.is_float:
+        return inf
+    return max(binding.gain * end + binding.bias for end in sendable_values(binding.signal))
 
 
 def _joined(column: Column, length: int) -> tuple[bytes | Bytes, Booleans | None]:

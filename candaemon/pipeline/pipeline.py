@@ -71,7 +71,9 @@ class Pipeline:
         self._alignment_of = make_alignments(binding, self.assemblers)
         self.alignments = list(dict.fromkeys(self._alignment_of.values()))
         # scans → detections → tracks
-        self.mountings = [Mounting(sensor.settings, sensor.reader.quantities) for sensor in binding.sensors]
+        self.mountings = [
+            Mounting(sensor.settings, sensor.reader.quantities, sensor.reader.longest) for sensor in binding.sensors
+        ]
         self.tracker_groups = TrackerGroups(
             binding.settings, {sensor.name: sensor.settings for sensor in binding.sensors}
         )

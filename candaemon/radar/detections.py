@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 from candaemon.arrays import Booleans, Floats, Integers
 from candaemon.estimation.measurement import Measurement
@@ -22,6 +23,7 @@ class Detections:
         length, width: as the sensor says (n,), m; NaN where it does not, None where it never does.
         heading: likewise, of the front in the local frame, positive to the left from east, −π to π rad.
         identified: whether an object id says anything of another scan.
+        longest: the greatest length that the sensor can tell, m: what is longer is told as that.
         look: which of the sensor's looks the scan is; −1 where it has none, or does not say.
     """
 
@@ -37,6 +39,7 @@ class Detections:
     heading: Floats | None = None
     identified: bool = True
     look: int = -1
+    longest: float = inf
 
     def __len__(self) -> int:
         return len(self.object_id)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from cmath import exp
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import cos, radians, sin
+from math import cos, inf, radians, sin
 from typing import Final
 
 import numpy as np
@@ -95,9 +95,10 @@ class Mounting:
     Args:
         settings: of the sensor.
         quantities: rows of `Scan.values`.
+        longest: the greatest length that its signal can tell, m.
     """
 
-    def __init__(self, settings: SensorSettings, quantities: tuple[str, ...]) -> None:
+    def __init__(self, settings: SensorSettings, quantities: tuple[str, ...], longest: float = inf) -> None:
         row = {name: i for i, name in enumerate(quantities)}
         noise = settings.noise
         self._mount = settings.mount
@@ -118,6 +119,7 @@ class Mounting:
         self._turning, self._relative = settings.rates == "of_position", settings.rates != "absolute"
         self._compensated = settings.range_rates == "absolute"
         self._identified = settings.identified
+        self._longest = longest
 
     def detections(self, scan: Scan, pose: EgoPose, turned: float = 0.0) -> Detections:
         """Return the scan's objects as seen from a pose.
@@ -166,6 +168,7 @@ class Mounting:
             None if self._heading is None else np.remainder(values[self._heading] + (yaw + np.pi), 2 * np.pi) - np.pi,
             self._identified,
             scan.look,
+            self._longest,
         )
 
     def _projections(

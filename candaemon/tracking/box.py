@@ -23,6 +23,7 @@ from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
 _WHOLLY = 0.8  # share in sight, below which one reflection is all that can be seen of a body of any size
+_LORRY = 13.0  # m, as which something counts that is longer than its sensor can tell
 _SIZE_NOISE = 0.5  # m, of a size that a sensor tells
 _HEADING_SHARE = 0.1  # of a heading that a sensor tells, a scan
 _SIZE_WALK = 0.05  # m²/s, at which what is known of a size grows old
@@ -69,7 +70,10 @@ def learn(
     """
     obstacles, body = bodies.obstacles, bodies.reflections.body.take(reflections)
     if detections.length is not None:
-        _average(obstacles.length, obstacles.length_variance, body, detections.length.take(rows), obstacles.interval)
+        told = detections.length.take(rows)
+        if detections.longest < _LORRY:
+            told = np.where(told >= detections.longest, np.maximum(obstacles.length.take(body), _LORRY), told)
+        _average(obstacles.length, obstacles.length_variance, body, told, obstacles.interval)
     if detections.width is not None:
         _average(obstacles.width, obstacles.width_variance, body, detections.width.take(rows), obstacles.interval)
     if detections.heading is not None:

@@ -57,6 +57,11 @@ def test_a_size_has_a_largest() -> None:
     assert counts.odd_sizes == 2
 
 
+@pytest.mark.parametrize(("name", "longest"), [("tesla_continental", 7.875), ("ars408", 51.0), ("acura_ilx", math.inf)])
+def test_the_longest_that_can_be_told_is_the_end_of_the_signal(name: str, longest: float) -> None:
+    assert binding(name).sensors[0].reader.longest == longest
+
+
 def test_a_heading_is_turned_to_the_local_frame() -> None:
     told, _ = seen(Mount(yaw_deg=90.0), heading=[0.0, -3.0, math.nan, 3.0])
     assert told.heading is not None

@@ -295,6 +295,16 @@ def test_a_length_that_is_told_alone_tells_a_width(length: float, width: float, 
     assert told.kind[0] == kind
 
 
+@pytest.mark.parametrize(("told", "longest", "length"), [(7.875, 7.875, 13.0), (7.5, 7.875, 7.5), (25.5, 25.5, 25.5)])
+def test_a_length_at_the_end_of_its_signal_is_at_least_a_lorrys(told: float, longest: float, length: float) -> None:
+    """What is longer than the signal can tell is told as that."""
+    fed = HandFedVehicles()
+    for t in times(1, 40):
+        seen = fed.scan(t, [car(1, t, 30.0)], length=np.array([told]), longest=longest)
+    assert seen.length[0] == pytest.approx(length, abs=0.1)
+    assert seen.kind[0] == TRUCK
+
+
 def test_the_reference_point_faces_us_and_belongs_to_the_box() -> None:
     fed, rng = HandFedVehicles(), np.random.default_rng(8)
     for t in times(1, 100):
