@@ -2,13 +2,14 @@
 
 Logs that overlap, such as one for each bus, are merged; logs that follow one another are read one by one, whatever the
 order in which they are named. Logs whose times count from their own beginning have no order but the one they are named
-in: each goes on from the one before.
+in: each goes on from the latest time of those before, unless it is later by itself.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain, pairwise
 from pathlib import Path
@@ -25,6 +26,7 @@ from candaemon.can_io.time_range import TimeRange
 from candaemon.errors import InputError
 from candaemon.frames.frame import Frame
 from candaemon.frames.frame_block import FrameBlock
+from candaemon.frames.times import LATEST_NS
 from candaemon.printable import printable
 
 logger = logging.getLogger(__name__)
@@ -92,7 +94,7 @@ class DriveReader:
         found = [(log, self._beginning_of(log)) for log in logs]
         _require_different(found)
         if any(begin is not None and begin.time_ns < EARLIEST_EPOCH_NS for _, begin in found):
-            return self.consecutive(logs)
+            return self._within(self._continued(found))
         begun = [(begin.time_ns, log) for log, begin in found if begin is not None]
         in_order = sorted(begun, key=lambda each: each[0])
         if in_order != begun:
@@ -107,6 +109,22 @@ class DriveReader:
 
     def _one(self, log: Path) -> Iterator[LogBlock]:
         return self._corrected(self._part(log))
+
+    def _continued(self, logs: Sequence[tuple[Path, _Beginning | None]]) -> Iterator[LogBlock]:
+        """Yield the frames of logs as they are named; what counts from its own beginning goes on from those before.
+
+        Args:
+            logs: with how each begins.
+        """
+        latest_ns = 0
+        for log, begin in logs:
+            counts_anew = begin is not None and begin.time_ns < min(latest_ns, EARLIEST_EPOCH_NS)
+            shift_ns = latest_ns - begin.time_ns if begin is not None and counts_anew else 0
+            for block in self._one(log):
+                shifted = _shifted(block, shift_ns) if shift_ns else block
+                if len(shifted):
+                    latest_ns = max(latest_ns, int(times_of(shifted).max()))
+                yield shifted
 
     def _each(self, logs: Sequence[Path]) -> Iterator[LogBlock]:
         if len(logs) == 1:
@@ -219,6 +237,14 @@ def _warn_if_apart(logs: Sequence[tuple[int, Path]]) -> None:
 def times_of(block: LogBlock) -> Integers:
     """Return the time stamps of a block."""
     return block.time_ns if isinstance(block, FrameBlock) else np.array([frame[0] for frame in block], np.int64)
+
+
+def _shifted(block: LogBlock, shift_ns: int) -> LogBlock:
+    """Return a block with something added to its times, which end at `LATEST_NS`."""
+    times = np.minimum(times_of(block) + shift_ns, LATEST_NS)
+    if isinstance(block, FrameBlock):
+        return replace(block, time_ns=times)
+    return [frame._replace(time_ns=time_ns) for frame, time_ns in zip(block, times.tolist(), strict=True)]
 
 
 def _chosen(block: LogBlock, rows: Integers) -> LogBlock:

@@ -836,9 +836,8 @@ def _parse(contents: Contents, path: Path, report: Report) -> Iterator[MessageSp
                 name: multiplexer for multiplexer, signals in identified.selections.items() for name in signals
             }
             for declared, each in zip(identified.messages, parsed, strict=True):
-                yield _message(
-                    each, declared, identified, _selection_of(declared, identified, multiplexers), path, report
-                )
+                selections = _selection_of(declared, identified, multiplexers, report)
+                yield _message(each, declared, identified, selections, path, report)
 
 
 def _pieces(identified: Iterable[Identified]) -> Iterator[list[Identified]]:
@@ -901,21 +900,33 @@ _Selection = tuple[str | None, frozenset[int]]
 
 
 def _selection_of(
-    message: DeclaredMessage, identified: Identified, multiplexers: Mapping[str, str]
+    message: DeclaredMessage, identified: Identified, multiplexers: Mapping[str, str], report: Report
 ) -> dict[str, _Selection]:
-    """Find what selects each signal, as cantools does.
+    """Find what selects each signal, as cantools does: a signal that nothing selects is in every frame.
 
     Args:
         message: the message.
         identified: with the selections by `SG_MUL_VAL_`.
         multiplexers: of those selections, by signal.
+        report: called for each signal that is marked as selected and that nothing selects.
     """
     marked = [name for name, signal in message.signals.items() if signal.mark.endswith("M")]
     only = marked[0] if len(marked) == 1 else None
     found: dict[str, _Selection] = {}
     for name, signal in message.signals.items():
         multiplexer = multiplexers.get(name) if only is None else only if only != name else None
-        if not signal.mark or multiplexer is None:
+        if not signal.mark:
+            continue
+        if multiplexer is None:
+            if signal.mark != "M":
+                why = (
+                    "no SG_MUL_VAL_ says by which multiplexer" if len(marked) > 1 else "there is no multiplexer for it"
+                )
+                report(
+                    signal.line,
+                    f"signal '{name}' of message '{message.name}' is marked {signal.mark}, but {why}: taken from every "
+                    "frame",
+                )
             continue
         ids = identified.selections.get(multiplexer, {}).get(name)
         own = frozenset({int(signal.mark[1:])}) if only is not None else frozenset()

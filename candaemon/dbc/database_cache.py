@@ -26,7 +26,7 @@ LONGEST_ENTRY: Final = 32 << 20
 MOST_ENTRIES: Final = 64
 """Entries of the folder, at most; those that were written first go first."""
 
-_FORM: Final = "1"
+_FORM: Final = "2"
 """Of an entry; another one's entries are not read."""
 _SIGNAL: Final = tuple(each.name for each in fields(SignalSpec))
 _MESSAGE: Final = ("name", "can_id", "length", "is_fd", "cycle_time", "comment", "line")

@@ -8,17 +8,16 @@ from pathlib import Path
 from typing import Final
 
 from candaemon.can_io.drive_reader import DriveReader
-from candaemon.can_io.logs.formats import check_log, written_suffix
+from candaemon.can_io.logs.formats import WITH_NAMES, check_log, is_named_file, open_log, written_suffix
+from candaemon.can_io.logs.read import read_log_blocks
 from candaemon.can_io.logs.stream import EveryChannel, LogCounts
-from candaemon.can_io.logs.write import open_log_writer
+from candaemon.can_io.logs.write import NUMBERED, open_log_writer
 from candaemon.can_io.time_range import WHOLE_DRIVE, TimeRange
 from candaemon.files.outputs import Outputs
 from candaemon.frames.frame_block import FrameBlock
 
 WITHOUT_CHANNELS: Final = (".csv", ".pcap")
 """Formats that do not say on which bus a frame was."""
-WITHOUT_EPOCH: Final = (".asc",)
-"""Formats whose times count from the first frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +27,7 @@ class Converted:
     Attributes:
         log: counts of the reader.
         frames: written, by channel.
-        lost: what the other format does not hold, in words.
+        lost: what was not written, or not as it was, in words.
     """
 
     log: LogCounts
@@ -56,27 +55,51 @@ def convert(
     counts, channels = LogCounts(), EveryChannel()
     for log in logs:
         check_log(log)
+    suffix = written_suffix(output)
     reader = DriveReader(channels, counts, time_range, corrects=False)
     written: dict[int, int] = {}
+    fd_frames = 0
     # opened before the logs are read, finished after: nothing stays where that fails
     with Outputs(logs) as outputs:
-        with open_log_writer(outputs.open(output), channels.names) as writer:
+        file = outputs.open(output)
+        if suffix in NUMBERED:
+            _find_channels(logs, channels)
+        with open_log_writer(file, channels.names) as writer:
             for block in reader.by_time(logs):
                 frames = [
                     frame for frame in (block.frames() if isinstance(block, FrameBlock) else block) if frame.bus >= 0
                 ]
                 for frame in frames:
                     written[frame.bus] = written.get(frame.bus, 0) + 1
+                    fd_frames += frame.fd
                 writer.write(frames)
                 if progress is not None:
                     progress(counts)
         counts.require_frames(logs[0])
     by_channel = {channels.names[bus]: frames for bus, frames in sorted(written.items())}
-    return Converted(counts, by_channel, _lost(counts, written_suffix(output), len(written)))
+    lost = _left_out(counts)
+    if suffix in WITHOUT_CHANNELS and len(written) > 1:
+        lost.append(f"which of {len(written)} channels a frame is of ({suffix} has none)")
+    lost += writer.lost()
+    # frames carry neither
+    if fd_frames:
+        lost.append(f"the flags BRS and ESI of {fd_frames:,} CAN FD frames")
+    lost.append("whether a frame was sent or received")
+    return Converted(counts, by_channel, lost)
 
 
-def _lost(counts: LogCounts, suffix: str, buses: int) -> list[str]:
-    """Return what was not written, in words."""
+def _find_channels(logs: Sequence[Path], channels: EveryChannel) -> None:
+    """Read logs for the names of their channels, to which numbers are to be given; what flows is read only once."""
+    for log in filter(is_named_file, logs):
+        suffix, stream = open_log(log, LogCounts(tells=False))
+        stream.close()
+        if suffix in WITH_NAMES:
+            for _ in read_log_blocks(log, channels, LogCounts(tells=False)):
+                pass
+
+
+def _left_out(counts: LogCounts) -> list[str]:
+    """Return which lines of the logs were not written, in words."""
     skipped = {
         "malformed": counts.malformed,
         "remote frames": counts.remote,
@@ -84,9 +107,4 @@ def _lost(counts: LogCounts, suffix: str, buses: int) -> list[str]:
         "ticks": counts.ticks,
         "of further channels": sum(counts.other_channels.values()),
     }
-    lost = [f"{number:,} {what}" for what, number in skipped.items() if number]
-    if suffix in WITHOUT_CHANNELS and buses > 1:
-        lost.append(f"which of {buses} channels a frame is of ({suffix} has none)")
-    if suffix in WITHOUT_EPOCH:
-        lost.append(f"the date ({suffix} counts from the first frame)")
-    return lost
+    return [f"{number:,} {what}" for what, number in skipped.items() if number]

@@ -53,6 +53,9 @@ class Event:
     time_ns: int
     note: Mapping[str, Any] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        return f"{self.kind} {self.about}" if self.about else self.kind
+
 
 @dataclass(slots=True)
 class _Open:

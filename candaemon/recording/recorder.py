@@ -84,7 +84,8 @@ class Recorder(Observer):
     def on_start(self, daemon: DaemonView) -> None:
         """Begin with the pipeline of a daemon."""
         self._pipeline = daemon.pipeline
-        logger.info("recorded into %s", self._folder)
+        if self._disk.is_open:  # else it has said that it is not
+            logger.info("recorded into %s", self._folder)
 
     def on_items(self, items: Sequence[Frame | Tick]) -> None:
         """Record what the pipeline is about to take."""

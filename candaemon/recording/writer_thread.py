@@ -119,6 +119,11 @@ class WriterThread:
         self._thread.start()
 
     @property
+    def is_open(self) -> bool:
+        """Whether the folder is open, which it is not while the disk refuses that."""
+        return self._opened is not None
+
+    @property
     def has_room(self) -> bool:
         """Whether a file can be begun: the folder is open, and at least half of what may wait is free."""
         return self._opened is not None and self._waiting <= self._most_waiting // 2
@@ -291,7 +296,7 @@ class WriterThread:
         opened = self._opened
         if opened is None or not opened.ring.files:
             self.counts.lose_event()
-            logger.warning("the event %s %s is not kept: nothing is recorded yet", event.kind, event.about)
+            logger.warning("the event %s is not kept: nothing is recorded yet", event)
             return
         if opened.events.prolong(event):
             return
@@ -301,7 +306,7 @@ class WriterThread:
             opened.events.begin(event, files, self._kept_configuration)
         except (OSError, InputError) as error:
             self.counts.lose_event()
-            logger.warning("the event %s %s is not kept: %s", event.kind, event.about, error)
+            logger.warning("the event %s is not kept: %s", event, error)
         else:
             self.counts.events += 1
 

@@ -69,6 +69,16 @@ def test_logs_without_a_date_follow_one_another_as_named(tmp_path: Path) -> None
     parts = [write(tmp_path / f"{k}.asc", FRAMES[k * 100 : (k + 1) * 100]) for k in range(2)]
     found, _ = read(parts[1], parts[0])
     assert [frame.data for frame in found] == [frame.data for frame in (*FRAMES[100:200], *FRAMES[:100])]
+    assert [frame.time_ns for frame in found] == [k * 1_000_000 - (k > 99) * 1_000_000 for k in range(200)]
+    dated = write(tmp_path / "a.log", FRAMES[:10])
+    assert [frame.time_ns - START for frame in read(dated, parts[1])[0]][9:12] == [9_000_000, 9_000_000, 10_000_000]
+    assert read(parts[1], dated)[0][100:] == FRAMES[:10]
+    early = [
+        write(tmp_path / f"up{k}.log", [Frame(k * 10**9, 0, 1, b"")]) for k in range(2)
+    ]  # of one clock, since power-on
+    assert [frame.time_ns for frame in read(*early)[0]] == [0, 10**9]
+    within = TimeRange(DriveMoment(150_000_000, since_begin=True), None)
+    assert [frame.data for frame in read(*parts, within=within)[0]] == [frame.data for frame in FRAMES[151:200]]
 
 
 def test_a_log_without_frames_costs_the_others_nothing(tmp_path: Path) -> None:

@@ -7,11 +7,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import can
 import pytest
 
 from candaemon.can_io.logs.candump import candump_text
 from candaemon.can_io.logs.read import read_log
-from candaemon.can_io.logs.stream import ChannelMap, LogCounts
+from candaemon.can_io.logs.stream import ChannelMap, EveryChannel, LogCounts
 from candaemon.can_io.logs.write import LARGEST_CHANNEL, open_log_writer
 from candaemon.errors import InputError
 from candaemon.files.outputs import OutputFile
@@ -107,6 +108,94 @@ def test_channel_numbers(tmp_path: Path, suffix: str) -> None:
     found, counts = round_trip(path, CLASSIC, {"vcan1": 4})
     assert [frame.bus for frame in found] == [4, 4, 4]
     assert counts.other_channels == {"0": 2}
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".blf"])
+def test_a_time_before_the_first_is_raised_to_it_and_told(tmp_path: Path, suffix: str) -> None:
+    path, hour_ns = tmp_path / f"a{suffix}", 3_600_000_000_000
+    back = [0, 1_000_000_000, -10_000_000, -hour_ns, 2_000_000_000]
+    with OutputFile(path) as file, open_log_writer(file, NAMES) as writer:
+        writer.write([Frame(START + after_ns, 0, 0x123, b"1") for after_ns in back])
+    assert writer.lost()[0].startswith("2 time stamps before the first one")
+    # a .blf begins at a whole millisecond
+    began, raised = (START, START // 1_000_000 * 1_000_000) if suffix == ".blf" else (0, 0)
+    expected = [began, began + back[1], raised, raised, began + back[4]]
+    assert [frame.time_ns for frame in read_log(path, CHANNELS, LogCounts())] == expected
+    assert [round(message.timestamp * 1e6) * 1000 for message in can.LogReader(path)] == expected
+
+
+@pytest.mark.parametrize(("year_s", "told"), [(5.5, True), (631_151_999.0, True), (631_152_000.0, False)])
+def test_a_blf_from_before_1990_has_no_date(tmp_path: Path, year_s: float, told: bool) -> None:
+    path = tmp_path / "a.blf"
+    with OutputFile(path) as file, open_log_writer(file, NAMES) as writer:
+        writer.write([Frame(round(year_s * 1e9), 0, 0x123, b"1")])
+    assert ["the date" in lost for lost in writer.lost()] == [True] * told
+    assert [frame.time_ns for frame in read_log(path, CHANNELS, LogCounts())] == [0 if told else round(year_s * 1e9)]
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".blf", ".mf4", ".trc"])
+@pytest.mark.parametrize("known", [0, 5])
+def test_a_can_interface_keeps_its_number(tmp_path: Path, suffix: str, known: int) -> None:
+    if suffix == ".mf4":
+        pytest.importorskip("asammdf")
+    path, names = tmp_path / f"a{suffix}", ["can1", "vcan1", "radar", "vcan3", "can0"]
+    channels = names[:known]
+    frames = [Frame(START + bus * 1_000_000, bus, 0x100 + bus, b"1") for bus in range(len(names))]
+    with OutputFile(path) as file, open_log_writer(file, channels) as writer:
+        for frame in frames:
+            channels += names[len(channels) : frame.bus + 1]
+            writer.write([frame])
+    every = EveryChannel()
+    found = [every.names[frame.bus] for frame in read_log(path, every, LogCounts())]
+    assert found == (
+        ["can1", "can2", "can4", "can3", "can0"] if known else ["can1", "can128", "can129", "can130", "can0"]
+    )
+    renamed = [f"{name} is read as {other}" for name, other in zip(names, found, strict=True) if name != other]
+    assert f"names of channels ({', '.join(renamed)})" in writer.lost()
+
+
+def test_a_number_that_the_log_cannot_hold_is_asked_of_can_interfaces_alone(tmp_path: Path) -> None:
+    with OutputFile(tmp_path / "a.asc") as file, open_log_writer(file, ["radar70000"]) as writer:
+        writer.write([Frame(START, 0, 0x123, b"1")])
+    assert writer.lost()[0] == "names of channels (radar70000 is read as can0)"
+
+
+def test_no_bus_takes_the_number_of_another(tmp_path: Path) -> None:
+    channels: list[str] = []
+    with OutputFile(tmp_path / "a.asc") as file, open_log_writer(file, channels) as writer:
+        channels.append("radar")
+        writer.write([Frame(START, 0, 0x123, b"1")])
+        channels.append("can128")
+        with pytest.raises(InputError, match=r"the number of channel can128 was given to another.*; choose \.log"):
+            writer.write([Frame(START, 1, 0x123, b"1")])
+
+
+def test_relative_times_of_an_asc_count_from_the_event_before(tmp_path: Path) -> None:
+    path = tmp_path / "a.asc"
+    path.write_text(
+        "date Thu Aug 2 04:14:48.500 pm 2018\nbase hex  timestamps relative\nno internal events logged\n"
+        "   0.000000 Start of measurement\n   0.100000 1  123  Rx   d 1 01\n   0.100000 1  ErrorFrame\n"
+        "   0.050000 1  Statistic: D 0 R 0 XD 0 XR 0 E 0 O 0 B 0.00%\n   0.100000 1  12Q  Rx   d 1 02\n"
+        "   0.100001 1  123  Rx   d 1 03\n"
+    )
+    counts = LogCounts()
+    assert [(frame.time_ns, frame.data) for frame in read_log(path, CHANNELS, counts)] == [
+        (100_000_000, b"\1"),
+        (450_001_000, b"\3"),
+    ]
+    assert counts.examples == ["line 8: '0.100000 1  12Q  Rx   d 1 02'"]
+
+
+def test_an_asc_keeps_a_can_fd_frame_without_data(tmp_path: Path) -> None:
+    frames = [Frame(0, 0, 0x123, b"", True)]
+    path = tmp_path / "a.asc"
+    found, counts = round_trip(path, frames)
+    assert (found, counts.remote) == (frames, 0)
+    remote = f"   0.1 CANFD   1 Rx  123 {'':40} 0 0 4  0 {' '.join('0' * 8)}\n"
+    path.write_text(path.read_text().replace("End", remote + "End"))
+    counts = LogCounts()
+    assert list(read_log(path, CHANNELS, counts)) == frames
+    assert (counts.remote, counts.malformed) == (1, 0)
 
 
 def test_a_number_that_two_buses_end_in_is_nobodys() -> None:

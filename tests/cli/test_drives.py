@@ -83,6 +83,24 @@ def test_convert_says_what_it_does_not_write(tmp_path: Path, capsys: pytest.Capt
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.log"]
 
 
+def test_convert_says_what_comes_back_as_something_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, asc = tmp_path / "a.log", tmp_path / "a.asc"
+    log.write_bytes(b"(1.0) vcan1 201#02\n(1.1) can1 101#01\n(1.2) can0 100##3AB\n(0.9) can0 100#\n")
+    assert main(["convert", str(log), str(asc)]) == 0
+    assert (
+        "not written: names of channels (vcan1 is read as can2); 1 time stamps before the first one, raised to it "
+        "(.asc begins there); the date (.asc counts from the first frame); the flags BRS and ESI of 1 CAN FD frames; "
+        "whether a frame was sent or received\n"
+    ) in capsys.readouterr().err
+    assert main(["convert", str(asc), str(tmp_path / "b.log")]) == 0
+    assert [line.split()[1] for line in (tmp_path / "b.log").read_text().splitlines()] == [
+        "can2",
+        "can1",
+        "can0",
+        "can0",
+    ]
+
+
 def test_what_became_of_each_detection(short: Path, tmp_path: Path) -> None:
     table, summary = tmp_path / "detections.csv", tmp_path / "summary.json"
     assert main(replaying(short / "drive.log", "--detections", table, "--summary", summary)) == 0

@@ -163,6 +163,17 @@ REPAIRS = {
         ),
         "selected by 'A', no multiplexer",
     ),
+    "no multiplexer": (
+        'BO_ 300 S: 2 RADAR\n SG_ A m1 : 0|8@1+ (1,0) [0|0] "" ECU\n',
+        "'A' of message 'S' is marked m1, but there is no multiplexer for it: taken from every frame",
+    ),
+    "one of two multiplexers": (
+        (
+            'BO_ 300 S: 3 RADAR\n SG_ A M : 0|8@1+ (1,0) [0|0] "" ECU\n SG_ B M : 8|8@1+ (1,0) [0|0] "" ECU\n'
+            ' SG_ C m1 : 16|8@1+ (1,0) [0|0] "" ECU\n'
+        ),
+        "'C' of message 'S' is marked m1, but no SG_MUL_VAL_ says by which multiplexer: taken from every frame",
+    ),
 }
 
 

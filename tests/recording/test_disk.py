@@ -214,6 +214,22 @@ def test_a_stop_waits_for_no_disk(of: Binding, tmp_path: Path, monkeypatch: pyte
     released[0] = True
 
 
+def test_a_disk_that_refuses_from_the_start_is_not_said_to_record(
+    of: Binding, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refuses(*_: object) -> Ring:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    with caplog.at_level(logging.INFO), monkeypatch.context() as patched:
+        patched.setattr("candaemon.recording.writer_thread.Ring", refuses)
+        Fed(of, tmp_path / "refused").stop()
+        assert ["not recorded, the disk refuses" in text for text in caplog.messages] == [True]
+    caplog.clear()
+    with caplog.at_level(logging.INFO):
+        Fed(of, tmp_path / "taken").stop()
+    assert caplog.messages == [f"recorded into {tmp_path / 'taken'}"]
+
+
 def test_a_folder_that_cannot_be_written_to_is_refused(of: Binding, tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(InputError, match="cannot be written"):

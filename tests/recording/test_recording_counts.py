@@ -172,11 +172,15 @@ def test_an_event_is_prolonged_up_to_a_limit(of: Binding, tmp_path: Path) -> Non
     assert len(list((tmp_path / "events").iterdir())) == 4
 
 
-def test_an_event_before_anything_is_recorded_is_counted(tmp_path: Path) -> None:
+def test_an_event_before_anything_is_recorded_is_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     disk = WriterThread(tmp_path, RecordingSettings())
     disk.archive(Event("mark", "", 0))
+    disk.archive(Event("sensor", "front", 0))
     disk.close(20.0)
-    assert (disk.counts.events, disk.counts.events_lost) == (0, 1)
+    assert (disk.counts.events, disk.counts.events_lost) == (0, 2)
+    assert caplog.messages == [
+        f"the event {event} is not kept: nothing is recorded yet" for event in ("mark", "sensor front")
+    ]
 
 
 def test_a_name_of_any_length_is_part_of_an_events_name(of: Binding, tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ TEXT_SUFFIXES: Final = (".asc", ".csv", ".log", ".trc")
 """Suffixes of the formats that are text, a frame a line."""
 LOG_SUFFIXES: Final = (".log", ".asc", ".blf", ".csv", ".mf4", ".pcap", ".pcapng", ".trc")
 """Suffixes of the formats, each but those of `NOT_COMPRESSED` also followed by one of `COMPRESSIONS`."""
+WITH_NAMES: Final = (".log", ".pcapng")
+"""Formats that hold the names of channels."""
 NOT_COMPRESSED: Final = {
     ".blf": "a .blf is compressed already",
     ".mf4": "a .mf4 is read from place to place, and may be compressed by itself",
@@ -69,7 +71,7 @@ def open_log(path: Path, counts: LogCounts) -> tuple[str, LogBytes]:
     try:
         suffix = log_suffix(path)
     except InputError:
-        if _is_named_file(path):
+        if is_named_file(path):
             _check_content(path)
         stream = LogBytes(path, counts, by_content=True)
         suffix = _suffix_of(stream.peek()) or ".log"  # what flows is most likely from `candump`
@@ -86,7 +88,7 @@ def check_log(path: Path) -> None:
     try:
         log_suffix(path)
     except InputError:
-        if _is_named_file(path):
+        if is_named_file(path):
             _check_content(path)
     if not path.exists():
         raise InputError("there is no such log; check the path", file=path)
@@ -94,7 +96,7 @@ def check_log(path: Path) -> None:
         raise InputError("the log cannot be opened: there is no right to read it", file=path)
 
 
-def _is_named_file(path: Path) -> bool:
+def is_named_file(path: Path) -> bool:
     """Return whether a log can be opened once more: what was read of a pipe, or of standard input, is gone."""
     return path != STANDARD_INPUT and (path.is_file() or not path.exists())
 

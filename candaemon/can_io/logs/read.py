@@ -18,14 +18,17 @@ suffix   time                                                   channel         
 =======  =====================================================  =============================  ======================
 
 Channel numbers start at 1 in these files and at 0 here: see `ChannelMap`. Remote frames and error frames are
-counted and skipped in all of them. Lines that python-can's own readers skip silently (in `.asc` and `.trc`: comments,
-events, and lines that do not look like a frame) are counted in `LogCounts.other_lines`.
+counted and skipped in all of them; whether a frame was sent or received, and the flags BRS and ESI of CAN FD, are not
+read. Lines that python-can's own readers skip silently (in `.asc` and `.trc`: comments, events, and lines that do not
+look like a frame) are counted in `LogCounts.other_lines`.
 """
 
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from decimal import Decimal
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, cast
@@ -51,6 +54,9 @@ _BATCH = 1024  # frames
 
 _PIECE = 1 << 16  # bytes
 _SHOWN = 500  # bytes of a malformed line, before it is cut for a message
+
+_ASC_BASE = re.compile(r"\s*base\s+(?:hex|dec)(?:\s+timestamps\s+(?:absolute|(relative)))?", re.IGNORECASE)
+_ASC_TIME = re.compile(r"\s*\d{1,20}\.\d{1,20}(?=\s)", re.ASCII)
 
 # What python-can's readers say of each line that they skip would flood a terminal; such lines are counted here.
 logging.getLogger("can.io").setLevel(logging.CRITICAL)
@@ -112,7 +118,7 @@ def _frames(messages: Iterable[can.Message], suffix: str, channels: ChannelMap, 
             counts.note_other_channel(NO_CHANNEL if number is None else str(number))
         elif message.is_error_frame:
             counts.error_frames += 1
-        elif message.is_remote_frame:
+        elif message.is_remote_frame and (message.dlc or not message.is_fd):  # an empty CAN FD frame is none
             counts.remote += 1
         else:
             try:
@@ -191,18 +197,40 @@ class _TextLines:
             yield rest.decode(errors="replace")
 
 
-def _text_reader(name: str, header: str) -> _Reader:
+class _AscLines(_TextLines):
+    """The lines of an `.asc`, whose times python-can takes for absolute.
+
+    Where the header says that they are relative, each counts from the event before, be that a frame or not.
+    """
+
+    def __init__(self, stream: LogBytes, counts: LogCounts) -> None:
+        super().__init__(stream, counts)
+        self._is_relative = False
+        self._time_s = Decimal(0)
+
+    def __next__(self) -> str:
+        line = super().__next__()
+        if base := _ASC_BASE.match(line):
+            self._is_relative = base[1] is not None
+        if not self._is_relative or (found := _ASC_TIME.match(line)) is None:
+            return line
+        self._time_s += Decimal(found[0])
+        return f"{self._time_s:f}{line[found.end() :]}"
+
+
+def _text_reader(name: str, header: str, make_lines: type[_TextLines] = _TextLines) -> _Reader:
     """Return a reader that skips lines which python-can cannot read.
 
     Args:
         name: of python-can's reader of a text file.
         header: end of a header for that reader, which expects one each time it starts.
+        make_lines: what gives it the lines.
     """
 
     def read(stream: LogBytes, counts: LogCounts) -> Iterator[can.Message]:
         import can  # noqa: PLC0415 - it takes longer than to read most logs, and those of candump need none of it
 
-        lines = _TextLines(stream, counts)
+        lines = make_lines(stream, counts)
         make: Callable[[TextIO], Iterable[can.Message]] = getattr(can, name)
         reader = make(cast("TextIO", lines))
         with stream:
@@ -228,7 +256,7 @@ def _text_reader(name: str, header: str) -> _Reader:
 
 
 _READERS: dict[str, _Reader] = {
-    ".asc": _text_reader("ASCReader", "no internal events logged\n"),
+    ".asc": _text_reader("ASCReader", "no internal events logged\n", _AscLines),
     ".csv": _text_reader("CSVReader", "timestamp,arbitration_id,extended,remote,error,dlc,data\n"),
     ".trc": _text_reader("TRCReader", ";\n"),
 }

@@ -50,6 +50,7 @@ FURTHER_CHANNELS = "further channels"
 
 _LONGEST_NAME = 100
 _TRAILING_NUMBER = re.compile(r"(\d+)$")
+_CAN_NUMBER = re.compile(r"can(0|[1-9][0-9]{0,8})")
 _SUMMED: Final = (
     "lines",
     "frames",
@@ -275,6 +276,12 @@ class EveryChannel(ChannelMap):
 def channel_number(name: str) -> int | None:
     """Return the number that a channel's name ends in: 0 of `can0`."""
     match = _TRAILING_NUMBER.search(name)
+    return None if match is None else int(match[1])
+
+
+def can_number(name: str) -> int | None:
+    """Return the number of a channel that is called as a numbered one is read: 0 of `can0`, None of `vcan0`."""
+    match = _CAN_NUMBER.fullmatch(name)
     return None if match is None else int(match[1])
 
 

@@ -21,7 +21,7 @@ from candaemon.can_io.logs.compression import compression_by_name, packed
 from candaemon.can_io.logs.formats import NOT_COMPRESSED, log_suffix, written_suffix
 from candaemon.can_io.logs.mf4 import LARGEST_MF4_CHANNEL, Mf4Frames
 from candaemon.can_io.logs.pcap import PcapngPackets, PcapPackets
-from candaemon.can_io.logs.stream import channel_number
+from candaemon.can_io.logs.stream import can_number, channel_number
 from candaemon.errors import InputError
 from candaemon.files.outputs import OutputFile
 from candaemon.frames.frame import Frame
@@ -32,7 +32,15 @@ if TYPE_CHECKING:
 LARGEST_CHANNEL: Final = 65_534
 """Greatest number of a channel, from 0, in a log without names: a `.blf` has 16 bits for it, from 1."""
 
+NUMBERED: Final = (".asc", ".blf", ".mf4", ".trc")
+"""Formats that hold the numbers of channels, and no names."""
+
 _MF4_ROWS = 8192  # frames that are written at once
+_FOR_OTHERS = 128
+"""Least number, from 0, of a bus that comes later and is not `canN`: above those that CAN interfaces have."""
+_BLF_EPOCH_S = 631_152_000.0
+"""s since 1970: python-can writes no earlier date into a `.blf`."""
+_TOLD = 8  # channels in a message
 
 
 class LogWriter(ABC):
@@ -57,6 +65,10 @@ class LogWriter(ABC):
             InputError: the file cannot be written, or the format cannot hold such a frame.
         """
         self._write(frames)
+
+    def lost(self) -> list[str]:
+        """Return what of the frames written so far the format does not hold, in words."""
+        return []
 
     def close(self) -> None:
         """Finish the log. Calling it again does nothing.
@@ -131,8 +143,9 @@ class PcapWriter(LogWriter):
 class _ChannelNumbers:
     """Numbers of the buses in a format without names of channels.
 
-    They are the numbers that the names end in where those of the buses known at first are distinct, otherwise the
-    indices. A bus that comes later gets the number in its name where nobody has it, otherwise the least that is free.
+    `can3` has the number 3, as which it is read. Of the buses known at first, another has the number that its name ends
+    in where that is free, otherwise the least that is. One that comes later has a number that no `canN` is expected to
+    have, since those that have not come yet are not known.
 
     Args:
         file: the log, for messages.
@@ -145,26 +158,52 @@ class _ChannelNumbers:
 
     def __init__(self, file: Path, channels: Sequence[str], largest: int) -> None:
         self._path, self._channels, self._largest = file, channels, largest
-        named = [channel_number(name) for name in channels]
-        distinct = len({number for number in named if number is not None}) == len(named)
-        self._numbers: list[int] = []
-        for index, number in enumerate(named):
-            self._append(number if distinct and number is not None else index)
+        self._numbers: dict[int, int] = {}
+        self._used: set[int] = set()
+        for wanted in (can_number, self._trailing):
+            for bus, name in enumerate(channels):
+                number = wanted(name)
+                if bus not in self._numbers and number is not None and number not in self._numbers.values():
+                    self._give(bus, number)
+        for bus in range(len(channels)):
+            if bus not in self._numbers:
+                self._give(bus, self._free_from(0))
 
     def __getitem__(self, bus: int) -> int:
-        while len(self._numbers) <= bus:
-            number, taken = channel_number(self._channels[len(self._numbers)]), set(self._numbers)
-            self._append(next(k for k in count() if k not in taken) if number is None or number in taken else number)
+        if bus not in self._numbers:
+            number = can_number(self._channels[bus])
+            self._give(bus, self._free_from(_FOR_OTHERS) if number is None else number)
+        self._used.add(bus)
         return self._numbers[bus]
 
-    def _append(self, number: int) -> None:
+    def renamed(self) -> dict[str, str]:
+        """Return the names, of buses that were asked for, that are read as another, with that one."""
+        read = {self._channels[bus]: f"can{self._numbers[bus]}" for bus in sorted(self._used)}
+        return {name: other for name, other in read.items() if name != other}
+
+    def _trailing(self, name: str) -> int | None:
+        """Return the number that a name ends in; None where it has none that the format can hold."""
+        number = channel_number(name)
+        return number if number is not None and number <= self._largest else None
+
+    def _free_from(self, least: int) -> int:
+        """Return the least number from one on that no bus has."""
+        return next(number for number in count(least) if number not in self._numbers.values())
+
+    def _give(self, bus: int, number: int) -> None:
         if number > self._largest:
             raise InputError(
                 f"this format numbers its channels up to {self._largest:,}, found {number}; choose .log, "
                 "or give the bus a log_channel that ends in a smaller number",
                 file=self._path,
             )
-        self._numbers.append(number)
+        if number in self._numbers.values():
+            raise InputError(
+                f"the number of channel {self._channels[bus]} was given to another, which came before it; choose .log, "
+                "or save the log first: of a file the channels are known before it is written",
+                file=self._path,
+            )
+        self._numbers[bus] = number
 
 
 class Mf4Writer(LogWriter):
@@ -183,6 +222,10 @@ class Mf4Writer(LogWriter):
         self._numbers = _ChannelNumbers(file.path, channels, LARGEST_MF4_CHANNEL)
         self._frames: Mf4Frames | None = None
         self._waiting: list[Frame] = []
+
+    def lost(self) -> list[str]:
+        """Return what of the frames written so far the format does not hold, in words."""
+        return _renamed(self._numbers)
 
     def _write(self, frames: Sequence[Frame]) -> None:
         self._waiting += frames
@@ -206,40 +249,72 @@ class Mf4Writer(LogWriter):
 class PythonCanWriter(LogWriter):
     """Writes a log through one of python-can's writers.
 
+    Where the format counts up from the first frame, as `.asc` and `.blf` do, an earlier time is raised to that.
+
     Args:
         file: the log.
         channels: names of the buses, by index; the file holds their numbers.
-        start: creates python-can's writer from the target and the first frame's time in s.
+        suffix: of the format.
 
     Raises:
         InputError: a channel's number is greater than `LARGEST_CHANNEL`.
     """
 
-    def __init__(
-        self,
-        file: OutputFile,
-        channels: Sequence[str],
-        start: Callable[[BinaryIO, float], can.io.generic.MessageWriter],
-    ) -> None:
+    def __init__(self, file: OutputFile, channels: Sequence[str], suffix: str) -> None:
         from candaemon.can_io.python_can import to_message  # noqa: PLC0415 - python-can, which takes long to import
 
         super().__init__(file)
         self._to_message = to_message
         self._numbers = _ChannelNumbers(file.path, channels, LARGEST_CHANNEL)
-        self._start = start
+        self._suffix = suffix
         self._writer: can.io.generic.MessageWriter | None = None
+        self._first_s = 0.0
+        self._earliest_ns = self._raised = 0
+
+    def lost(self) -> list[str]:
+        """Return what of the frames written so far the format does not hold, in words."""
+        lost = _renamed(self._numbers) if self._suffix in NUMBERED else []
+        if self._raised:
+            lost.append(
+                f"{self._raised:,} time stamps before the first one, raised to it ({self._suffix} begins there)"
+            )
+        if self._suffix == ".asc":
+            lost.append("the date (.asc counts from the first frame)")
+        elif self._suffix == ".blf" and self._writer is not None and self._first_s < _BLF_EPOCH_S:
+            lost.append("the date (.blf has none before 1990, and then counts from the first frame)")
+        return lost
 
     def _write(self, frames: Sequence[Frame]) -> None:
         for frame in frames:
-            if self._writer is None:
-                self._writer = self._start(self._target, frame.time_ns / 1_000_000_000)
-            if frame.fd and self._start is _start_trc:
+            writer = self._writer or self._begin(frame.time_ns)
+            if frame.fd and self._suffix == ".trc":
                 raise InputError("python-can writes no CAN FD to .trc; choose .log, .asc or .blf", file=self._path)
-            self._writer.on_message_received(self._to_message(frame, self._numbers[frame.bus]))
+            message = self._to_message(frame, self._numbers[frame.bus])
+            if frame.time_ns < self._earliest_ns:
+                message.timestamp = self._earliest_ns / 1_000_000_000
+                self._raised += 1
+            writer.on_message_received(message)
+
+    def _begin(self, first_ns: int) -> can.io.generic.MessageWriter:
+        """Begin with a first frame's time."""
+        self._first_s = first_ns / 1_000_000_000
+        if self._suffix == ".asc":
+            self._earliest_ns = first_ns
+        elif self._suffix == ".blf":  # python-can begins it at a whole millisecond
+            self._earliest_ns = int(self._first_s * 1000) * 1_000_000
+        self._writer = _STARTERS[self._suffix](self._target, self._first_s)
+        return self._writer
 
     def _finish(self) -> None:
-        writer = self._writer or self._start(self._target, 0.0)
+        writer = self._writer or _STARTERS[self._suffix](self._target, 0.0)
         writer.stop()
+
+
+def _renamed(numbers: _ChannelNumbers) -> list[str]:
+    """Return which channels are read under another name, in words."""
+    renamed = [f"{name} is read as {other}" for name, other in numbers.renamed().items()]
+    more = [f"{len(renamed) - _TOLD:,} more"] if len(renamed) > _TOLD else []
+    return [f"names of channels ({', '.join(renamed[:_TOLD] + more)})"] if renamed else []
 
 
 def open_log_writer(file: OutputFile, channels: Sequence[str]) -> LogWriter:
@@ -263,7 +338,7 @@ def open_log_writer(file: OutputFile, channels: Sequence[str]) -> LogWriter:
             return PcapWriter(file, channels)
         case ".mf4":
             return Mf4Writer(file, channels)
-    return PythonCanWriter(file, channels, _STARTERS[suffix])
+    return PythonCanWriter(file, channels, suffix)
 
 
 def _text(target: BinaryIO) -> io.TextIOWrapper:
