@@ -543,6 +543,8 @@ def grow_boxes(
     truck_length: float,
     told: float,
     truck_width: float,
+    enough: float,
+    car_width: float,
 ) -> None: ...
 def sight_lines(
     centre: Floats,

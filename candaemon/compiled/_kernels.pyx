@@ -19,7 +19,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 143
+REVISION = 144
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -4053,6 +4053,8 @@ def grow_boxes(
     double truck_length,
     double told,
     double truck_width,
+    double enough,
+    double car_width,
 ):
     """Let boxes in place grow along them, by a share each, to the reflections of a scan and those of other sensors since
     a time; and shrink to a car's length by the time that has passed."""
@@ -4078,8 +4080,11 @@ def grow_boxes(
                 shown = ends[1, t] - ends[0, t] + margin if known and ends[1, t] > ends[0, t] else 0.0
                 length[t] = length[t] + share[t] * larger(shown - length[t], 0.0)
                 extent[t] = extent[t] + share[t] * larger(shown - extent[t], 0.0)
-                if length[t] > truck_length and width_variance[t] > told:
-                    width[t] = truck_width
+                if width_variance[t] > told:
+                    if length[t] > truck_length:
+                        width[t] = truck_width
+                    elif smaller(length[t], extent[t]) > enough:
+                        width[t] = larger(width[t], car_width)
 
 
 def sight_lines(

@@ -217,7 +217,8 @@ def _grow(bodies: Bodies, time_ns: int, sensor: int, since_ns: int) -> None:
     """Let boxes of known axis hold, along them, the reflections of this scan and of other sensors lately.
 
     A lorry shows its front to one sensor and its rear to another, so that no scan alone tells how long it is. A long
-    box is as wide as lorries are: across, the spread of reflections is mostly noise.
+    box is as wide as lorries are: across, the spread of reflections is mostly noise. What was found to be small, and
+    shows to be longer than any rider, is as wide as a car.
 
     Args:
         bodies: with their reflections.
@@ -255,6 +256,8 @@ def _grow(bodies: Bodies, time_ns: int, sensor: int, since_ns: int) -> None:
             TRUCK_LENGTH,
             TOLD_WIDTH,
             TRUCK_WIDTH,
+            ENOUGH,
+            CAR_WIDTH,
         )
         return
     untold = obstacles.length_variance > 1.0
@@ -272,8 +275,10 @@ def _grow(bodies: Bodies, time_ns: int, sensor: int, since_ns: int) -> None:
     shown = np.where(known & (high > low), high - low + _MARGIN, 0.0)
     obstacles.length += share * np.maximum(shown - obstacles.length, 0.0)
     obstacles.extent += share * np.maximum(shown - obstacles.extent, 0.0)
-    long = (obstacles.length > TRUCK_LENGTH) & (obstacles.width_variance > TOLD_WIDTH)
-    obstacles.width = np.where(long, TRUCK_WIDTH, obstacles.width)
+    untold, length = obstacles.width_variance > TOLD_WIDTH, obstacles.length
+    narrow = untold & (np.minimum(length, obstacles.extent) > ENOUGH) & (obstacles.width < CAR_WIDTH)
+    width = np.where(narrow, CAR_WIDTH, obstacles.width)
+    obstacles.width = np.where(untold & (length > TRUCK_LENGTH), TRUCK_WIDTH, width)
 
 
 def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:

@@ -610,6 +610,18 @@ def test_who_rides_across_is_small_soon_and_what_drives_ahead_may_be_a_car(acros
     assert (fed.tracker.state.tracks.obstacles.length[0] < 2.0) == small
 
 
+def test_what_seemed_to_ride_and_shows_to_be_long_is_as_wide_as_a_car() -> None:
+    fed, rng = HandFedVehicles(), np.random.default_rng(19)
+    for t in times(1, 120):
+        front = Seen(0, 15.0, -12.0 + 6.0 * t, 0.0, 6.0)
+        rear = Seen(1, 15.0, -14.2 + 6.0 * t, 0.0, 6.0)
+        fed.scan(t, noisy(rng, [front, rear] if t > 3.5 else [front]))
+        if 3.0 < t < 3.5:
+            assert fed.tracker.state.tracks.obstacles.width[0] < 1.0
+    assert fed.tracker.state.tracks.obstacles.length[0] > 2.5
+    assert fed.tracker.state.tracks.obstacles.width[0] > 1.5
+
+
 def test_a_car_that_keeps_beside_us_in_a_queue_does_not_cross() -> None:
     fed, rng = HandFedVehicles(), np.random.default_rng(16)
     for t in times(1, 120):
