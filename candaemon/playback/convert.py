@@ -89,13 +89,18 @@ def convert(
 
 
 def _find_channels(logs: Sequence[Path], channels: EveryChannel) -> None:
-    """Read logs for the names of their channels, to which numbers are to be given; what flows is read only once."""
-    for log in filter(is_named_file, logs):
+    """Read logs for the names of their channels, to which numbers are to be given; what flows is read only once.
+
+    Where none holds a name, each channel has the number that it is read by.
+    """
+    files, named = list(filter(is_named_file, logs)), False
+    for log in files:
         suffix, stream = open_log(log, LogCounts(tells=False))
         stream.close()
-        if suffix in WITH_NAMES:
-            for _ in read_log_blocks(log, channels, LogCounts(tells=False)):
-                pass
+        named |= suffix in WITH_NAMES
+    for log in files if named else ():
+        for _ in read_log_blocks(log, channels, LogCounts(tells=False)):
+            pass
 
 
 def _left_out(counts: LogCounts) -> list[str]:

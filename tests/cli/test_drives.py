@@ -101,6 +101,18 @@ def test_convert_says_what_comes_back_as_something_else(tmp_path: Path, capsys: 
     ]
 
 
+@pytest.mark.parametrize("suffix", [".blf", ".asc"])
+def test_a_number_in_one_log_is_no_name_of_another(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "names.log").write_bytes(b"(1600000000.0) radar 123#01\n")
+    (tmp_path / "numbers.log").write_bytes(b"(1600000000.5) can0 200#01\n")
+    logs = [str(tmp_path / "names.log"), str(tmp_path / f"numbers{suffix}")]
+    assert main(["convert", str(tmp_path / "numbers.log"), logs[1]]) == 0
+    assert main(["convert", *logs, str(tmp_path / "both.blf")]) == 0
+    assert main(["convert", str(tmp_path / "both.blf"), str(tmp_path / "both.log")]) == 0
+    said = {line.split()[2]: line.split()[1] for line in (tmp_path / "both.log").read_text().splitlines()}
+    assert said == {"123#01": "can1", "200#01": "can0"}
+
+
 def test_what_became_of_each_detection(short: Path, tmp_path: Path) -> None:
     table, summary = tmp_path / "detections.csv", tmp_path / "summary.json"
     assert main(replaying(short / "drive.log", "--detections", table, "--summary", summary)) == 0
