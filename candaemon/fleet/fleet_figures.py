@@ -38,7 +38,10 @@ _KEYS: Final = (
 )
 """Figures of `--summary` that what follows is made of."""
 _LOSSES: Final = re.compile(r"log\.malformed|sensors\..*|own_motion\..*")
-PARTS: Final = "read_parquet($files, hive_partitioning = true, hive_types = {'drive': varchar})"
+PARTS: Final = (  # of the last folder alone: one above may be called drive=… as well
+    r"(select *, regexp_extract(filename, 'drive=([^/\\]+)[/\\][^/\\]+$', 1) as drive "
+    "from read_parquet($files, hive_partitioning = false, filename = true))"
+)
 """A table over all its parts, in a query of `TableParts`."""
 
 

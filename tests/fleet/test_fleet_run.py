@@ -187,6 +187,12 @@ def test_a_drive_whose_tables_are_gone_counts_as_failed(
     assert f"warning: drives d001, d002 of {results} count as failed" in err
 
 
+def test_a_folder_may_be_called_as_one_of_a_drive(whole: Path, tmp_path: Path) -> None:
+    called = Path(shutil.copytree(whole, tmp_path / "drive=k"))
+    assert load_figures(str(called)) == load_figures(str(whole))
+    assert report_of(load_figures(str(called)), store_at(str(called))).moments
+
+
 @pytest.mark.parametrize("table", ["summaries", "cycles"])
 def test_a_table_that_cannot_be_read_is_named(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], table: str
