@@ -174,6 +174,7 @@ class LiveBuses:
             bus.close()
         self._give_up(self._held)
         self._held = []
+        self._ahead.clear()
 
     def __enter__(self) -> Self:
         return self

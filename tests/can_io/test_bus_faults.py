@@ -170,6 +170,10 @@ def test_buses_that_all_have_a_backlog_are_read_in_order(flaky: type[FlakyPort])
     with live(FLAKY, FLAKY) as buses:
         buses.open()
         frames = [frame for _ in range(12) for frame in buses.read(0.0)]
+        assert buses._ahead
+        buses.close()
+        buses.open()
+        assert buses.read(0.0)
     times = [frame.time_ns for frame in frames]
     assert times == sorted(times)
     for bus, apart_ns in enumerate(flaky.apart_ns):

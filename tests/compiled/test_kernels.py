@@ -1001,6 +1001,7 @@ def test_what_boxes_learn(extra: int, monkeypatch: pytest.MonkeyPatch) -> None:
         bodies.reflections.last_ns[::3] = 95 * 10**7
         small = bodies.obstacles
         small.alone[::2], small.fastest[::2], small.length_variance[::2], small.width_variance[::2] = 5.0, 8.9, 1.0, 1.0
+        small.length[1::4], small.extent[1::4], small.width[1::4] = 3.0, 3.0, 0.7
         rows, reflections, in_sight = np.arange(15), np.arange(extra, 15 + extra), np.linspace(0.0, 1.0, 20)
         box.learn(bodies, rows, reflections, scan_of(15, speeds=False), in_sight, 0.1, AloneSettings(), 5.0)
         assert (bodies.obstacles.fastest[::2] < 8.9).any()
