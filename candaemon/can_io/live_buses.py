@@ -207,8 +207,8 @@ class LiveBuses:
         """Return what has come, in order of time.
 
         A bus that gave all that it may in one reading has more, and older than what others have given: theirs is held
-        back behind its last frame, and they are not read before it has caught up. What waits of these is in turn older
-        than what it gives after their last frame.
+        back behind its last frame, and they are not read before it has caught up. What they have yet to give may be
+        older than what it gives beyond their last frame: that is held back likewise.
         """
         frames, self._held = self._held, []
         last_ns = {frame.bus: frame.time_ns for frame in frames}

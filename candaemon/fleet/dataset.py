@@ -94,6 +94,7 @@ class DriveRecordFile:
             values = json.loads(content)
             is_known = values.pop("form") == _FORM
             values["logs"], values["inputs"] = tuple(values["logs"]), tuple(values["inputs"])
+            values["options"] |= {"channels": dict(values["options"]["channels"])}
             record = cls(**values)
         except (ValueError, TypeError, KeyError, AttributeError) as error:
             raise InputError(

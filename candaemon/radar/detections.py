@@ -23,8 +23,8 @@ class Detections:
         length, width: as the sensor says (n,), m; NaN where it does not, None where it never does.
         heading: likewise, of the front in the local frame, positive to the left from east, −π to π rad.
         identified: whether an object id says anything of another scan.
-        longest: the greatest length that the sensor can tell, m: what is longer is told as that.
         look: which of the sensor's looks the scan is; −1 where it has none, or does not say.
+        longest: the greatest length that the sensor can tell, m: what is longer is told as that.
     """
 
     time_ns: int

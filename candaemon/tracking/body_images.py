@@ -11,7 +11,7 @@ import numpy as np
 from candaemon.arrays import Booleans, Floats, Indices
 from candaemon.estimation.body_filter import VELOCITY
 from candaemon.radar.detections import Detections
-from candaemon.tracking.body_modes import STANDING
+from candaemon.tracking.body_modes import SETTLED, STANDING, STILL
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import to_travel_axes
 from candaemon.tracking.standing_rows import StandingRow, standing_rows
@@ -25,7 +25,6 @@ _NEARING = 0.7  # m/s along the line of sight, relative to the sensor, that tell
 _PASSING = 1.0  # m/s across the line of sight, likewise, where twice that is surely told from it
 _MOVES = 2.0  # m/s; slower, its image is not told from what is there: who walks has company on the other side of a rail
 _STANDS = 0.5  # probability of standing; what is at twice the distance of what stands comes as fast as what is met
-_SETTLED_NS, _STILL = 2_000_000_000, 0.5  # ns; m/s: what was never faster in that time stands, in whatever mode
 _DROVE = 4.0  # m/s; what was once as fast is a vehicle, and a long row mirrors it when it is slow too
 _SPACING = 4.0  # m between the standing things of a row
 _DEPTH = 1.2  # m, how exactly they lie in the middle
@@ -45,7 +44,7 @@ def images(bodies: Bodies, candidates: Indices, detections: Detections, brief: B
     shown, obstacles = bodies.moments().shown, bodies.obstacles
     others = obstacles.confirmed.copy()
     others[candidates] = False
-    moves = (obstacles.fastest > _STILL) | (detections.time_ns - obstacles.first_ns < _SETTLED_NS)
+    moves = (obstacles.fastest > STILL) | ((detections.time_ns - obstacles.first_ns) * 1e-9 < SETTLED)
     moving = np.flatnonzero(others & moves & (bodies.filter.probability[:, STANDING] < _STANDS))
     fast = np.flatnonzero(others & (np.hypot(shown[:, 2], shown[:, 3]) > _MOVES))
     found = np.zeros(len(candidates), dtype=np.bool_)

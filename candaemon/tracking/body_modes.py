@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 from candaemon.config.vehicle import DrivingSettings, VehicleEstimatorSettings
 from candaemon.estimation.body_filter import BodyDynamics, BodyMode
 
 CRUISING, MANOEUVRING, TURNING, STANDING, SLIDING, FREE = range(6)
 MODE_NAMES = ("cruising", "manoeuvring", "turning", "standing", "sliding", "free")
+SETTLED: Final = 2.0
+STILL: Final = 0.5
+"""s after its first detection, and m/s: what was never faster stands, in whatever mode its filter is."""
 
 
 def modes_of(settings: VehicleEstimatorSettings) -> tuple[BodyMode, ...]:

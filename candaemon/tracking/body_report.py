@@ -11,7 +11,7 @@ from candaemon import compiled
 from candaemon.arrays import Booleans, Floats
 from candaemon.ego.pose import EgoPose
 from candaemon.estimation.body_filter import SLOW, TURN, VELOCITY, motion
-from candaemon.tracking.body_modes import STANDING
+from candaemon.tracking.body_modes import SETTLED, STANDING, STILL
 from candaemon.tracking.body_sizes import ENOUGH, SMALL, TOLD_LENGTH
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.box import NARROW, TRUCK_LENGTH, WALKING, classes
@@ -21,9 +21,8 @@ from candaemon.tracking.turning import rate_and_pivot
 from candaemon.tracking.update import Used
 
 _HISTORY_LENGTH = 32  # scans in an obstacle's history
-_LEAST_SPEED = 0.5  # m/s; slower, nothing turns
+_LEAST_SPEED = STILL  # m/s; slower, nothing turns
 _SURELY = 0.9  # probability of standing
-_SETTLED = 2.0  # s, after which what never moved stands
 _SMALL_PLACE, _PLACE, _LARGE_PLACE = 0.15, 0.3, 0.55  # m from the reference point: of walkers, unknown bodies, vehicles
 _CLOSE = 0.1  # m, nearest that the line of sight is known
 _ANYWHERE = 12.0**-0.5  # of a length, standard deviation of a place anywhere on it
@@ -149,7 +148,7 @@ def _told(bodies: Bodies, pose: EgoPose, slack_ns: int, wander_time: float) -> t
             _LARGE_PLACE,
             _ANYWHERE,
             _SURELY,
-            _SETTLED,
+            SETTLED,
             _LEAST_SPEED,
             TOLD_LENGTH,
             SMALL,
@@ -190,7 +189,7 @@ def _lives(
     x, y, vx, vy = told[:4]
     speed = np.sqrt(vx * vx + vy * vy)
     stands = standing > _SURELY
-    stands |= ((time_ns - obstacles.first_ns) * 1e-9 > _SETTLED) & (obstacles.fastest < _LEAST_SPEED)
+    stands |= ((time_ns - obstacles.first_ns) * 1e-9 > SETTLED) & (obstacles.fastest < STILL)
     sized = obstacles.sized
     status = np.add(time_ns - obstacles.last_ns > slack_ns, CONFIRMED, dtype=np.int8)
     status[~obstacles.confirmed] = TENTATIVE

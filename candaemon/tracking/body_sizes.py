@@ -7,6 +7,8 @@ from typing import Final
 CAR_LENGTH: Final = 4.5
 CAR_WIDTH: Final = 1.8
 """m, of a body of which nothing is known."""
+LORRY_LENGTH: Final = 13.0
+"""m, of what is longer than its sensor can tell."""
 WALKER: Final = (0.5, 0.6)
 RIDER: Final = (1.8, 0.7)
 """m, length and width of who walks or rides."""

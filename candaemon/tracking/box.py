@@ -18,12 +18,21 @@ from candaemon.estimation.outline import LEAST, ROUNDS, facing_point
 from candaemon.frames.bodies import CLASSES
 from candaemon.radar.detections import Detections
 from candaemon.tracking.body_axes import LEADS
-from candaemon.tracking.body_sizes import CAR_LENGTH, CAR_WIDTH, ENOUGH, RIDER, SMALL, TOLD_LENGTH, TOLD_WIDTH, WALKER
+from candaemon.tracking.body_sizes import (
+    CAR_LENGTH,
+    CAR_WIDTH,
+    ENOUGH,
+    LORRY_LENGTH,
+    RIDER,
+    SMALL,
+    TOLD_LENGTH,
+    TOLD_WIDTH,
+    WALKER,
+)
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
 _WHOLLY = 0.8  # share in sight, below which one reflection is all that can be seen of a body of any size
-_LORRY = 13.0  # m, as which something counts that is longer than its sensor can tell
 _SIZE_NOISE = 0.5  # m, of a size that a sensor tells
 _HEADING_SHARE = 0.1  # of a heading that a sensor tells, a scan
 _SIZE_WALK = 0.05  # m²/s, at which what is known of a size grows old
@@ -71,8 +80,8 @@ def learn(
     obstacles, body = bodies.obstacles, bodies.reflections.body.take(reflections)
     if detections.length is not None:
         told = detections.length.take(rows)
-        if detections.longest < _LORRY:
-            told = np.where(told >= detections.longest, np.maximum(obstacles.length.take(body), _LORRY), told)
+        if detections.longest < LORRY_LENGTH:
+            told = np.where(told >= detections.longest, np.maximum(obstacles.length.take(body), LORRY_LENGTH), told)
         _average(obstacles.length, obstacles.length_variance, body, told, obstacles.interval)
     if detections.width is not None:
         _average(obstacles.width, obstacles.width_variance, body, detections.width.take(rows), obstacles.interval)

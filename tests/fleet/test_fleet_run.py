@@ -207,6 +207,16 @@ def test_a_table_that_cannot_be_read_is_named(
     assert not page.exists()
 
 
+@pytest.mark.parametrize("options", [{}, {"channels": 5}, 5, None])
+def test_a_record_with_other_options_is_none(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: object
+) -> None:
+    path = results / "records" / "d001.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"options": options}))
+    assert main(["fleet", "report", str(results), "-o", str(tmp_path / "page.html")]) == 1
+    assert "it is no record of a drive; remove it" in capsys.readouterr().err
+
+
 def test_a_report_replaces_nothing_that_it_reads(results: Path) -> None:
     before = {path: path.read_bytes() for path in results.rglob("*") if path.is_file()}
     for name in ("records/d000.json", table_file("cycles", "d001")):
