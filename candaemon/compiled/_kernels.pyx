@@ -6,8 +6,9 @@ build forbids fused multiply-adds. Logarithms, sines and the like, which librari
 numpy, or are those of Python: its `math`, and `pow` as in its powers. No shape is checked here: the callers give arrays
 of the right ones.
 
-What has one operation or a few for each of many arrays takes them as buffers, `object[double, ndim=1]`: a memoryview,
-`double[:]`, takes 0.1 µs longer to begin with, but it can be passed on, and loops over several dimensions run faster.
+What has one operation or a few for each of many arrays takes them as buffers, `object[double, ndim=1, mode="strided"]`: a
+memoryview, `double[:]`, takes 0.1 µs longer to begin with, but it can be passed on, and loops over several dimensions
+run faster. Without a mode each element would be asked whether it is a pointer.
 """
 
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
@@ -19,7 +20,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 144
+REVISION = 145
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -1326,8 +1327,8 @@ def vehicle_axes(
 
 def expect_detections(
     long long[:] history,
-    object[long long, ndim=1] scans,
-    object[long long, ndim=1] sensors,
+    object[long long, ndim=1, mode="strided"] scans,
+    object[long long, ndim=1, mode="strided"] sensors,
     long long sensor,
     long long most,
 ):
@@ -1346,15 +1347,15 @@ def expect_detections(
 
 def record_detections(
     const Py_ssize_t[:] tracks,
-    object[Py_ssize_t, ndim=1] rows,
-    object[long long, ndim=1] object_id,
-    object[long long, ndim=1] known_id,
-    object[long long, ndim=1] known_sensor,
-    object[long long, ndim=1] obstacle,
-    object[long long, ndim=1] reflection_ns,
-    object[long long, ndim=1] obstacle_ns,
-    object[long long, ndim=1] history,
-    object[long long, ndim=1] sensors,
+    object[Py_ssize_t, ndim=1, mode="strided"] rows,
+    object[long long, ndim=1, mode="strided"] object_id,
+    object[long long, ndim=1, mode="strided"] known_id,
+    object[long long, ndim=1, mode="strided"] known_sensor,
+    object[long long, ndim=1, mode="strided"] obstacle,
+    object[long long, ndim=1, mode="strided"] reflection_ns,
+    object[long long, ndim=1, mode="strided"] obstacle_ns,
+    object[long long, ndim=1, mode="strided"] history,
+    object[long long, ndim=1, mode="strided"] sensors,
     long long sensor,
     long long time_ns,
 ):
@@ -1375,11 +1376,11 @@ def record_detections(
 
 
 def lives(
-    object[long long, ndim=1] first_ns,
-    object[long long, ndim=1] last_ns,
-    object[long long, ndim=1] history,
-    object[long long, ndim=1] scans,
-    object[unsigned char, ndim=1] confirmed,
+    object[long long, ndim=1, mode="strided"] first_ns,
+    object[long long, ndim=1, mode="strided"] last_ns,
+    object[long long, ndim=1, mode="strided"] history,
+    object[long long, ndim=1, mode="strided"] scans,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
     long long time_ns,
     long long slack_ns,
     long long length,
@@ -1415,7 +1416,7 @@ def in_order(const Py_ssize_t[:] rows):
 def turned_towards(
     const double[:, :] direction,
     const double[:] forward,
-    object[double, ndim=2] velocity,
+    object[double, ndim=2, mode="strided"] velocity,
     double min_speed,
     double share,
 ):
@@ -1519,9 +1520,9 @@ def axis_elements(
 
 
 def polar_points(
-    object[double, ndim=1] distance,
-    object[double, ndim=1] cosine,
-    object[double, ndim=1] sine,
+    object[double, ndim=1, mode="strided"] distance,
+    object[double, ndim=1, mode="strided"] cosine,
+    object[double, ndim=1, mode="strided"] sine,
     double range_variance,
     double angle_variance,
 ):
@@ -1544,7 +1545,14 @@ def polar_points(
     return position_array, noise_array
 
 
-def placed(object[double, ndim=2] offset, object[double, ndim=1] origin, double east, double north, double c, double s):
+def placed(
+    object[double, ndim=2, mode="strided"] offset,
+    object[double, ndim=1, mode="strided"] origin,
+    double east,
+    double north,
+    double c,
+    double s,
+):
     """Return points at offsets (n, 2) from an origin in the local frame (n, 2); x, y in axes with an own place (n,)."""
     cdef Py_ssize_t n = len(offset), t
     cdef double ahead, left
@@ -2788,7 +2796,7 @@ cdef void move_bodies(const double[:, :] mean, double slow, double[:, ::1] out) 
         out[t, 5] = along * mean[t, 3] + mean[t, 4] * mean[t, 2]
 
 
-def to_travel_axes(object[double, ndim=2] vectors, object[double, ndim=2] direction):
+def to_travel_axes(object[double, ndim=2, mode="strided"] vectors, object[double, ndim=2, mode="strided"] direction):
     """Return vectors (n, 2) along and across unit vectors (n, 2), positive to the left."""
     cdef Py_ssize_t n = len(vectors), t
     out_array = np.empty((n, 2))
@@ -2800,7 +2808,10 @@ def to_travel_axes(object[double, ndim=2] vectors, object[double, ndim=2] direct
     return out_array
 
 
-def from_travel_axes(object[double, ndim=2] components, object[double, ndim=2] direction):
+def from_travel_axes(
+    object[double, ndim=2, mode="strided"] components,
+    object[double, ndim=2, mode="strided"] direction,
+):
     """Undo `to_travel_axes`."""
     cdef Py_ssize_t n = len(components), t
     out_array = np.empty((n, 2))
@@ -2882,11 +2893,11 @@ def facing_points(
 
 
 def facing_offsets(
-    object[double, ndim=2] mean,
-    object[double, ndim=2] facing,
-    object[double, ndim=2] axis,
-    object[double, ndim=1] length,
-    object[double, ndim=1] width,
+    object[double, ndim=2, mode="strided"] mean,
+    object[double, ndim=2, mode="strided"] facing,
+    object[double, ndim=2, mode="strided"] axis,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] width,
     double east,
     double north,
     int rounds,
@@ -2926,19 +2937,19 @@ cdef inline bint has_size(
 
 
 def slide_references(
-    object[double, ndim=2] mean,
-    object[double, ndim=2] facing,
-    object[double, ndim=2] axis,
-    object[double, ndim=1] cosine,
-    object[double, ndim=1] sine,
-    object[double, ndim=1] length,
-    object[double, ndim=1] width,
-    object[double, ndim=1] length_variance,
-    object[double, ndim=1] extent,
-    object[double, ndim=1] alone,
-    object[unsigned char, ndim=1] directed,
+    object[double, ndim=2, mode="strided"] mean,
+    object[double, ndim=2, mode="strided"] facing,
+    object[double, ndim=2, mode="strided"] axis,
+    object[double, ndim=1, mode="strided"] cosine,
+    object[double, ndim=1, mode="strided"] sine,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] width,
+    object[double, ndim=1, mode="strided"] length_variance,
+    object[double, ndim=1, mode="strided"] extent,
+    object[double, ndim=1, mode="strided"] alone,
+    object[unsigned char, ndim=1, mode="strided"] directed,
     const Py_ssize_t[:] body,
-    object[double, ndim=2] offset,
+    object[double, ndim=2, mode="strided"] offset,
     double east,
     double north,
     double own_east,
@@ -3037,17 +3048,17 @@ def expected_places(
 
 
 def turn_axes_of_bodies(
-    object[double, ndim=2] mean,
-    object[double, ndim=3] covariance,
-    object[double, ndim=2] axis,
-    object[unsigned char, ndim=1] directed,
-    object[double, ndim=1] ahead,
-    object[double, ndim=1] part,
-    object[double, ndim=1] passed,
-    object[double, ndim=2] facing,
-    object[double, ndim=1] turn,
-    object[double, ndim=1] turn_variance,
-    object[double, ndim=2] pivot,
+    object[double, ndim=2, mode="strided"] mean,
+    object[double, ndim=3, mode="strided"] covariance,
+    object[double, ndim=2, mode="strided"] axis,
+    object[unsigned char, ndim=1, mode="strided"] directed,
+    object[double, ndim=1, mode="strided"] ahead,
+    object[double, ndim=1, mode="strided"] part,
+    object[double, ndim=1, mode="strided"] passed,
+    object[double, ndim=2, mode="strided"] facing,
+    object[double, ndim=1, mode="strided"] turn,
+    object[double, ndim=1, mode="strided"] turn_variance,
+    object[double, ndim=2, mode="strided"] pivot,
     double course_error,
     double backing,
     double forgetting,
@@ -3059,7 +3070,7 @@ def turn_axes_of_bodies(
     double unsure,
     double least_turn,
     double wrong,
-    object[double, ndim=1] tightest,
+    object[double, ndim=1, mode="strided"] tightest,
 ):
     """Return axes (n, 2) turned on as their bodies surely do and after a part of the turn towards the courses of the centres, all of it where the first that is
     known well is far beside the axis, and which slow ones turned round, None: none; note in place whom the course
@@ -3188,19 +3199,19 @@ cdef enum:  # of bodies, rows of what `bodies_to_merge` keeps of them
 
 def bodies_to_merge(
     const double[:, :] shown,
-    object[double, ndim=3] spread,
+    object[double, ndim=3, mode="strided"] spread,
     const double[:, :] mean,
     const double[:, :] axis,
-    object[double, ndim=2] facing,
-    object[double, ndim=1] length,
-    object[double, ndim=1] width,
-    object[unsigned char, ndim=1] confirmed,
+    object[double, ndim=2, mode="strided"] facing,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] width,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
     const unsigned char[:] directed,
-    object[Py_ssize_t, ndim=1] last_ns,
-    object[Py_ssize_t, ndim=1] first_ns,
-    object[double, ndim=1] length_variance,
-    object[double, ndim=1] grown,
-    object[double, ndim=1] alone,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] first_ns,
+    object[double, ndim=1, mode="strided"] length_variance,
+    object[double, ndim=1, mode="strided"] grown,
+    object[double, ndim=1, mode="strided"] alone,
     const double[:] fastest,
     const Py_ssize_t[:] body,
     const Py_ssize_t[:] seen_ns,
@@ -3340,9 +3351,9 @@ def bodies_to_merge(
 
 
 def reflections_to_split(
-    object[double, ndim=2] offset,
-    object[double, ndim=1] rate_difference,
-    object[Py_ssize_t, ndim=1] body,
+    object[double, ndim=2, mode="strided"] offset,
+    object[double, ndim=1, mode="strided"] rate_difference,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
     const Py_ssize_t[:] leader,
     const double[:, :] mean,
     const unsigned char[:] directed,
@@ -3378,14 +3389,14 @@ def reflections_to_split(
 
 
 def mark_detected(
-    object[Py_ssize_t, ndim=1] row,
-    object[Py_ssize_t, ndim=1] body,
-    object[Py_ssize_t, ndim=1] keys,
-    object[Py_ssize_t, ndim=1] sensor_of,
-    object[Py_ssize_t, ndim=1] object_id,
-    object[Py_ssize_t, ndim=1] reflection_last_ns,
-    object[Py_ssize_t, ndim=1] history,
-    object[Py_ssize_t, ndim=1] sensors,
+    object[Py_ssize_t, ndim=1, mode="strided"] row,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[Py_ssize_t, ndim=1, mode="strided"] keys,
+    object[Py_ssize_t, ndim=1, mode="strided"] sensor_of,
+    object[Py_ssize_t, ndim=1, mode="strided"] object_id,
+    object[Py_ssize_t, ndim=1, mode="strided"] reflection_last_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] history,
+    object[Py_ssize_t, ndim=1, mode="strided"] sensors,
     Py_ssize_t sensor,
     Py_ssize_t time_ns,
 ):
@@ -3410,14 +3421,14 @@ cdef inline double velocity_of(const double[:, :] mean, Py_ssize_t t) noexcept n
 
 
 def beyond_bodies(
-    object[double, ndim=2] mean,
-    object[double, ndim=2] axis,
-    object[double, ndim=2] facing,
-    object[double, ndim=1] length,
-    object[double, ndim=1] width,
-    object[double, ndim=1] length_variance,
-    object[double, ndim=1] extent,
-    object[unsigned char, ndim=1] directed,
+    object[double, ndim=2, mode="strided"] mean,
+    object[double, ndim=2, mode="strided"] axis,
+    object[double, ndim=2, mode="strided"] facing,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] width,
+    object[double, ndim=1, mode="strided"] length_variance,
+    object[double, ndim=1, mode="strided"] extent,
+    object[unsigned char, ndim=1, mode="strided"] directed,
     double told_length,
     double small,
     double enough,
@@ -3510,14 +3521,14 @@ def settle_bodies(
 
 
 def reference_targets(
-    object[Py_ssize_t, ndim=1] body,
-    object[Py_ssize_t, ndim=1] last_ns,
-    object[double, ndim=2] offset,
-    object[double, ndim=2] facing,
-    object[double, ndim=2] axis,
-    object[double, ndim=1] length,
-    object[double, ndim=1] width,
-    object[double, ndim=1] fastest,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    object[double, ndim=2, mode="strided"] offset,
+    object[double, ndim=2, mode="strided"] facing,
+    object[double, ndim=2, mode="strided"] axis,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] width,
+    object[double, ndim=1, mode="strided"] fastest,
     Py_ssize_t since_ns,
     double course_speed,
     double least_normal,
@@ -3568,11 +3579,11 @@ def reference_targets(
 
 
 def measure_bodies(
-    object[Py_ssize_t, ndim=1] body,
-    object[double, ndim=2] position,
-    object[double, ndim=3] noise,
-    object[double, ndim=2] offset,
-    object[double, ndim=1] spread,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[double, ndim=2, mode="strided"] position,
+    object[double, ndim=3, mode="strided"] noise,
+    object[double, ndim=2, mode="strided"] offset,
+    object[double, ndim=1, mode="strided"] spread,
     double least,
 ):
     """Return the bodies (m,) that are measured, the first detection of each, which of them each detection is of, and
@@ -3626,19 +3637,19 @@ def measure_bodies(
 
 
 def note_rates(
-    object[double, ndim=1] noted,
-    object[Py_ssize_t, ndim=1] row,
-    object[Py_ssize_t, ndim=1] body,
-    object[double, ndim=2] shown,
-    object[double, ndim=2] offset,
-    object[double, ndim=1] measured,
+    object[double, ndim=1, mode="strided"] noted,
+    object[Py_ssize_t, ndim=1, mode="strided"] row,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[double, ndim=2, mode="strided"] shown,
+    object[double, ndim=2, mode="strided"] offset,
+    object[double, ndim=1, mode="strided"] measured,
     double x0,
     double y0,
     double vx0,
     double vy0,
-    object[double, ndim=1] share,
-    object[double, ndim=1] turn,
-    object[double, ndim=2] pivot,
+    object[double, ndim=1, mode="strided"] share,
+    object[double, ndim=1, mode="strided"] turn,
+    object[double, ndim=2, mode="strided"] pivot,
 ):
     """Note in place how much faster than their bodies reflections come nearer."""
     cdef Py_ssize_t m = len(row), i, t
@@ -3771,15 +3782,15 @@ def apart_from_most(
 
 
 def learn_offsets(
-    object[double, ndim=2] offset,
-    object[double, ndim=1] variance,
-    object[Py_ssize_t, ndim=1] row,
-    object[Py_ssize_t, ndim=1] body,
-    object[double, ndim=2] position,
-    object[double, ndim=3] noise,
-    object[double, ndim=2] shown,
-    object[double, ndim=2] before,
-    object[double, ndim=2] axis,
+    object[double, ndim=2, mode="strided"] offset,
+    object[double, ndim=1, mode="strided"] variance,
+    object[Py_ssize_t, ndim=1, mode="strided"] row,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[double, ndim=2, mode="strided"] position,
+    object[double, ndim=3, mode="strided"] noise,
+    object[double, ndim=2, mode="strided"] shown,
+    object[double, ndim=2, mode="strided"] before,
+    object[double, ndim=2, mode="strided"] axis,
 ):
     """Update in place where on their bodies reflections lie, and how uncertain that is."""
     cdef Py_ssize_t m = len(row), i, t, r
@@ -3796,19 +3807,19 @@ def learn_offsets(
 
 
 def note_strays(
-    object[double, ndim=2] trail,
-    object[double, ndim=1] walked,
-    object[double, ndim=1] stood,
-    object[Py_ssize_t, ndim=1] trail_ns,
-    object[Py_ssize_t, ndim=1] last_ns,
-    object[Py_ssize_t, ndim=1] row,
-    object[Py_ssize_t, ndim=1] body,
-    object[double, ndim=2] position,
-    object[double, ndim=3] noise,
-    object[double, ndim=1] length,
-    object[double, ndim=1] dt,
-    object[double, ndim=1] keep,
-    object[unsigned char, ndim=1] lost,
+    object[double, ndim=2, mode="strided"] trail,
+    object[double, ndim=1, mode="strided"] walked,
+    object[double, ndim=1, mode="strided"] stood,
+    object[Py_ssize_t, ndim=1, mode="strided"] trail_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] row,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[double, ndim=2, mode="strided"] position,
+    object[double, ndim=3, mode="strided"] noise,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] dt,
+    object[double, ndim=1, mode="strided"] keep,
+    object[unsigned char, ndim=1, mode="strided"] lost,
     Py_ssize_t time_ns,
     double sensor_x,
     double sensor_y,
@@ -3857,7 +3868,10 @@ def note_strays(
 
 
 cdef inline bint crosses(
-    object[double, ndim=2] axis, Py_ssize_t body, object[double, ndim=2] trail, Py_ssize_t i
+    object[double, ndim=2, mode="strided"] axis,
+    Py_ssize_t body,
+    object[double, ndim=2, mode="strided"] trail,
+    Py_ssize_t i,
 ) noexcept:
     """Return whether a reflection moves across the axis of its body rather than along it."""
     cdef double c = axis[body, 0], s = axis[body, 1], vx = trail[i, 2], vy = trail[i, 3]
@@ -3865,15 +3879,15 @@ cdef inline bint crosses(
 
 
 def strays(
-    object[double, ndim=1] walked,
-    object[double, ndim=1] stood,
-    object[Py_ssize_t, ndim=1] body,
-    object[Py_ssize_t, ndim=1] last_ns,
-    object[Py_ssize_t, ndim=1] leader,
-    object[double, ndim=1] body_fastest,
-    object[double, ndim=2] axis,
-    object[double, ndim=2] trail,
-    object[double, ndim=2] mean,
+    object[double, ndim=1, mode="strided"] walked,
+    object[double, ndim=1, mode="strided"] stood,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] leader,
+    object[double, ndim=1, mode="strided"] body_fastest,
+    object[double, ndim=2, mode="strided"] axis,
+    object[double, ndim=2, mode="strided"] trail,
+    object[double, ndim=2, mode="strided"] mean,
     double slow,
     double still,
     double fastest,
@@ -3903,7 +3917,10 @@ def strays(
 
 
 def factors_of_scans(
-    object[double, ndim=1] interval, object[Py_ssize_t, ndim=1] body, double cycle_time, object[double, ndim=1] by_scans
+    object[double, ndim=1, mode="strided"] interval,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    double cycle_time,
+    object[double, ndim=1, mode="strided"] by_scans,
 ):
     """Return of bodies (m,) the factor by the number of scans in the interval since each one's detection before."""
     cdef Py_ssize_t m = len(body), i
@@ -3917,17 +3934,17 @@ def factors_of_scans(
 
 
 def note_innovations(
-    object[double, ndim=2] innovation,
-    object[Py_ssize_t, ndim=1] row,
-    object[Py_ssize_t, ndim=1] body,
-    object[Py_ssize_t, ndim=1] seen_by,
-    object[Py_ssize_t, ndim=1] last_ns,
-    object[Py_ssize_t, ndim=1] leader,
-    object[unsigned char, ndim=1] confirmed,
-    object[Py_ssize_t, ndim=1] first_ns,
-    object[double, ndim=2] shown,
-    object[double, ndim=2] position,
-    object[double, ndim=3] noise,
+    object[double, ndim=2, mode="strided"] innovation,
+    object[Py_ssize_t, ndim=1, mode="strided"] row,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[Py_ssize_t, ndim=1, mode="strided"] seen_by,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] leader,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
+    object[Py_ssize_t, ndim=1, mode="strided"] first_ns,
+    object[double, ndim=2, mode="strided"] shown,
+    object[double, ndim=2, mode="strided"] position,
+    object[double, ndim=3, mode="strided"] noise,
     Py_ssize_t sensor,
     Py_ssize_t since_ns,
     Py_ssize_t born_ns,
@@ -3956,21 +3973,21 @@ def note_innovations(
 
 
 def note_sizes(
-    object[double, ndim=1] alone,
-    object[double, ndim=1] fastest,
-    object[double, ndim=1] length,
-    object[double, ndim=1] width,
-    object[double, ndim=1] length_variance,
-    object[double, ndim=1] width_variance,
-    object[Py_ssize_t, ndim=1] first_ns,
+    object[double, ndim=1, mode="strided"] alone,
+    object[double, ndim=1, mode="strided"] fastest,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] width,
+    object[double, ndim=1, mode="strided"] length_variance,
+    object[double, ndim=1, mode="strided"] width_variance,
+    object[Py_ssize_t, ndim=1, mode="strided"] first_ns,
     const double[:, :] mean,
-    object[Py_ssize_t, ndim=1] body,
-    object[Py_ssize_t, ndim=1] rows,
-    object[double, ndim=2] position,
-    object[double, ndim=1] origin,
-    object[double, ndim=1] own,
-    object[double, ndim=1] interval,
-    object[double, ndim=1] in_sight,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[Py_ssize_t, ndim=1, mode="strided"] rows,
+    object[double, ndim=2, mode="strided"] position,
+    object[double, ndim=1, mode="strided"] origin,
+    object[double, ndim=1, mode="strided"] own,
+    object[double, ndim=1, mode="strided"] interval,
+    object[double, ndim=1, mode="strided"] in_sight,
     Py_ssize_t time_ns,
     double near,
     double alone_time,
@@ -4029,19 +4046,19 @@ def note_sizes(
 
 
 def grow_boxes(
-    object[double, ndim=1] length,
-    object[double, ndim=1] width,
-    object[double, ndim=1] extent,
-    object[double, ndim=1] length_variance,
-    object[double, ndim=1] width_variance,
-    object[Py_ssize_t, ndim=1] first_ns,
-    object[double, ndim=1] passed,
-    object[double, ndim=1] share,
-    object[double, ndim=2] mean,
-    object[Py_ssize_t, ndim=1] body,
-    object[Py_ssize_t, ndim=1] seen_by,
-    object[Py_ssize_t, ndim=1] last_ns,
-    object[double, ndim=2] offset,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] width,
+    object[double, ndim=1, mode="strided"] extent,
+    object[double, ndim=1, mode="strided"] length_variance,
+    object[double, ndim=1, mode="strided"] width_variance,
+    object[Py_ssize_t, ndim=1, mode="strided"] first_ns,
+    object[double, ndim=1, mode="strided"] passed,
+    object[double, ndim=1, mode="strided"] share,
+    object[double, ndim=2, mode="strided"] mean,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[Py_ssize_t, ndim=1, mode="strided"] seen_by,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    object[double, ndim=2, mode="strided"] offset,
     Py_ssize_t time_ns,
     Py_ssize_t sensor,
     Py_ssize_t since_ns,
@@ -4088,11 +4105,11 @@ def grow_boxes(
 
 
 def sight_lines(
-    object[double, ndim=2] centre,
-    object[double, ndim=2] reference,
-    object[double, ndim=2] axis,
-    object[double, ndim=1] length,
-    object[double, ndim=1] width,
+    object[double, ndim=2, mode="strided"] centre,
+    object[double, ndim=2, mode="strided"] reference,
+    object[double, ndim=2, mode="strided"] axis,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] width,
     double mount_x,
     double mount_y,
     double least,
@@ -4121,10 +4138,10 @@ def sight_lines(
 
 
 def shares_in_sight(
-    object[double, ndim=1] bearing,
-    object[double, ndim=1] angle,
-    object[double, ndim=1] away,
-    object[double, ndim=1] distance,
+    object[double, ndim=1, mode="strided"] bearing,
+    object[double, ndim=1, mode="strided"] angle,
+    object[double, ndim=1, mode="strided"] away,
+    object[double, ndim=1, mode="strided"] distance,
     double yaw,
     double opening,
     double least_range,
@@ -4176,15 +4193,15 @@ def shares_in_sight(
 
 
 def boxes_in_vehicle_axes(
-    object[double, ndim=2] mean,
-    object[double, ndim=2] facing,
-    object[double, ndim=2] axis,
-    object[double, ndim=1] length,
-    object[double, ndim=1] width,
-    object[double, ndim=1] length_variance,
-    object[double, ndim=1] fastest,
-    object[unsigned char, ndim=1] confirmed,
-    object[double, ndim=1] standing,
+    object[double, ndim=2, mode="strided"] mean,
+    object[double, ndim=2, mode="strided"] facing,
+    object[double, ndim=2, mode="strided"] axis,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] width,
+    object[double, ndim=1, mode="strided"] length_variance,
+    object[double, ndim=1, mode="strided"] fastest,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
+    object[double, ndim=1, mode="strided"] standing,
     double east,
     double north,
     double c,
@@ -4216,12 +4233,12 @@ def boxes_in_vehicle_axes(
 
 
 def detection_probabilities(
-    object[double, ndim=1] share,
-    object[double, ndim=1] distance,
-    object[unsigned char, ndim=1] missed,
-    object[double, ndim=2] detected,
-    object[double, ndim=2] expected,
-    object[double, ndim=2] prior,
+    object[double, ndim=1, mode="strided"] share,
+    object[double, ndim=1, mode="strided"] distance,
+    object[unsigned char, ndim=1, mode="strided"] missed,
+    object[double, ndim=2, mode="strided"] detected,
+    object[double, ndim=2, mode="strided"] expected,
+    object[double, ndim=2, mode="strided"] prior,
     double weight,
     double part,
     double least,
@@ -4248,12 +4265,12 @@ def detection_probabilities(
 
 
 def likelihood_ratios(
-    object[double, ndim=3] spread,
-    object[double, ndim=1] variance,
-    object[double, ndim=3] noise,
-    object[Py_ssize_t, ndim=1] body,
-    object[Py_ssize_t, ndim=1] reflection,
-    object[double, ndim=1] fit,
+    object[double, ndim=3, mode="strided"] spread,
+    object[double, ndim=1, mode="strided"] variance,
+    object[double, ndim=3, mode="strided"] noise,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[Py_ssize_t, ndim=1, mode="strided"] reflection,
+    object[double, ndim=1, mode="strided"] fit,
     double scale,
 ):
     """Return which bodies are detected (k,), and the likelihoods of their detections over the density of clutter, 0
@@ -4353,13 +4370,13 @@ def turning_of_bodies(
     object[double, ndim=2, mode="c"] probability,
     object[double, ndim=3, mode="c"] mean,
     object[double, ndim=4, mode="c"] covariance,
-    object[double, ndim=2] overall,
-    object[double, ndim=2] facing,
-    object[double, ndim=1] length,
-    object[double, ndim=1] length_variance,
-    object[double, ndim=1] extent,
-    object[double, ndim=1] alone,
-    object[unsigned char, ndim=1] directed,
+    object[double, ndim=2, mode="strided"] overall,
+    object[double, ndim=2, mode="strided"] facing,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] length_variance,
+    object[double, ndim=1, mode="strided"] extent,
+    object[double, ndim=1, mode="strided"] alone,
+    object[unsigned char, ndim=1, mode="strided"] directed,
     double told_length,
     double small,
     double enough,
@@ -4444,15 +4461,15 @@ def swing_of_bodies(
 
 
 def weigh_existence(
-    object[double, ndim=1] existence,
-    object[double, ndim=1] in_sight,
-    object[double, ndim=1] unseen,
-    object[unsigned char, ndim=1] confirmed,
-    object[unsigned char, ndim=1] seen,
-    object[unsigned char, ndim=1] expected,
-    object[double, ndim=1] share,
-    object[double, ndim=1] detection,
-    object[double, ndim=1] likelihood,
+    object[double, ndim=1, mode="strided"] existence,
+    object[double, ndim=1, mode="strided"] in_sight,
+    object[double, ndim=1, mode="strided"] unseen,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
+    object[unsigned char, ndim=1, mode="strided"] seen,
+    object[unsigned char, ndim=1, mode="strided"] expected,
+    object[double, ndim=1, mode="strided"] share,
+    object[double, ndim=1, mode="strided"] detection,
+    object[double, ndim=1, mode="strided"] likelihood,
     double limit,
     double careful,
     double most,
@@ -4493,11 +4510,11 @@ cdef inline double within(double value, double least, double most) noexcept nogi
 
 
 def opportunities(
-    object[double, ndim=1] share,
-    object[double, ndim=1] distance,
-    object[unsigned char, ndim=1] seen,
-    object[unsigned char, ndim=1] missed,
-    object[unsigned char, ndim=1] counts,
+    object[double, ndim=1, mode="strided"] share,
+    object[double, ndim=1, mode="strided"] distance,
+    object[unsigned char, ndim=1, mode="strided"] seen,
+    object[unsigned char, ndim=1, mode="strided"] missed,
+    object[unsigned char, ndim=1, mode="strided"] counts,
     double clear,
     double part,
     int parts,
@@ -4525,9 +4542,9 @@ def opportunities(
 
 def learn_rates(
     double[:, :] expected,
-    object[double, ndim=2] detected,
-    object[double, ndim=3] counts,
-    object[double, ndim=2] fading,
+    object[double, ndim=2, mode="strided"] detected,
+    object[double, ndim=3, mode="strided"] counts,
+    object[double, ndim=2, mode="strided"] fading,
     double most,
 ):
     """Let in place how often what was detected and missed before was expected and detected (2, R) fade, and count for how
@@ -4550,16 +4567,16 @@ def report_bodies(
     const double[:] turn_variance,
     const double[:, :] pivot,
     const double[:, :] axis,
-    object[double, ndim=2] facing,
+    object[double, ndim=2, mode="strided"] facing,
     const double[:] length,
-    object[double, ndim=1] width,
-    object[double, ndim=1] length_variance,
-    object[double, ndim=1] extent,
+    object[double, ndim=1, mode="strided"] width,
+    object[double, ndim=1, mode="strided"] length_variance,
+    object[double, ndim=1, mode="strided"] extent,
     const double[:] alone,
-    object[double, ndim=1] fastest,
-    object[Py_ssize_t, ndim=1] first_ns,
-    object[Py_ssize_t, ndim=1] last_ns,
-    object[unsigned char, ndim=1] confirmed,
+    object[double, ndim=1, mode="strided"] fastest,
+    object[Py_ssize_t, ndim=1, mode="strided"] first_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
     const double[:, :] own,
     double east,
     double north,
@@ -4649,28 +4666,28 @@ def report_bodies(
 
 
 def fit_reflections(
-    object[Py_ssize_t, ndim=1] rows,
-    object[unsigned char, ndim=1] new,
-    object[unsigned char, ndim=1] vague,
-    object[Py_ssize_t, ndim=1] body,
+    object[Py_ssize_t, ndim=1, mode="strided"] rows,
+    object[unsigned char, ndim=1, mode="strided"] new,
+    object[unsigned char, ndim=1, mode="strided"] vague,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
     object[double, ndim=2, mode="c"] shown,
     object[double, ndim=3, mode="c"] spread,
-    object[double, ndim=2] offset,
-    object[double, ndim=1] variance,
-    object[double, ndim=2] axis,
-    object[unsigned char, ndim=1] confirmed,
-    object[double, ndim=2] position,
-    object[double, ndim=3] noise,
-    object[double, ndim=1] rate,
-    object[double, ndim=1] rate_variance,
+    object[double, ndim=2, mode="strided"] offset,
+    object[double, ndim=1, mode="strided"] variance,
+    object[double, ndim=2, mode="strided"] axis,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
+    object[double, ndim=2, mode="strided"] position,
+    object[double, ndim=3, mode="strided"] noise,
+    object[double, ndim=1, mode="strided"] rate,
+    object[double, ndim=1, mode="strided"] rate_variance,
     double x0,
     double y0,
     double vx0,
     double vy0,
     double confirmed_gate,
     double gate,
-    object[double, ndim=1] turn,
-    object[double, ndim=2] pivot,
+    object[double, ndim=1, mode="strided"] turn,
+    object[double, ndim=2, mode="strided"] pivot,
 ):
     """Return which reflection each detection fits of those that its id stands for (m,), −1: none; the NIS, NaN where it
     fits none; and how many do not fit."""
@@ -4717,7 +4734,7 @@ def fit_reflections(
     return found_array, nis_array, jumps
 
 
-def longer_ago(object[Py_ssize_t, ndim=1] last_ns, Py_ssize_t time_ns, double longest):
+def longer_ago(object[Py_ssize_t, ndim=1, mode="strided"] last_ns, Py_ssize_t time_ns, double longest):
     """Return of what the latest detection (n,) is longer ago than a time, s; None: of nothing."""
     cdef Py_ssize_t n = len(last_ns), i
     cdef bint some = False
@@ -4733,10 +4750,10 @@ def longer_ago(object[Py_ssize_t, ndim=1] last_ns, Py_ssize_t time_ns, double lo
 
 
 def bodies_to_forget(
-    object[Py_ssize_t, ndim=1] first_ns,
-    object[Py_ssize_t, ndim=1] last_ns,
-    object[unsigned char, ndim=1] confirmed,
-    object[double, ndim=3] covariance,
+    object[Py_ssize_t, ndim=1, mode="strided"] first_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
+    object[double, ndim=3, mode="strided"] covariance,
     Py_ssize_t time_ns,
     double coast,
     double longest,
@@ -4767,8 +4784,8 @@ def bodies_to_forget(
 
 def bodies_to_confirm(
     const double[:] existence,
-    object[Py_ssize_t, ndim=1] last_ns,
-    object[unsigned char, ndim=1] confirmed,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
     Py_ssize_t time_ns,
     double sure,
 ):
@@ -4779,8 +4796,8 @@ def bodies_to_confirm(
 
 def let_time_pass(
     double[:] existence,
-    object[double, ndim=1] unseen,
-    object[double, ndim=1] in_sight,
+    object[double, ndim=1, mode="strided"] unseen,
+    object[double, ndim=1, mode="strided"] in_sight,
     double kept,
     double dt,
     double least,
@@ -4794,8 +4811,8 @@ def let_time_pass(
 
 
 def note_detections(
-    object[double, ndim=1] interval,
-    object[Py_ssize_t, ndim=1] last_ns,
+    object[double, ndim=1, mode="strided"] interval,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
     const Py_ssize_t[:] body,
     Py_ssize_t time_ns,
     double longest,
@@ -4810,11 +4827,11 @@ def note_detections(
 
 
 def experience_of_bodies(
-    object[Py_ssize_t, ndim=1] sensors,
-    object[Py_ssize_t, ndim=1] history,
-    object[double, ndim=1] existence,
-    object[unsigned char, ndim=1] confirmed,
-    object[unsigned char, ndim=1] seen,
+    object[Py_ssize_t, ndim=1, mode="strided"] sensors,
+    object[Py_ssize_t, ndim=1, mode="strided"] history,
+    object[double, ndim=1, mode="strided"] existence,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
+    object[unsigned char, ndim=1, mode="strided"] seen,
     Py_ssize_t sensor,
     double sure,
 ):
@@ -4833,7 +4850,7 @@ def experience_of_bodies(
 def hand_over(
     Py_ssize_t[:] leader,
     const Py_ssize_t[:] body,
-    object[Py_ssize_t, ndim=1] last_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
     Py_ssize_t time_ns,
     Py_ssize_t patience_ns,
 ):
@@ -4855,7 +4872,10 @@ def hand_over(
 
 
 def stay_alongside(
-    object[Py_ssize_t, ndim=1] alongside_ns, const Py_ssize_t[:] older, object[double, ndim=1] needed, Py_ssize_t dt_ns
+    object[Py_ssize_t, ndim=1, mode="strided"] alongside_ns,
+    const Py_ssize_t[:] older,
+    object[double, ndim=1, mode="strided"] needed,
+    Py_ssize_t dt_ns,
 ):
     """Note in place for how long bodies (k,) have been beside older ones, −1: there is none; return the rows of those that
     have been for the time needed, s."""
@@ -4869,9 +4889,9 @@ def stay_alongside(
 
 
 def return_exponents(
-    object[Py_ssize_t, ndim=1] first_ns,
-    object[Py_ssize_t, ndim=1] last_ns,
-    object[double, ndim=1] interval,
+    object[Py_ssize_t, ndim=1, mode="strided"] first_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    object[double, ndim=1, mode="strided"] interval,
     Py_ssize_t time_ns,
     double longest,
     double least,
@@ -4891,9 +4911,9 @@ def return_exponents(
 
 def step_references(
     const Py_ssize_t[:] body,
-    object[double, ndim=2] offset,
-    object[double, ndim=2] target,
-    object[double, ndim=1] left,
+    object[double, ndim=2, mode="strided"] offset,
+    object[double, ndim=2, mode="strided"] target,
+    object[double, ndim=1, mode="strided"] left,
     const double[:, :] axis,
 ):
     """Let reference points go to where they belong (k, 2), but for shares, 1 less, that are left; the offsets of their
@@ -4955,7 +4975,7 @@ def standing_reflections(
     return out_array
 
 
-def look_up(object[Py_ssize_t, ndim=1] table, const Py_ssize_t[:] ids):
+def look_up(object[Py_ssize_t, ndim=1, mode="strided"] table, const Py_ssize_t[:] ids):
     """Return what a table tells of ids (n,), one place further, and at its ends of what lies beyond; and whether they
     ascend."""
     cdef Py_ssize_t i, last = len(table) - 1
@@ -5511,10 +5531,10 @@ cdef class InsEpochs:
 
 
 def offsets_of_reflections(
-    object[double, ndim=2] offset,
-    object[double, ndim=2] axis,
-    object[Py_ssize_t, ndim=1] body,
-    object[Py_ssize_t, ndim=1] rows,
+    object[double, ndim=2, mode="strided"] offset,
+    object[double, ndim=2, mode="strided"] axis,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[Py_ssize_t, ndim=1, mode="strided"] rows,
 ):
     """Return the offsets of reflections, by their rows (m,), in the local frame (m, 2); they are along and across the
     axes of their bodies (k, 2)."""
@@ -5531,11 +5551,11 @@ def offsets_of_reflections(
 
 
 def arms_of_reflections(
-    object[double, ndim=2] shown,
-    object[double, ndim=2] offset,
-    object[Py_ssize_t, ndim=1] body,
-    object[double, ndim=2] pivot,
-    object[double, ndim=1] variance,
+    object[double, ndim=2, mode="strided"] shown,
+    object[double, ndim=2, mode="strided"] offset,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[double, ndim=2, mode="strided"] pivot,
+    object[double, ndim=1, mode="strided"] variance,
 ):
     """Return how far from the pivots of their bodies (k, 2) reflections lie (m, 2), an offset from where those are shown
     (k, 4); zero where the turn rate has no variance."""
@@ -5554,11 +5574,11 @@ def arms_of_reflections(
 
 
 def sure_swings(
-    object[double, ndim=2] mean,
-    object[double, ndim=1] standing,
-    object[double, ndim=1] rate,
-    object[double, ndim=1] variance,
-    object[double, ndim=2] pivot,
+    object[double, ndim=2, mode="strided"] mean,
+    object[double, ndim=1, mode="strided"] standing,
+    object[double, ndim=1, mode="strided"] rate,
+    object[double, ndim=1, mode="strided"] variance,
+    object[double, ndim=2, mode="strided"] pivot,
     double deviations,
     double dt,
 ):
@@ -5582,11 +5602,11 @@ def sure_swings(
 
 
 def lies_far_along(
-    object[double, ndim=2] offset,
-    object[Py_ssize_t, ndim=1] body,
-    object[unsigned char, ndim=1] confirmed,
-    object[unsigned char, ndim=1] directed,
-    object[double, ndim=1] fastest,
+    object[double, ndim=2, mode="strided"] offset,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
+    object[unsigned char, ndim=1, mode="strided"] directed,
+    object[double, ndim=1, mode="strided"] fastest,
     double slower,
     double far,
 ):
@@ -5600,7 +5620,7 @@ def lies_far_along(
     return False
 
 
-def widest_across(object[double, ndim=2] offset):
+def widest_across(object[double, ndim=2, mode="strided"] offset):
     """Return how far apart across the first and the last of reflections lie, whatever their bodies; −1 of none."""
     cdef Py_ssize_t n = len(offset), i
     cdef double low = INFINITY, high = -INFINITY
@@ -5623,7 +5643,12 @@ def turns_of_modes(double[:, :, ::1] mean, const double[:, :, ::1] drive, Py_ssi
     return out_array
 
 
-def loosen_offsets(object[double, ndim=1] variance, object[Py_ssize_t, ndim=1] leader, double kept, double added):
+def loosen_offsets(
+    object[double, ndim=1, mode="strided"] variance,
+    object[Py_ssize_t, ndim=1, mode="strided"] leader,
+    double kept,
+    double added,
+):
     """Let variances of offsets (n,) return to where they come from, in place: a share is kept, and so much added; those of
     leading reflections, by their rows (k,), are zero."""
     cdef Py_ssize_t n = len(variance), k = len(leader), i
@@ -5635,10 +5660,10 @@ def loosen_offsets(object[double, ndim=1] variance, object[Py_ssize_t, ndim=1] l
 
 
 def steps_of_trails(
-    object[Py_ssize_t, ndim=1] trail_ns,
-    object[Py_ssize_t, ndim=1] rows,
-    object[Py_ssize_t, ndim=1] body,
-    object[double, ndim=1] fastest,
+    object[Py_ssize_t, ndim=1, mode="strided"] trail_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] rows,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[double, ndim=1, mode="strided"] fastest,
     Py_ssize_t time_ns,
     double walking,
     double patience,
@@ -5662,7 +5687,11 @@ def steps_of_trails(
     return dt_array, lost_array
 
 
-def detected_after(object[double, ndim=1] interval, object[Py_ssize_t, ndim=1] last_ns, Py_ssize_t time_ns):
+def detected_after(
+    object[double, ndim=1, mode="strided"] interval,
+    object[Py_ssize_t, ndim=1, mode="strided"] last_ns,
+    Py_ssize_t time_ns,
+):
     """Return the intervals (k,) before what was detected at a time, 0 of the rest."""
     cdef Py_ssize_t k = len(interval), t
     out_array = np.empty(k)
@@ -5673,7 +5702,7 @@ def detected_after(object[double, ndim=1] interval, object[Py_ssize_t, ndim=1] l
     return out_array
 
 
-def scaled_noise(object[double, ndim=3] noise, object[double, ndim=1] factor):
+def scaled_noise(object[double, ndim=3, mode="strided"] noise, object[double, ndim=1, mode="strided"] factor):
     """Return covariances (m, 2, 2), multiplied by a factor each (m,)."""
     cdef Py_ssize_t m = len(noise), i
     cdef int a, b
@@ -5687,7 +5716,7 @@ def scaled_noise(object[double, ndim=3] noise, object[double, ndim=1] factor):
     return out_array
 
 
-def possible_sizes(object[double, ndim=2] values, Py_ssize_t row, double most):
+def possible_sizes(object[double, ndim=2, mode="strided"] values, Py_ssize_t row, double most):
     """Return quantities (Q, n) with NaN for what in a row is no size, None where all are; and how many are odd: neither
     sizes nor NaN."""
     cdef Py_ssize_t quantities = len(values), n = (<object>values).shape[1], q, t, odd = 0
