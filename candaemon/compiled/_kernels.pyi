@@ -195,8 +195,18 @@ def to_travel_axes(vectors: Floats, direction: Floats) -> Floats: ...
 def from_travel_axes(components: Floats, direction: Floats) -> Floats: ...
 def facing_points(observer: Floats, half_length: Floats, half_width: Floats, rounds: int, least: float) -> Floats: ...
 def expected_places(
-    mean: Floats, axis: Floats, cosine: Floats, sine: Floats, across: Floats, fade: Floats, horizon: float
+    mean: Floats, axis: Floats, cosine: Floats, sine: Floats, across: Floats, fade: Floats, horizon: Floats
 ) -> Floats: ...
+def hidden_motion(
+    surely: Floats,
+    seen_by: Integers,
+    leader: Integers,
+    mean: Floats,
+    drift: Floats,
+    axis: Floats,
+    drifting: float,
+    crossing: float,
+) -> tuple[Floats, Floats | None]: ...
 def facing_offsets(
     mean: Floats,
     facing: Floats,
@@ -208,6 +218,29 @@ def facing_offsets(
     rounds: int,
     least: float,
 ) -> Floats: ...
+def speeds_of_slides(
+    mean: Floats,
+    facing: Floats,
+    axis: Floats,
+    length: Floats,
+    width: Floats,
+    length_variance: Floats,
+    extent: Floats,
+    confirmed: Booleans,
+    directed: Booleans,
+    east: float,
+    north: float,
+    own_east: float,
+    own_north: float,
+    rounds: int,
+    least: float,
+    told_length: float,
+    small: float,
+    enough: float,
+    truck_length: float,
+    beside: float,
+    step: float,
+) -> Floats | None: ...
 def slide_references(
     mean: Floats,
     facing: Floats,
@@ -446,6 +479,21 @@ def note_strays(
     still: float,
     perhaps: float,
     longest: float,
+    nearest: float,
+) -> None: ...
+def drive_on(
+    stood: Floats,
+    row: Indices,
+    position: Floats,
+    range_rate: Floats | None,
+    rate_variance: Floats | None,
+    projections: tuple[Projection, ...],
+    sensor_x: float,
+    sensor_y: float,
+    own_vx: float,
+    own_vy: float,
+    slow: float,
+    surely: float,
     nearest: float,
 ) -> None: ...
 def strays(

@@ -20,7 +20,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 145
+REVISION = 146
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2936,6 +2936,77 @@ cdef inline bint has_size(
     return length_variance < told_length or length < small or extent > enough
 
 
+def speeds_of_slides(
+    object[double, ndim=2, mode="strided"] mean,
+    object[double, ndim=2, mode="strided"] facing,
+    object[double, ndim=2, mode="strided"] axis,
+    object[double, ndim=1, mode="strided"] length,
+    object[double, ndim=1, mode="strided"] width,
+    object[double, ndim=1, mode="strided"] length_variance,
+    object[double, ndim=1, mode="strided"] extent,
+    object[unsigned char, ndim=1, mode="strided"] confirmed,
+    object[unsigned char, ndim=1, mode="strided"] directed,
+    double east,
+    double north,
+    double own_east,
+    double own_north,
+    int rounds,
+    double least,
+    double told_length,
+    double small,
+    double enough,
+    double truck_length,
+    double beside,
+    double step,
+):
+    """Return how fast what is seen of bodies slides along them as they pass near us (n,), None: of none.
+
+    We are at a place and move at a velocity. Only bodies nearer than so far count, of known axis and unknown size, or
+    longer than a truck is; the points of them that face us are compared with those a step later.
+    """
+    cdef Py_ssize_t n = len(length), m = 0, group, first, lanes, l, t
+    cdef double x, y, c, s
+    cdef double eye[2][LANES]
+    cdef double passing[2][LANES]
+    cdef double size[2][LANES]
+    cdef double before[2][LANES]
+    cdef double after[2][LANES]
+    rows_array = np.empty(n, np.intp)
+    cdef object[Py_ssize_t, ndim=1, mode="c"] rows = rows_array
+    for t in range(n):
+        x, y = mean[t, 0] - east, mean[t, 1] - north
+        if not (x * x + y * y < beside * beside and confirmed[t] and directed[t]):
+            continue
+        if length[t] > truck_length or not has_size(
+            length[t], length_variance[t], extent[t], told_length, small, enough
+        ):
+            rows[m] = t
+            m += 1
+    if not m:
+        return None
+    out_array = np.zeros(n)
+    cdef object[double, ndim=1, mode="c"] out = out_array
+    with nogil:
+        for group in range((m + LANES - 1) // LANES):
+            first = group * LANES
+            lanes = min(LANES, m - first)
+            for l in range(LANES):
+                t = rows[first + (l if l < lanes else lanes - 1)]
+                c, s = axis[t, 0], axis[t, 1]
+                x, y = facing[t, 0] - (mean[t, 0] - east), facing[t, 1] - (mean[t, 1] - north)
+                eye[0][l], eye[1][l] = x * c + y * s, y * c - x * s
+                x, y = mean[t, 2] - own_east, mean[t, 3] - own_north
+                passing[0][l], passing[1][l] = x * c + y * s, y * c - x * s
+                size[0][l], size[1][l] = length[t] / 2.0, width[t] / 2.0
+            face(eye, size, rounds, least, before)
+            for l in range(LANES):
+                eye[0][l], eye[1][l] = eye[0][l] - step * passing[0][l], eye[1][l] - step * passing[1][l]
+            face(eye, size, rounds, least, after)
+            for l in range(lanes):
+                out[rows[first + l]] = (after[0][l] - before[0][l]) / step
+    return out_array
+
+
 def slide_references(
     object[double, ndim=2, mode="strided"] mean,
     object[double, ndim=2, mode="strided"] facing,
@@ -3022,29 +3093,58 @@ def slide_references(
 def expected_places(
     const double[:, :] mean,
     const double[:, :] axis,
-    const double[:] cosine,
-    const double[:] sine,
-    const double[:] across,
-    const double[:] fade,
-    double horizon,
+    const double[:, :] cosine,
+    const double[:, :] sine,
+    const double[:, :] across,
+    const double[:, :] fade,
+    const double[:] horizon,
 ):
-    """Return where the leading reflections of bodies are expected after a time (k, 2), by half of whose turns the cosines
-    and sines are given, what share of the way across they go, and what share of their biases is left."""
-    cdef Py_ssize_t k = mean.shape[0], t
+    """Return where the leading reflections of bodies are expected after times (H, k, 2), by half of whose turns the
+    cosines and sines are given, what share of the way across they go, and what share of their biases is left (H, k)."""
+    cdef Py_ssize_t k = mean.shape[0], h, t
     cdef double vx, vy, way, x, y, c, s, ahead, aside
-    out_array = np.empty((k, 2))
-    cdef double[:, ::1] out = out_array
+    out_array = np.empty((horizon.shape[0], k, 2))
+    cdef double[:, :, ::1] out = out_array
+    with nogil:
+        for h in range(horizon.shape[0]):
+            for t in range(k):
+                vx, vy, c, s = mean[t, 2], mean[t, 3], cosine[h, t], sine[h, t]
+                way = 1.0 + 0.5 * horizon[h] * mean[t, 5] / larger(sqrt(vx * vx + vy * vy), 1.0)
+                way = horizon[h] * larger(way, 0.0)
+                x, y = way * (c * vx - s * vy), way * (s * vx + c * vy)
+                c, s = axis[t, 0], axis[t, 1]
+                ahead, aside = x * c + y * s, (y * c - x * s) * across[h, t]
+                out[h, t, 0] = mean[t, 0] + (ahead * c - aside * s) + mean[t, 6] * fade[h, t]
+                out[h, t, 1] = mean[t, 1] + (aside * c + ahead * s) + mean[t, 7] * fade[h, t]
+    return out_array
+
+
+def hidden_motion(
+    object[double, ndim=1, mode="strided"] surely,
+    object[Py_ssize_t, ndim=1, mode="strided"] seen_by,
+    object[Py_ssize_t, ndim=1, mode="strided"] leader,
+    object[double, ndim=2, mode="strided"] mean,
+    object[double, ndim=2, mode="strided"] drift,
+    object[double, ndim=2, mode="strided"] axis,
+    double drifting,
+    double crossing,
+):
+    """Return how surely the walk of the sensors of leading reflections, −1: of none, hides how bodies move (k,); and by
+    which powers of e less as they go or drift across (k,), None: nothing is hidden of any."""
+    cdef Py_ssize_t k = len(leader), sensors = len(surely), t, sensor
+    cdef double c, s, across, drifts
+    cdef bint some = False
+    hidden_array, power_array = np.empty(k), np.empty(k)
+    cdef object[double, ndim=1, mode="c"] hidden = hidden_array, power = power_array
     with nogil:
         for t in range(k):
-            vx, vy, c, s = mean[t, 2], mean[t, 3], cosine[t], sine[t]
-            way = 1.0 + 0.5 * horizon * mean[t, 5] / larger(sqrt(vx * vx + vy * vy), 1.0)
-            way = horizon * larger(way, 0.0)
-            x, y = way * (c * vx - s * vy), way * (s * vx + c * vy)
-            c, s = axis[t, 0], axis[t, 1]
-            ahead, aside = x * c + y * s, (y * c - x * s) * across[t]
-            out[t, 0] = mean[t, 0] + (ahead * c - aside * s) + mean[t, 6] * fade[t]
-            out[t, 1] = mean[t, 1] + (aside * c + ahead * s) + mean[t, 7] * fade[t]
-    return out_array
+            sensor, c, s = seen_by[leader[t]], axis[t, 0], axis[t, 1]
+            hidden[t] = surely[sensor if sensor >= 0 else sensors + sensor]
+            some = some or hidden[t] != 0.0
+            across, drifts = mean[t, 3] * c - mean[t, 2] * s, drift[t, 1] * c - drift[t, 0] * s
+            across = (fabs(across) + drifting * fabs(drifts)) / crossing
+            power[t] = -(across * across)
+    return hidden_array, power_array if some else None
 
 
 def turn_axes_of_bodies(
@@ -3865,6 +3965,42 @@ def note_strays(
             share = smaller(dt[i], longest) * speed / larger(distance, deviations * sqrt(variance))
             walked[r] = walked[r] + share if speed > slowest and speed < running else 0.0
             stood[r] = stood[r] + dt[i] if not lost[i] and speed < larger(still, perhaps * unsure) else 0.0
+
+
+def drive_on(
+    object[double, ndim=1, mode="strided"] stood,
+    object[Py_ssize_t, ndim=1, mode="strided"] row,
+    object[double, ndim=2, mode="strided"] position,
+    object[double, ndim=1, mode="strided"] range_rate,
+    object[double, ndim=1, mode="strided"] rate_variance,
+    tuple projections,
+    double sensor_x,
+    double sensor_y,
+    double own_vx,
+    double own_vy,
+    double slow,
+    double surely,
+    double nearest,
+):
+    """Let in place reflections (m,) not have stood of which a component of the velocity, or a range rate, tells more."""
+    cdef Py_ssize_t m = len(row), i
+    cdef double x, y, distance
+    cdef const double[:] value, variance
+    for part in projections:
+        value, variance = part.value, part.variance
+        for i in range(m):
+            if fabs(value[i]) > slow + surely * sqrt(variance[i]):
+                stood[row[i]] = 0.0
+    if range_rate is None or rate_variance is None:
+        return
+    for i in range(m):
+        if stood[row[i]] == 0.0:
+            continue
+        x, y = position[i, 0] - sensor_x, position[i, 1] - sensor_y
+        distance = larger(sqrt(x * x + y * y), nearest)
+        x, y = x / distance, y / distance
+        if fabs(range_rate[i] + (x * own_vx + y * own_vy)) > slow + surely * sqrt(rate_variance[i]):
+            stood[row[i]] = 0.0
 
 
 cdef inline bint crosses(

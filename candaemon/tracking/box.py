@@ -318,10 +318,32 @@ def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
         pose: of the vehicle, whose origin they face.
     """
     obstacles, mean = bodies.obstacles, bodies.moments().mean
+    if compiled.in_use:
+        return compiled.kernels.speeds_of_slides(
+            mean,
+            obstacles.facing,
+            obstacles.axis,
+            obstacles.length,
+            obstacles.width,
+            obstacles.length_variance,
+            obstacles.extent,
+            obstacles.confirmed,
+            obstacles.directed,
+            pose.east,
+            pose.north,
+            pose.ve,
+            pose.vn,
+            ROUNDS,
+            LEAST,
+            TOLD_LENGTH,
+            SMALL,
+            ENOUGH,
+            TRUCK_LENGTH,
+            _BESIDE,
+            _SLIDE_STEP,
+        )
     sight = mean[:, POSITION] - np.array([pose.east, pose.north])
     near = (sight * sight).sum(axis=1) < _BESIDE * _BESIDE
-    if not np.count_nonzero(near):
-        return None
     near &= obstacles.confirmed & obstacles.directed & (~obstacles.sized | (obstacles.length > TRUCK_LENGTH))
     rows = near.nonzero()[0]
     if not len(rows):

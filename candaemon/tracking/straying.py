@@ -138,15 +138,20 @@ def _drive_on(bodies: Bodies, rows: Indices, measurement: Measurement, settings:
 
     Where a vehicle slides by, what is seen of it stays where it is, and its speed does not.
     """
-    if not np.count_nonzero(stood := bodies.reflections.stood.take(rows)):
+    slow, (x, y), (vx, vy) = settings.stood.speed, measurement.origin.tolist(), measurement.velocity.tolist()
+    if compiled.in_use:
+        rates = measurement.range_rate, measurement.range_rate_variance, measurement.projections
+        compiled.kernels.drive_on(
+            bodies.reflections.stood, rows, measurement.position, *rates, x, y, vx, vy, slow, _SURELY, _LEAST_STEP
+        )
         return
-    slow, moves = settings.stood.speed, np.zeros(len(rows), dtype=np.bool_)
+    stood, moves = bodies.reflections.stood.take(rows), np.zeros(len(rows), dtype=np.bool_)
     for part in measurement.projections:
         moves |= np.abs(part.value) > slow + _SURELY * np.sqrt(part.variance)
     if measurement.range_rate is not None and measurement.range_rate_variance is not None:
         sight = measurement.position - measurement.origin
         sight /= np.maximum(lengths(sight), _LEAST_STEP)[:, None]
-        along = measurement.range_rate + sight @ measurement.velocity
+        along = measurement.range_rate + (sight[:, 0] * vx + sight[:, 1] * vy)
         moves |= np.abs(along) > slow + _SURELY * np.sqrt(measurement.range_rate_variance)
     bodies.reflections.stood[rows] = np.where(moves, 0.0, stood)
 

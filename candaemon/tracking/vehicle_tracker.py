@@ -274,14 +274,13 @@ class VehicleTracker:
             settles *= bodies.filter.unsteady(np.hypot(*mean[:, VELOCITY].T))
             settles *= 1.0 - bodies.filter.probability[:, MANOEUVRING]
         rate = np.maximum(settles / self._places.settling, _LEAST_RATE)
-        fading, owner, offsets = self._bias_time(), bodies.reflections.body.take(rows), bodies.offsets(rows)
-        found, turning = [], bodies.sure_turning()
+        owner, offsets, turning = bodies.reflections.body.take(rows), bodies.offsets(rows), bodies.sure_turning()
         swing = 0.0 if turning is None else turning.velocities(owner, bodies.moments().shown[owner, :2] + offsets)
-        for horizon in horizons:
-            across, fade = -np.expm1(-rate * horizon) / (rate * horizon), np.exp(-horizon / fading)
-            leading = expected_places(mean, axis, across, fade, horizon)
-            found.append(np.asarray(leading.take(owner, axis=0) + offsets + horizon * swing))
-        return found
+        times = np.array(horizons)
+        ahead = times[:, None]
+        across, fade = -np.expm1(-rate * ahead) / (rate * ahead), np.exp(-ahead / self._bias_time())
+        leading = expected_places(mean, axis, across, fade, times)
+        return list(leading.take(owner, axis=1) + offsets + ahead[:, :, None] * swing)
 
     def mode_probabilities(self) -> tuple[Integers, Floats]:
         """Return the obstacles' identities (k,) and the probabilities of their modes (k, M)."""
@@ -364,10 +363,16 @@ class VehicleTracker:
         walks = self._noise.walks()
         if not walks.surely_some:
             return np.zeros(len(self))
+        obstacles, mean = self._bodies.obstacles, self._bodies.moments().mean
+        if compiled.in_use:
+            seen_by, drift, axis = self._bodies.reflections.sensor, obstacles.drift, obstacles.axis
+            hidden, power = compiled.kernels.hidden_motion(
+                walks.surely, seen_by, obstacles.leader, mean, drift, axis, _DRIFTING, _CROSSING
+            )
+            return hidden if power is None else hidden * np.exp(power)
         hidden = self._of_leaders(walks.surely)
         if hidden.any():
-            obstacles = self._bodies.obstacles
-            across = to_travel_axes(self._bodies.moments().mean[:, VELOCITY], obstacles.axis)[:, 1]
+            across = to_travel_axes(mean[:, VELOCITY], obstacles.axis)[:, 1]
             drift = to_travel_axes(obstacles.drift, obstacles.axis)[:, 1]
             hidden *= np.exp(-np.square((np.abs(across) + _DRIFTING * np.abs(drift)) / _CROSSING))
         return hidden
@@ -923,23 +928,24 @@ def _standing(velocity: Floats, sight: Floats, distance: Floats, body: Indices, 
     return np.asarray(slow & confirmed[body])
 
 
-def expected_places(mean: Floats, axis: Floats, across: Floats, fade: Floats, horizon: float) -> Floats:
-    """Return where the leading reflections of bodies are expected after a time, (k, 2), m.
+def expected_places(mean: Floats, axis: Floats, across: Floats, fade: Floats, times: Floats) -> Floats:
+    """Return where the leading reflections of bodies are expected after times, (H, k, 2), m.
 
     Args:
         mean: states (k, 8) as in `BodyFilter`.
         axis: of the bodies (k, 2).
-        across: share of the way across its axis that each goes (k,).
-        fade: share of each one's bias that is left (k,).
-        horizon: s.
+        across: share of the way across its axis that each goes (H, k).
+        fade: share of each one's bias that is left (H, k).
+        times: (H,), s.
     """
-    turn = 0.5 * mean[:, TURN] * horizon
+    ahead = times[:, None]
+    turn = 0.5 * mean[:, TURN] * ahead
     c, s = np.cos(turn), np.sin(turn)
     if compiled.in_use:
-        return compiled.kernels.expected_places(mean, axis, c, s, across, fade, horizon)
+        return compiled.kernels.expected_places(mean, axis, c, s, across, fade, times)
     vx, vy = mean[:, 2], mean[:, 3]
-    way = 1.0 + 0.5 * horizon * mean[:, ACCELERATION] / np.maximum(np.sqrt(vx * vx + vy * vy), 1.0)
-    way = horizon * np.maximum(way, 0.0)
-    drift = to_travel_axes(np.stack([way * (c * vx - s * vy), way * (s * vx + c * vy)], axis=1), axis)
-    drift[:, 1] *= across
-    return np.asarray(mean[:, POSITION] + from_travel_axes(drift, axis) + mean[:, BIAS] * fade[:, None])
+    way = 1.0 + 0.5 * ahead * mean[:, ACCELERATION] / np.maximum(np.sqrt(vx * vx + vy * vy), 1.0)
+    way = ahead * np.maximum(way, 0.0)
+    drift = to_travel_axes(np.stack([way * (c * vx - s * vy), way * (s * vx + c * vy)], axis=-1), axis)
+    drift[..., 1] *= across
+    return np.asarray(mean[:, POSITION] + from_travel_axes(drift, axis) + mean[:, BIAS] * fade[:, :, None])

@@ -72,6 +72,7 @@ from candaemon.tracking.id_rows import IdRows
 from candaemon.tracking.identities import Identities
 from candaemon.tracking.innovation_correlation import _innovations
 from candaemon.tracking.majority import contradicting
+from candaemon.tracking.reflection_noise import SensorWalks
 from candaemon.tracking.reflections import from_travel_axes, near_pairs, to_travel_axes
 from candaemon.tracking.sensor_visibility import Visibility
 from candaemon.tracking.straying import note_strays, strays
@@ -604,6 +605,38 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
     both(monkeypatch, computed)
 
 
+def test_how_fast_bodies_that_pass_slide(monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed() -> list[Floats]:
+        bodies = bodies_on_road(60, 9)
+        bodies.obstacles.directed[::2] = True
+        bodies.obstacles.length_variance[:] = 4.0
+        sliding = box.slides(bodies, POSE)
+        assert sliding is not None
+        assert 3 < np.count_nonzero(sliding) < 20
+        assert box.slides(bodies, replace(POSE, east=100.0)) is None
+        return [sliding]
+
+    both(monkeypatch, computed)
+
+
+def test_what_walks_hide_of_the_motion_across(monkeypatch: pytest.MonkeyPatch) -> None:
+    tracker = VehicleTracker(TrackerSettings(estimator=VehicleEstimatorSettings(kind="vehicle")), {})
+    tracker._bodies = bodies = bodies_on_road(60, 9)
+    bodies.obstacles.drift = np.random.default_rng(2).normal(size=(60, 2)) * 0.2
+    bodies.reflections.sensor[::3], bodies.reflections.sensor[::7] = 1, -1
+    none = np.zeros((3, 2))
+
+    def computed() -> list[Floats]:
+        hidden = list[Floats]()
+        for surely in (np.zeros(3), np.array([0.3, 0.0, 0.8])):
+            tracker._noise._walks = SensorWalks(none, none, surely, some=False, surely_some=True)
+            hidden.append(tracker._hidden())
+        assert len(np.unique(hidden[1])) > 20
+        return hidden
+
+    both(monkeypatch, computed)
+
+
 def test_reference_points_that_follow_biases_beyond_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
     def computed() -> list[Floats]:
         bodies, random = bodies_on_road(20, 9), np.random.default_rng(4)
@@ -701,7 +734,7 @@ def test_bodies_to_merge(confirmed: bool, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_reflections_to_split_and_places_expected(monkeypatch: pytest.MonkeyPatch) -> None:
     random = np.random.default_rng(5)
-    across, fade, difference = random.random(20), random.random(20), random.normal(size=29) * 4.0
+    share, difference = random.random((2, 20)), random.normal(size=29) * 4.0
 
     def computed() -> list[Floats]:
         bodies = bodies_on_road(20, 9)
@@ -715,13 +748,16 @@ def test_reflections_to_split_and_places_expected(monkeypatch: pytest.MonkeyPatc
         splitting = split_candidates(bodies, ReflectionSettings())
         assert splitting is not None
         assert 0 < np.count_nonzero(splitting) < 9
-        expected = expected_places(bodies.moments().mean, bodies.obstacles.axis, across, fade, 0.7)
+        expected = expected_places(
+            bodies.moments().mean, bodies.obstacles.axis, share, share[::-1], np.array([0.5, 0.7])
+        )
         return [splitting.astype(np.float64), expected]
 
     both(monkeypatch, computed)
 
 
-def test_reflections_are_followed_for_themselves_and_stray(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("speeds", [False, True])
+def test_reflections_are_followed_for_themselves_and_stray(speeds: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     random = np.random.default_rng(6)
     trail = np.concatenate([random.uniform(-25.0, 25.0, (29, 2)), random.normal(size=(29, 2)) * 0.7], axis=1)
     trail_ns = random.choice([9 * 10**8, 2 * 10**8], 29, p=[0.9, 0.1])
@@ -731,11 +767,14 @@ def test_reflections_are_followed_for_themselves_and_stray(monkeypatch: pytest.M
 
     def computed() -> list[Floats]:
         bodies, settings = bodies_on_road(20, 9), ReflectionSettings()
-        reflections, scan = bodies.reflections, scan_of(25, False)
+        reflections, scan = bodies.reflections, scan_of(25, speeds)
         reflections.trail, reflections.trail_ns = trail.copy(), trail_ns.copy()
         reflections.walked, reflections.stood = walked.copy(), stood.copy()
         bodies.obstacles.fastest[::2] = 1.4
         measurement = replace(scan.measurement, position=trail[rows, :2] + steps)
+        if speeds:  # of some nothing is known
+            driving = Projection(np.tile([1.0, 0.0], (25, 1)), np.where(rows % 3, 0.1, np.nan), np.full(25, 0.01))
+            measurement = replace(measurement, velocity=np.array([0.5, 0.1]), projections=(driving,))
         note_strays(bodies, rows, reflections.body[rows], measurement, 10**9, settings)
         assert 3 < np.count_nonzero(reflections.walked > 0.0) < 25
         assert 3 < np.count_nonzero(reflections.stood > 0.0) < 25
