@@ -444,7 +444,7 @@ class VehicleTracker:
         if not self._walking(sensor) or not self._noise.known(sensor):
             return detections
         white, stated = self._noise.white(sensor), self._stated[sensor]
-        share = np.clip(max(white[0] / stated[0], white[1] / stated[1]) ** 2, _LEAST_SHARE, 1.0)
+        share = min(max((white[0] / stated[0]) ** 2, (white[1] / stated[1]) ** 2, _LEAST_SHARE), 1.0)
         return replace(detections, measurement=measurement.scaled(np.full(len(measurement.position), share)))
 
     def _observe_noise(self, detections: Detections, pose: EgoPose) -> None:
