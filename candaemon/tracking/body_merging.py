@@ -14,6 +14,8 @@ from candaemon.tracking.box import NARROW
 from candaemon.tracking.reflections import near_pairs, to_travel_axes
 
 _DEVIATIONS = 3.0  # standard deviations by which the velocities of what is seen in one place may differ more …
+_OTHERWISE = 3.0  # m/s by which bodies move otherwise: who walks past a car that stands is slower
+_UNCLEAR = 1.0  # (m/s)², variance of a speed that is not known yet
 _YOUNG_NS = 10**9  # ns, … while the later one is younger: who walks past a car is told from it by then
 
 
@@ -273,6 +275,37 @@ def stand_without_course(bodies: Bodies, slow: float, moved: float) -> Booleans:
     obstacles, velocity = bodies.obstacles, bodies.moments().mean[:, VELOCITY]
     speed = np.sqrt(velocity[:, 0] * velocity[:, 0] + velocity[:, 1] * velocity[:, 1])
     return (speed < slow) & (obstacles.fastest <= moved) & ~obstacles.directed
+
+
+def inside_others(bodies: Bodies, candidates: Indices, settings: ReflectionSettings, time_ns: int) -> Booleans:
+    """Return which of some bodies (m,) have begun inside a vehicle that is seen, or seem to, and move otherwise.
+
+    Two vehicles are not in one place: what a detection far off has begun follows those of the other one, and has a
+    velocity of its own until they have corrected it. What is there for longer is something else, and so is what has a
+    velocity that is well known: who rides past a car that is shorter than is thought.
+
+    Args:
+        bodies: that are known.
+        candidates: rows of those asked for (m,).
+        settings: for how long without a detection a body counts as seen, what has moved, and how far its edge reaches.
+        time_ns: of the cycle.
+    """
+    obstacles, moments = bodies.obstacles, bodies.moments()
+    seen = obstacles.confirmed & (obstacles.last_ns >= time_ns - round(settings.patience * 1e9))
+    seen &= obstacles.fastest > settings.stood.moved
+    seen[candidates] = False
+    others = seen.nonzero()[0]
+    centre = moments.mean[others, POSITION] - obstacles.facing[others]
+    away = np.abs(to_travel_axes(moments.shown[candidates, None, :2] - centre, obstacles.axis[others]))
+    covariance = moments.shown_covariance[candidates]
+    spread = np.trace(covariance[:, POSITION, POSITION], axis1=1, axis2=2)
+    beyond = away - 0.5 * np.stack([obstacles.length[others], obstacles.width[others]], axis=1)
+    inside = (beyond < settings.edge + np.sqrt(spread)[:, None, None]).all(axis=2)
+    faster = moments.shown[candidates, None, VELOCITY] - moments.shown[others, VELOCITY]
+    squared = (faster * faster).sum(axis=2)
+    unclear = np.einsum("mos,mst,mot->mo", faster, covariance[:, VELOCITY, VELOCITY], faster) > _UNCLEAR * squared
+    held = (inside & unclear & (squared > _OTHERWISE * _OTHERWISE)).any(axis=1)
+    return np.asarray(held & (obstacles.first_ns[candidates] > time_ns - _YOUNG_NS))
 
 
 def alongside_long(alongside_ns: Integers, older: Integers, needed: Floats, dt_ns: int) -> list[int]:

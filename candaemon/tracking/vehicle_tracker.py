@@ -32,7 +32,7 @@ from candaemon.tracking.body_existence import BodyExistence
 from candaemon.tracking.body_images import images
 from candaemon.tracking.body_initiation import BodyInitiation
 from candaemon.tracking.body_measurement import of_bodies
-from candaemon.tracking.body_merging import alongside_long, merge_candidates, split_candidates
+from candaemon.tracking.body_merging import alongside_long, inside_others, merge_candidates, split_candidates
 from candaemon.tracking.body_modes import MANOEUVRING
 from candaemon.tracking.body_report import report
 from candaemon.tracking.body_riders import in_line, part_in_line
@@ -674,6 +674,8 @@ class VehicleTracker:
             promoted = np.flatnonzero((existence >= lifecycle.sure) & (last_ns == time_ns) & ~obstacles.confirmed)
         if len(promoted):
             promoted = promoted[~np.isin(promoted, self._joining(promoted))]
+        if len(promoted) and self.settings.reflections.merge:
+            promoted = promoted[~inside_others(self._bodies, promoted, self.settings.reflections, time_ns)]
         if detections is not None and len(promoted):
             promoted = promoted[~np.isin(promoted, self._images(promoted, detections))]
         return promoted

@@ -10,7 +10,7 @@ import pytest
 from candaemon import compiled
 from candaemon.config.tracker import ReflectionSettings
 from candaemon.config.vehicle import VehicleEstimatorSettings
-from candaemon.tracking.body_merging import merge_candidates
+from candaemon.tracking.body_merging import inside_others, merge_candidates
 from candaemon.tracking.body_sizes import RIDER
 from candaemon.tracking.body_store import Bodies
 from candaemon.tracking.identities import Identities
@@ -68,6 +68,37 @@ def test_what_is_in_one_place_is_one_vehicle_unless_its_speed_is_known_to_differ
     bodies.obstacles.last_ns[:] = NOW_NS, NOW_NS - round(second.unseen * 1e9)
     found, _ = merge_candidates(bodies, ReflectionSettings(), NOW_NS)
     assert found.tolist() == [-1, older]
+
+
+@pytest.mark.parametrize(
+    ("behind", "speed", "deviation", "age", "inside"),
+    [
+        (0.6, 1.0, 2.0, 0.4, True),
+        (0.6, 12.0, 2.0, 0.4, False),
+        (3.0, 1.0, 2.0, 0.4, False),
+        (0.6, 1.0, 2.0, 1.5, False),
+        (0.6, 1.0, 0.3, 0.4, False),
+    ],
+    ids=["begun by a detection far off", "moves alike", "behind it", "there for long", "of a velocity that is known"],
+)
+def test_what_begins_inside_another_and_moves_otherwise_is_no_vehicle(
+    behind: float, speed: float, deviation: float, age: float, inside: bool
+) -> None:
+    """A detection that was far off began it; it follows those of the car, at a velocity of its own."""
+    bodies = Bodies(VehicleEstimatorSettings(kind="vehicle"), Identities())
+    modes = bodies.filter.probability.shape[1]
+    velocity = np.tile(np.array([[13.0, 0.0], [speed, 0.0]])[:, None], (1, modes, 1))
+    spread = np.tile(np.eye(2) * deviation**2, (2, modes, 1, 1))
+    place = np.array([[20.0, 0.0], [20.0 - behind, 0.0]])
+    bodies.filter.spawn(place, np.tile(np.eye(2) * 0.09, (2, 1, 1)), velocity, spread, np.full((2, modes), 1 / modes))
+    for row, since in enumerate((3.0, age)):
+        bodies.add(NOW_NS - round(since * 1e9), np.array([1.0, 0.0]), 4.5, 1.8)
+        bodies.add_reflection(row, 0, row, NOW_NS, np.zeros(2))
+    bodies.obstacles.confirmed[0] = True
+    bodies.obstacles.last_ns[:] = NOW_NS
+    bodies.obstacles.facing[:], bodies.obstacles.fastest[:] = [-2.25, 0.0], 13.0
+    found = inside_others(bodies, np.array([1]), ReflectionSettings(), NOW_NS)
+    assert found.tolist() == [inside]
 
 
 def test_two_of_which_one_walks_past_the_other_do_not_become_one() -> None:
