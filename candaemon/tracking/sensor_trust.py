@@ -57,6 +57,8 @@ _LED_AWAY = 0.4  # of the limit of a bias, that this mean may be: by no more do 
 _SINCE_NS = 1_000_000_000  # without innovations, after which that mean begins anew
 _LEAST_SPEED = 0.5  # m/s; slower, nothing changes from scan to scan, and the same objects may be true
 _CLEARLY = 0.15  # of `REACH`, by which objects must lie nearer there to fit better elsewhere
+_IN_PLACE = 1.0  # m by which objects are off as a rule: of less no other explanation is sought
+_COMMON = 1.0  # m, within which objects are off by as much
 _AGREES = 0.6  # of the limits of a bias, within which a sensor is right again
 
 
@@ -323,9 +325,11 @@ class SensorTrust:
         expected = tracker.predicted_reflections(detections.time_ns, detections.sensor)
         found = _nearest(detections, expected)
         told = _by_others(found, detections, expected)
-        if state.fault == Fault.BIASED and _fits_better_elsewhere(state, told, detections, expected):
-            state.right_ns = state.compared_ns = now_ns
-        self._note_bias(state, told, detections, dt, now_ns)
+        if state.fault == Fault.BIASED:
+            elsewhere = _moved_back(detections, expected, state.off_along, state.off_across)
+            if _fits_clearly_better(elsewhere, told):
+                state.right_ns = state.compared_ns = now_ns
+        self._note_bias(state, _of_a_common_offset(told, detections, expected), detections, dt, now_ns)
         if not len(found.rows):
             self._forget_noise(state, dt, now_ns)
             return
@@ -471,20 +475,56 @@ def _lines_of_sight(measurement: Measurement) -> tuple[Floats, Floats, Floats]:
     return distance, sight, np.stack([-sight[:, 1], sight[:, 0]], axis=1)
 
 
-def _fits_better_elsewhere(
-    state: SensorTrustState, found: _Matches, detections: Detections, expected: PredictedReflections
-) -> bool:
-    """Return whether a biased sensor's detections fit the others' obstacles better by as much nearer as they were off.
+def _moved_back(
+    detections: Detections, expected: PredictedReflections, off_along: float, off_across: float
+) -> _Matches:
+    """Return the matches with what other sensors show that detections have where they are moved back by some offset, m.
 
-    A detection that is off lies beside another obstacle sooner or later, and seems right there. A little better counts
-    as no better: what is tolerated of a sensor may be half of what it was off.
+    A detection that is off lies beside another obstacle sooner or later, and seems right there.
     """
     measurement = detections.measurement
     _, sight, across = _lines_of_sight(measurement)
-    place = measurement.position - state.off_along * sight - state.off_across * across
+    place = measurement.position - off_along * sight - off_across * across
     moved = replace(detections, measurement=replace(measurement, position=place))
-    there = _by_others(_nearest(moved, expected), moved, expected)
-    return _fit(there) > _fit(found) + _CLEARLY * len(there.rows)
+    return _by_others(_nearest(moved, expected), moved, expected)
+
+
+def _fits_clearly_better(one: _Matches, other: _Matches) -> bool:
+    """Return whether some matches fit better than others.
+
+    A little better counts as no better: what is tolerated of a sensor may be half of what it was off.
+    """
+    return _fit(one) > _fit(other) + _CLEARLY * len(one.rows)
+
+
+def _of_a_common_offset(told: _Matches, detections: Detections, expected: PredictedReflections) -> _Matches:
+    """Return the matches of detections that are all off by as much, where these fit better; else those told.
+
+    Beside a neighbour the nearest reflection is not that of the body itself.
+    """
+    off = np.hypot(told.innovation[:, 0], told.innovation[:, 1])
+    if not len(off) or np.median(off) < _IN_PLACE:
+        return told
+    common = _moved_back(detections, expected, *_common_offset(detections, expected))
+    if not _fits_clearly_better(common, told):
+        return told
+    innovation = detections.measurement.position[common.rows] - expected.position[common.tracks]
+    return _Matches(common.rows, common.tracks, innovation)
+
+
+def _common_offset(detections: Detections, expected: PredictedReflections) -> tuple[float, float]:
+    """Return by how much most detections are off what other sensors show, along and across their lines of sight, m."""
+    others = np.flatnonzero(expected.confirmed & expected.by_others)
+    apart = detections.measurement.position[:, None] - expected.position[others]
+    row, track = np.nonzero(np.hypot(apart[..., 0], apart[..., 1]) < REACH)
+    if not len(row):
+        return 0.0, 0.0
+    _, sight, across = _lines_of_sight(detections.measurement)
+    off = np.stack([(apart[row, track] * axis[row]).sum(axis=1) for axis in (sight, across)], axis=1)
+    alike = (np.abs(off[:, None] - off) < _COMMON).all(axis=2)
+    share_it = (alike.astype(np.float64) @ (row[:, None] == np.unique(row)) > 0.0).sum(axis=1)
+    along_sight, aside = np.median(off[alike[share_it.argmax()]], axis=0).tolist()
+    return along_sight, aside
 
 
 def _fit(found: _Matches) -> float:

@@ -205,6 +205,19 @@ def test_a_sensor_is_compared_with_what_others_show_of_the_same_obstacle() -> No
     assert trust.fault(0) is Fault.BIASED
 
 
+def test_a_bias_that_puts_each_object_beside_another_is_found() -> None:
+    """Of three cars each seems to be the one ahead in the next lane, and that one to be off to the side."""
+    trust, rng = pair(), np.random.default_rng(1)
+    cars = np.array([[20.0, 3.5], [25.0, 0.0], [30.0, -3.5]])
+    for scan in range(100):
+        judged(trust, StandingTracker(cars), 1.0 + 0.05 * scan, cars + rng.normal(0.0, 0.1, (3, 2)))
+    for scan in range(100, 120):
+        judged(
+            trust, StandingTracker(cars), 1.0 + 0.05 * scan, cars + np.array([5.0, 0.0]) + rng.normal(0.0, 0.1, (3, 2))
+        )
+    assert trust.fault(0) is Fault.BIASED
+
+
 @dataclass(frozen=True, slots=True)
 class StandingTracker:
     """A tracker whose confirmed obstacles, known to several sensors, stand where they are.
