@@ -62,7 +62,8 @@ class SlotReporter:
         self._swaps, self._swap_distance = 0.0, 0.0
         tracks = settings.identified and len(settings.views) == 1  # else it has nothing to follow an object by
         if measurement.traffic is not None and tracks:
-            self._coasting = max(self._coasting, measurement.traffic.coasting)
+            if not {"vx", "range_rate"}.isdisjoint(self.quantities):  # by which it moves on what it misses
+                self._coasting = max(self._coasting, measurement.traffic.coasting)
             self._swaps = measurement.traffic.swaps * settings.cycle_time
             self._swap_distance = measurement.traffic.swap_distance
         self._random = stream(seed, source, "swaps")

@@ -186,6 +186,15 @@ def test_a_radar_that_tells_no_identity_coasts_nothing() -> None:
     assert share(blind) == pytest.approx(0.5, abs=0.15)
 
 
+def test_a_sensor_that_tells_no_rates_coasts_nothing() -> None:
+    """It has nothing to move an object on by, and does not repeat where that was."""
+    missed = scene([point(30.0, 1.0)], {"coasting": 1.0, "swaps": 0.0}, measurement={"detection_probability": 0.5})
+    lidar = next(each.settings for each in bound("radar_lidar").sensors if each.name == "lidar")
+    reporter, world = SlotReporter(Scene(missed), lidar, missed, seed=1, source=0), Scene(missed)
+    told = [len(reporter.report(each).slot) for each in world.states(np.arange(200.0) / 25)]
+    assert float(np.mean(told)) == pytest.approx(0.5, abs=0.15)
+
+
 def test_ghosts_move_with_what_they_are_of() -> None:
     cars = [car(20.0, 2.0, heading=0.0)]
     rail = {"rails": ({"begin": {"x": 0.0, "y": 6.0}, "end": {"x": 100.0, "y": 6.0}, "spacing": 90.0},)}
