@@ -21,6 +21,7 @@ from candaemon.tracking.box import NARROW
 from candaemon.tracking.reflections import to_travel_axes
 
 _ASIDE = 0.1  # of the distance along a body, within which of its axis we see little more than its end
+_BESIDE = 0.5  # of that distance: farther aside, we see its side
 
 
 def in_line(bodies: Bodies, settings: ReflectionSettings, pose: EgoPose) -> Indices | None:
@@ -45,7 +46,7 @@ def in_line(bodies: Bodies, settings: ReflectionSettings, pose: EgoPose) -> Indi
     velocity, sight = mean[:, VELOCITY], mean[:, POSITION] - (pose.east, pose.north)
     distance, aside = np.abs(to_travel_axes(sight, obstacles.axis)).T
     moves = (velocity * velocity).sum(axis=1) > settings.stood.moved**2
-    slow &= moves & (aside < np.maximum(0.5 * settings.widest, _ASIDE * distance))
+    slow &= moves & (aside < np.maximum(0.5 * settings.widest, _ASIDE * distance)) & (aside < _BESIDE * distance)
     slow &= (obstacles.width < NARROW) | (obstacles.width_variance > TOLD_WIDTH)  # a sensor may tell that it is a car
     several = (np.bincount(reflections.body[steady], minlength=len(bodies)) > 1) & slow
     found = [_beyond_gap(bodies, each, steady.nonzero()[0], room) for each in several.nonzero()[0].tolist()]

@@ -10,7 +10,7 @@ import pytest
 
 from candaemon.tracking.box import TWO_WHEELER
 from candaemon.tracking.obstacles import CONFIRMED, Obstacles
-from tests.support.builders import HandFedVehicles, Seen, times
+from tests.support.builders import HandFedVehicles, Seen, pose, times
 
 SPEED = 6.0  # m/s
 
@@ -38,6 +38,18 @@ def test_riders_in_line_that_seemed_one_are_two() -> None:
     told = told_of(in_line, 8.0)
     assert told.kind.tolist() == [TWO_WHEELER, TWO_WHEELER]
     assert np.ptp(told.x) == pytest.approx(4.0, abs=0.4)
+
+
+def test_a_car_close_beside_us_shows_its_two_ends_all_the_time() -> None:
+    """We drive along with it, by hardly more than its half width beside its axis."""
+    fed, rng = HandFedVehicles(), np.random.default_rng(3)
+    for t in times(1, 160):
+        own = pose(t, east=SPEED * t, ve=SPEED)
+        ends = [Seen(key, own.east + along, 1.2, SPEED) for key, along in ((0, -2.0), (1, 2.0))]
+        noise = rng.normal(size=(2, 2)) * 0.1
+        shown = [replace(one, x=one.x + dx, y=one.y + dy) for one, (dx, dy) in zip(ends, noise, strict=True)]
+        told = fed.scan(t, shown, ego=own)
+    assert len(told) == 1
 
 
 def test_three_in_line_are_three() -> None:
