@@ -20,7 +20,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 146
+REVISION = 147
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2942,8 +2942,6 @@ def speeds_of_slides(
     object[double, ndim=2, mode="strided"] axis,
     object[double, ndim=1, mode="strided"] length,
     object[double, ndim=1, mode="strided"] width,
-    object[double, ndim=1, mode="strided"] length_variance,
-    object[double, ndim=1, mode="strided"] extent,
     object[unsigned char, ndim=1, mode="strided"] confirmed,
     object[unsigned char, ndim=1, mode="strided"] directed,
     double east,
@@ -2952,17 +2950,13 @@ def speeds_of_slides(
     double own_north,
     int rounds,
     double least,
-    double told_length,
-    double small,
-    double enough,
-    double truck_length,
     double beside,
     double step,
 ):
     """Return how fast what is seen of bodies slides along them as they pass near us (n,), None: of none.
 
-    We are at a place and move at a velocity. Only bodies nearer than so far count, of known axis and unknown size, or
-    longer than a truck is; the points of them that face us are compared with those a step later.
+    We are at a place and move at a velocity. Only confirmed bodies of known axis count that are nearer than so far; the
+    points of them that face us are compared with those a step later.
     """
     cdef Py_ssize_t n = len(length), m = 0, group, first, lanes, l, t
     cdef double x, y, c, s
@@ -2975,11 +2969,7 @@ def speeds_of_slides(
     cdef object[Py_ssize_t, ndim=1, mode="c"] rows = rows_array
     for t in range(n):
         x, y = mean[t, 0] - east, mean[t, 1] - north
-        if not (x * x + y * y < beside * beside and confirmed[t] and directed[t]):
-            continue
-        if length[t] > truck_length or not has_size(
-            length[t], length_variance[t], extent[t], told_length, small, enough
-        ):
+        if x * x + y * y < beside * beside and confirmed[t] and directed[t]:
             rows[m] = t
             m += 1
     if not m:

@@ -89,7 +89,7 @@ class ReflectionPlaceSettings(Settings):
         ge=0,
         le=10,
         description="s that a vehicle takes to pass us: so long its reflection may slide along it as fast as the point "
-        "that faces us, of what has told no size or is long; 0: it does not",
+        "that faces us; 0: it does not",
     )
     settling: float = Field(
         1.0,

@@ -29,7 +29,7 @@ from candaemon.tracking.body_sizes import (
     TOLD_WIDTH,
     WALKER,
 )
-from candaemon.tracking.body_store import Bodies
+from candaemon.tracking.body_store import Bodies, BodyTable
 from candaemon.tracking.reflections import from_travel_axes, to_travel_axes
 
 _WHOLLY = 0.8  # share in sight, below which one reflection is all that can be seen of a body of any size
@@ -309,9 +309,8 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
 def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
     """Return how fast what is seen of bodies would slide along them as they pass near us (k,), m/s; None: of none.
 
-    That is of those whose size is not known, and of long ones: a car of which we see the side pass by shows another
-    point of it all the time. A coach does so for longer than `follow_aspect` expects, which takes what has no size for
-    as long as a car; and where on a long side the next reflection lies, no size tells. What is small does not.
+    A vehicle of which we see the side pass by shows another point of it all the time, whatever its size is. What slides
+    is slower than the vehicle, which seems to brake where nothing else explains it.
 
     Args:
         bodies: of the time before.
@@ -325,8 +324,6 @@ def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
             obstacles.axis,
             obstacles.length,
             obstacles.width,
-            obstacles.length_variance,
-            obstacles.extent,
             obstacles.confirmed,
             obstacles.directed,
             pose.east,
@@ -335,16 +332,12 @@ def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
             pose.vn,
             ROUNDS,
             LEAST,
-            TOLD_LENGTH,
-            SMALL,
-            ENOUGH,
-            TRUCK_LENGTH,
             _BESIDE,
             _SLIDE_STEP,
         )
     sight = mean[:, POSITION] - np.array([pose.east, pose.north])
     near = (sight * sight).sum(axis=1) < _BESIDE * _BESIDE
-    near &= obstacles.confirmed & obstacles.directed & (~obstacles.sized | (obstacles.length > TRUCK_LENGTH))
+    near &= obstacles.confirmed & obstacles.directed
     rows = near.nonzero()[0]
     if not len(rows):
         return None
@@ -359,18 +352,25 @@ def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
 
 
 def follow_slides(bodies: Bodies, sliding: Floats, dt: float) -> None:
-    """Let the reference points of bodies of unknown size follow what is seen to slide along them, as fast as it may.
+    """Let what is seen of bodies slide along them for good, as fast as it may.
 
-    They keep the speeds of the bodies: how far the bias has come along them is where a longer body shows another part.
+    How far the bias has come along a body is where it shows another part. The reference point of which `follow_aspect`
+    knows the way stays, and the reflections have slid: if their bias faded, what is seen would draw that point along.
+    That of another body is what is seen, and follows. The bodies keep their speeds.
 
     Args:
         bodies: predicted.
         sliding: how fast that is (k,), m/s, as `slides` tells.
         dt: since the time before, s.
     """
-    axis, farthest = bodies.obstacles.axis, np.abs(sliding) * dt * ~bodies.obstacles.sized
-    along = (bodies.moments().mean[:, BIAS] * axis).sum(axis=1)
-    bodies.settle(np.clip(along, -farthest, farthest)[:, None] * axis)
+    obstacles, reflections, farthest = bodies.obstacles, bodies.reflections, np.abs(sliding) * dt
+    along = (bodies.moments().mean[:, BIAS] * obstacles.axis).sum(axis=1)
+    step = np.clip(along, -farthest, farthest)[:, None] * obstacles.axis
+    bodies.settle(step)
+    slid = np.where(_shows_its_aspect(obstacles)[:, None], step, 0.0)
+    if slid.any():
+        reflections.offset += to_travel_axes(slid, obstacles.axis).take(reflections.body, axis=0)
+        bodies.shift(-slid)
 
 
 def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:
@@ -418,7 +418,7 @@ def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:
         if slid is not None:
             bodies.shift(slid)
         return
-    known = obstacles.directed & (obstacles.sized | (obstacles.alone < 0.0))
+    known = _shows_its_aspect(obstacles)
     turned = np.stack([c, s], axis=1)
     axis, before = from_travel_axes(obstacles.axis, turned), from_travel_axes(obstacles.facing, turned)
     sight = mean[:, POSITION] - before - np.array([pose.east, pose.north])
@@ -433,6 +433,11 @@ def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:
         reflections.offset -= to_travel_axes(step, obstacles.axis).take(reflections.body, axis=0)
         obstacles.facing += step
         bodies.shift(step)
+
+
+def _shows_its_aspect(obstacles: BodyTable) -> Booleans:
+    """Return of which bodies (k,) the box tells where along them the reference point is: of known axis and extent."""
+    return np.asarray(obstacles.directed & (obstacles.sized | (obstacles.alone < 0.0)))
 
 
 def classes(

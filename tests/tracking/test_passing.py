@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,30 @@ def test_a_coach_of_known_length_that_crosses_is_as_fast_while_another_part_of_i
             told.append(float(obstacles.vy[0]))
     assert len(obstacles) == 1
     assert max(told) < -5.0
+
+
+@pytest.mark.parametrize("speed", [9.0, 14.0])
+@pytest.mark.parametrize("told", [True, False], ids=["of known length", "of two reflections"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_car_that_passes_beside_us_keeps_its_speed_and_place(speed: float, told: bool, seed: int) -> None:
+    """What is nearest of it stays beside us while it passes, and leaves with its rear."""
+    fed, rng, errors = HandFedVehicles(noise=(0.2, 0.2, 0.1)), np.random.default_rng(seed), list[list[float]]()
+    size: dict[str, Any] = {"length": np.array([4.5]), "width": np.array([1.8])} if told else {}
+    for t in times(0, 100):
+        centre = -20.0 + speed * t
+        nearest = np.clip(0.0, centre - 2.25, centre + 2.25)
+        x, y = rng.normal(size=2) * 0.15 + (nearest, 2.0)
+        seen = [Seen(1, x, y, speed)]
+        if not told and t < 1.2:
+            x, y = rng.normal(size=2) * 0.15 + (centre + 0.5, 2.8)
+            seen.append(Seen(2, x, y, speed))
+        found = fed.scan(t, seen, **size)
+        if abs(centre) < 10.0:
+            errors.append([found.vx[0] - speed, found.vy[0], found.x[0] - nearest])
+    assert len(found) == 1
+    along, across, place = np.abs(np.array(errors)).max(axis=0)
+    assert max(along, across) < 1.0
+    assert place < 1.3
 
 
 @pytest.mark.parametrize("jump", [1.0, 1.6, 2.2])
