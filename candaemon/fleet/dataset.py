@@ -23,6 +23,7 @@ from candaemon.exports.drive_tables import TABLES
 from candaemon.exports.parquet import SUFFIX
 from candaemon.fleet.locations import FetchedLog, LogFile
 from candaemon.fleet.result_store import ResultStore
+from candaemon.printable import printable
 
 RECORDS: Final = "records"
 FAILED: Final = "failed"
@@ -199,5 +200,5 @@ def _failures(store: ResultStore) -> Iterator[tuple[str, str]]:
 
 def write_failure(store: ResultStore, drive: str, logs: Sequence[str], reason: str) -> None:
     """Note that a drive failed."""
-    content = {"drive": drive, "logs": list(logs), "reason": reason}
+    content = {"drive": drive, "logs": list(map(printable, logs)), "reason": reason}
     store.write(failure_name(drive), f"{json.dumps(content, indent=1, ensure_ascii=False)}\n".encode())

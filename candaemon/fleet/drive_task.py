@@ -23,7 +23,7 @@ from candaemon.fleet.dataset import (
 )
 from candaemon.fleet.drive_list import FleetDrive
 from candaemon.fleet.kept_configuration import kept_binding
-from candaemon.fleet.locations import FetchedLog, fetched, sha256_of
+from candaemon.fleet.locations import FetchedLog, fetched, require_utf8, sha256_of
 from candaemon.fleet.result_store import ResultStore, store_at
 from candaemon.fleet.software import difference, software
 from candaemon.playback.replay import ReplayRequest, replay
@@ -89,6 +89,8 @@ def _run(order: DriveOrder) -> DriveOutcome:
     differs = difference(software(), order.software)
     if differs:
         raise InputError(f"this worker has {differs}; install the same on all workers")
+    for log in order.drive.logs:
+        require_utf8(log)
     with fetched(order.drive.logs) as (logs, inputs):
         key = key_of(inputs, order.configuration, asdict(order.options), order.software)
         former = former_record(store, name)

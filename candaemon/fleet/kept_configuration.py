@@ -19,6 +19,7 @@ from candaemon.config.load import load_config
 from candaemon.errors import InputError
 from candaemon.files.bounded import read_anything, read_bounded
 from candaemon.files.outputs import write_file
+from candaemon.fleet.locations import require_utf8
 from candaemon.fleet.result_store import FolderStore, ResultStore, store_at
 
 FOLDER: Final = "configurations"
@@ -57,7 +58,9 @@ class KeptConfiguration:
 
         Raises:
             ConfigError: it cannot be used.
+            InputError: its name is not UTF-8.
         """
+        require_utf8(str(path))
         contents: dict[Path, bytes] = {}
 
         def read(file: Path, longest: int) -> bytes:

@@ -78,6 +78,18 @@ def absolute(location: str) -> str:
     return str(Path.cwd() / local_path(location)) if is_local(location) else location
 
 
+def require_utf8(location: str) -> None:
+    """Refuse a location whose name is bytes that are not UTF-8: the JSON of records and DuckDB cannot hold it.
+
+    Raises:
+        InputError: it is such a location.
+    """
+    try:
+        location.encode()
+    except UnicodeEncodeError:
+        raise InputError("its name is not UTF-8, as a fleet's records are; give it another name", file=location) from None
+
+
 def beside(location: str, relative: str) -> str:
     """Return a location that is written relative to the folder of another one."""
     if not is_local(relative) or Path(relative).is_absolute():

@@ -16,7 +16,7 @@ from typing import Final
 from candaemon.errors import InputError
 from candaemon.files.bounded import read_bounded
 from candaemon.files.outputs import make_folder, write_file
-from candaemon.fleet.locations import absolute, asked, file_system, is_local, local_path
+from candaemon.fleet.locations import absolute, asked, file_system, is_local, local_path, require_utf8
 
 INCOMING: Final = ".incoming"
 """Folder of what is not whole yet."""
@@ -248,6 +248,7 @@ def store_at(url: str) -> ResultStore:
     """Return the results at a location.
 
     Raises:
-        ConfigError, InputError: there is no such kind of location, or it cannot be reached.
+        ConfigError, InputError: there is no such kind of location, its name is not UTF-8, or it cannot be reached.
     """
+    require_utf8(absolute(url))
     return FolderStore(url) if is_local(url) else FileSystemStore(url)

@@ -272,3 +272,28 @@ def test_a_result_that_is_read_has_a_longest(tmp_path: Path, monkeypatch: pytest
 
 def test_a_worker_keeps_so_many_configurations() -> None:
     assert kept_binding.cache_parameters()["maxsize"] == MOST_BOUND
+
+
+def test_a_log_whose_name_is_not_utf_8_costs_no_other_drive(logs: list[Path], whole: Path, tmp_path: Path) -> None:
+    odd = tmp_path / os.fsdecode(b"bad\xff.log")
+    shutil.copy(logs[0], odd)
+    results = tmp_path / "results"
+    ended = run_inline([odd, *logs], results)
+    assert (ended.computed, list(ended.failed)) == (3, ["bad_"])
+    assert "its name is not UTF-8" in ended.failed["bad_"]
+    assert tables(results) == tables(whole)
+    assert json.loads((results / "failed" / "bad_.json").read_text(encoding="utf-8"))["logs"] == [
+        f"{tmp_path}/bad\\udcff.log"
+    ]
+
+
+def test_results_and_configurations_whose_names_are_not_utf_8_are_refused(logs: list[Path], tmp_path: Path) -> None:
+    """DuckDB finds no table there, and a record could not name the configuration."""
+    odd = tmp_path / os.fsdecode(b"r\xff")
+    with pytest.raises(InputError, match="its name is not UTF-8, .*; give it another name"):
+        run_inline(logs, odd)
+    with pytest.raises(InputError, match="its name is not UTF-8, .*; give it another name"):
+        load_figures(str(odd))
+    assert not odd.exists()
+    with pytest.raises(InputError, match="its name is not UTF-8, .*; give it another name"):
+        run_inline(logs, tmp_path / "results", odd / "esr_ins.yaml")
