@@ -23,7 +23,7 @@ from candaemon.fleet.dataset import (
 )
 from candaemon.fleet.drive_list import FleetDrive
 from candaemon.fleet.kept_configuration import kept_binding
-from candaemon.fleet.locations import FetchedLog, fetched, require_utf8, sha256_of
+from candaemon.fleet.locations import FetchedLog, fetched, require_unchanged, require_utf8, sha256_of
 from candaemon.fleet.result_store import ResultStore, store_at
 from candaemon.fleet.software import difference, software
 from candaemon.playback.replay import ReplayRequest, replay
@@ -103,6 +103,7 @@ def _run(order: DriveOrder) -> DriveOutcome:
         with store.attempt() as folder:
             replaying = time.process_time()
             figures = replayed_into(folder, order, logs)
+            require_unchanged(order.drive.logs, inputs)
             replay_effort = time.process_time() - replaying
             made = {table: folder / f"{table}{SUFFIX}" for table in table_files(name)}
             files = {table: {"bytes": path.stat().st_size, "sha256": sha256_of(path)} for table, path in made.items()}

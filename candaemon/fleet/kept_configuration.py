@@ -80,12 +80,13 @@ class KeptConfiguration:
         return cls(str(path), whole.hexdigest()[:16], yaml, base, files, binding.warnings, buses)
 
     def keep(self, store: ResultStore) -> None:
-        """Write its files beside results, unless they are there."""
+        """Write its files beside results, unless they are there with the same content."""
         folder = f"{FOLDER}/{self.digest}"
         there = store.sizes(folder)
         for name, content in self.files.items():
-            if there.get(f"{folder}/{name}") != len(content):
-                store.write(f"{folder}/{name}", content)
+            kept = f"{folder}/{name}"
+            if there.get(kept) != len(content) or store.read(kept) != content:
+                store.write(kept, content)
 
 
 @lru_cache(maxsize=MOST_BOUND)

@@ -87,7 +87,8 @@ def require_utf8(location: str) -> None:
     try:
         location.encode()
     except UnicodeEncodeError:
-        raise InputError("its name is not UTF-8, as a fleet's records are; give it another name", file=location) from None
+        why = "its name is not UTF-8, as a fleet's records are; give it another name"
+        raise InputError(why, file=location) from None
 
 
 def beside(location: str, relative: str) -> str:
@@ -283,6 +284,23 @@ def fetched(logs: Sequence[str]) -> Iterator[tuple[list[Path], list[FetchedLog]]
             for each, path in zip(found, here, strict=True):
                 files.append(FetchedLog(each, path, sha256_of(path)))
         yield paths, files
+
+
+def require_unchanged(logs: Sequence[str], inputs: Sequence[FetchedLog]) -> None:
+    """Refuse a drive of which a file was written to, came or went since its content was hashed.
+
+    Args:
+        logs: locations of the drive.
+        inputs: what `fetched` yielded of them.
+
+    Raises:
+        InputError: names the first that differs.
+    """
+    noted = {each.found.location: each.found for each in inputs}
+    found = {each.location: each for each in files_at(logs)}
+    for location in (*noted, *found):
+        if noted.get(location) != found.get(location):
+            raise InputError("it changed while it was read; wait until it is written, and run again", file=location)
 
 
 def _copied(file: LogFile, folder: Path) -> Path:

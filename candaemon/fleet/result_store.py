@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
+from candaemon.dbc.database_bytes import LONGEST_FILE
 from candaemon.errors import InputError
 from candaemon.files.bounded import read_bounded
 from candaemon.files.outputs import make_folder, write_file
@@ -20,8 +21,8 @@ from candaemon.fleet.locations import absolute, asked, file_system, is_local, lo
 
 INCOMING: Final = ".incoming"
 """Folder of what is not whole yet."""
-LARGEST_RESULT: Final = 4 << 20
-"""Longest file of results that is read whole, bytes: a record of a drive, or a file of its configuration."""
+LARGEST_RESULT: Final = LONGEST_FILE
+"""Longest file of results that is read whole, bytes: a record of a drive, or a file of its configuration, as a DBC."""
 _LOCK: Final = ".lock"
 _WHOLE_AT_ONCE: Final = frozenset({"s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "adl"})
 """Protocols of object stores: what is put there appears when it is complete."""
