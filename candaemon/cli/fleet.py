@@ -37,7 +37,7 @@ from candaemon.fleet.fleet_page import report_of
 from candaemon.fleet.fleet_run import FleetResult, configurations_of, orders_of, run_fleet
 from candaemon.fleet.locations import is_local, local_path
 from candaemon.fleet.result_store import store_at
-from candaemon.fleet.workers import Workers
+from candaemon.fleet.workers import PATIENCE_S, Workers
 from candaemon.printable import printable
 from candaemon.report.drive_page import printable_lines
 from candaemon.similar_names import listed_names
@@ -131,6 +131,9 @@ def run(arguments: argparse.Namespace) -> None:
             cores = len(os.sched_getaffinity(0))
             count = arguments.workers or max(min(cores, len(orders)), 1)
             with Workers(arguments.scheduler, count, arguments.memory) as workers:
+                if not workers.count:
+                    console.say(f"{arguments.scheduler} has no worker; waiting up to {PATIENCE_S / 60:g} min for one")
+                workers.await_worker()
                 workers.require_same()
                 console.say(f"{len(orders):,} drives on {workers.count} workers; dashboard: {workers.dashboard}")
                 with _progress(orders) as ended:

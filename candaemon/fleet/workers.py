@@ -20,12 +20,12 @@ from candaemon.printable import printable
 WAITING_A_WORKER: Final = 4
 """Drives that are on their way for each of a worker's threads."""
 PATIENCE_S: Final = 300.0
-"""s that a scheduler may be away."""
+"""s that a scheduler may be away, or without a worker."""
 _LEAST_WAITING: Final = 8
 _MOST_KILLED: Final = 1
 """Workers of this machine that a drive may take with it before it is set aside for the end."""
 _LOOK_S: Final = 0.1
-_SIZE_AGAIN_S: Final = 10.0
+_COUNT_AGAIN_S: Final = 10.0
 
 
 class Workers:
@@ -35,7 +35,7 @@ class Workers:
         scheduler: address; None: processes of this machine.
         count: of those.
         memory: most of each of those, such as `4GiB`; `auto`: an equal share.
-        patience: s that the scheduler may be away.
+        patience: s that the scheduler may be away, or without a worker.
 
     Raises:
         ConfigError: Dask is not installed, or an address or amount is none.
@@ -49,7 +49,7 @@ class Workers:
         self._files = ExitStack()
         self._patience = patience
         self._scheduler = scheduler
-        self._threads, self._asked = 1, -_SIZE_AGAIN_S
+        self._threads, self._asked, self._manned = 1, -_COUNT_AGAIN_S, time.monotonic()
         with ExitStack() as unfinished:
             unfinished.push(self._files)
             self._client = self._local(count, memory) if scheduler is None else self._remote(scheduler)
@@ -106,6 +106,17 @@ class Workers:
         """Workers that are there."""
         return len(self._client.nthreads())
 
+    def await_worker(self) -> None:
+        """Wait until there is a worker.
+
+        Raises:
+            InputError: none comes.
+        """
+        try:
+            self._client.wait_for_workers(1, timeout=self._patience)
+        except TimeoutError:
+            raise self._unmanned() from None
+
     def require_same(self) -> None:
         """Refuse workers with other software than ours, as their results would differ.
 
@@ -129,11 +140,11 @@ class Workers:
             alone: one after another, so that a drive that takes its worker with it harms no other.
 
         Raises:
-            InputError: the scheduler is gone for too long.
+            InputError: the scheduler is gone, or without a worker, for too long.
         """
         waiting, source = deque[DriveOrder](), iter(orders)
         sent: dict[str, tuple[Any, DriveOrder]] = {}
-        done = self._dask.as_completed([])
+        done, ended = self._dask.as_completed([]), deque[Any]()
         number = 0
         while True:
             most = 1 if alone else self._most_waiting()
@@ -149,7 +160,9 @@ class Workers:
                 done.add(future)
             if not sent:
                 return
-            future = next(done)
+            if not ended:
+                ended += self._next_ended(done)
+            future = ended.popleft()
             _, order = sent.pop(future.key)
             outcome = self._outcome(future, order)
             if outcome is None:
@@ -157,6 +170,19 @@ class Workers:
                 waiting.append(order)
             else:
                 yield outcome
+
+    def _next_ended(self, done: Any) -> list[Any]:
+        """Wait for drives to end; return those that have, one at least.
+
+        Raises:
+            InputError: there is no worker for too long.
+        """
+        while not (found := done.next_batch(block=False)):
+            self._count_threads()
+            if time.monotonic() - self._manned > self._patience:
+                raise self._unmanned()
+            time.sleep(_LOOK_S)
+        return list(found)
 
     def _outcome(self, future: Any, order: DriveOrder) -> DriveOutcome | None:
         """Return how a drive ended; None where the scheduler was lost meanwhile."""
@@ -205,12 +231,29 @@ class Workers:
                 return
 
     def _most_waiting(self) -> int:
-        """Return how many drives may be on their way; workers come and go."""
-        if time.monotonic() - self._asked > _SIZE_AGAIN_S:
-            self._asked = time.monotonic()
+        """Return how many drives may be on their way."""
+        self._count_threads()
+        return max(WAITING_A_WORKER * self._threads, _LEAST_WAITING)
+
+    def _count_threads(self) -> None:
+        """Ask now and then how many threads the workers have, which come and go, and note when there were any."""
+        now = time.monotonic()
+        if now - self._asked <= _COUNT_AGAIN_S:
+            return
+        self._asked = now
+        if self._client.status == "running":
             with suppress(OSError):  # while the scheduler is away, they are as many as before
                 self._threads = sum(self._client.nthreads().values())
-        return max(WAITING_A_WORKER * self._threads, _LEAST_WAITING)
+        if self._threads:
+            self._manned = now
+
+    def _unmanned(self) -> InputError:
+        """Return the error that there is no worker."""
+        return InputError(
+            f"the scheduler has had no worker for {self._patience:g} s; start some, each by: dask worker ADDRESS "
+            "--nthreads 1; then run the command again",
+            file=self._scheduler,
+        )
 
 
 def _reason(error: BaseException) -> str:

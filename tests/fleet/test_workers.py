@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -42,13 +41,20 @@ class Dask:
     CancelledError = LostError
 
     def __init__(self) -> None:
-        self.client = SimpleNamespace(submit=self.submit, nthreads=lambda: {"a": 1, "b": 3}, status="running")
+        self.threads = {"a": 1, "b": 3}
+        self.client = SimpleNamespace(
+            submit=self.submit, nthreads=lambda: self.threads, wait_for_workers=self.wait_for_workers, status="running"
+        )
         self.waiting: list[Task] = []
         self.most = 0
         self.keys: list[str] = []
         self.lost: list[str] = []
         self.killed: list[str] = []
         self.status_when_lost = "running"
+
+    def wait_for_workers(self, count: int, timeout: float) -> None:
+        if len(self.threads) < count:
+            raise TimeoutError(timeout)
 
     def submit(self, _function: Any, order: DriveOrder, *, key: str, pure: bool) -> Task:
         assert not pure
@@ -63,16 +69,16 @@ class Dask:
         self.waiting.append(task)
         self.most = max(self.most, len(self.waiting))
 
-    def __iter__(self) -> Iterator[Task]:
-        return self
-
-    def __next__(self) -> Task:
-        return self.waiting.pop(0)
+    def next_batch(self, *, block: bool) -> list[Task]:
+        assert not block
+        return [self.waiting.pop(0)] if self.threads else []
 
 
 def workers(dask: Dask, patience: float = 300.0) -> Workers:
     made = Workers.__new__(Workers)
-    vars(made).update(_dask=dask, _client=dask.client, _patience=patience, _scheduler=None, _threads=1, _asked=-1e9)
+    vars(made).update(
+        _dask=dask, _client=dask.client, _patience=patience, _scheduler=None, _threads=1, _asked=-1e9, _manned=0.0
+    )
     return made
 
 
@@ -108,6 +114,15 @@ def test_a_scheduler_that_does_not_come_back_ends_the_run() -> None:
     dask.lost, dask.status_when_lost = ["d1"], "connecting"
     with pytest.raises(InputError, match="run the command again to go on"):
         list(workers(dask, patience=0.0).outcomes(orders(3)))
+
+
+def test_a_scheduler_without_a_worker_is_given_up() -> None:
+    dask = Dask()
+    workers(dask).await_worker()
+    dask.threads = {}
+    for wait in (Workers.await_worker, lambda found: list(found.outcomes(orders(3)))):
+        with pytest.raises(InputError, match=r"no worker for .* s; start some, each by: dask worker"):
+            wait(workers(dask, patience=0.001))
 
 
 def test_all_drives_are_one_kind_of_task() -> None:
