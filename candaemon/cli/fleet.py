@@ -104,7 +104,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--workers", type=whole_number(1, MOST_WORKERS), metavar="N", help="processes here; default: one a core"
     )
-    parser.add_argument("--memory", default="auto", metavar="SIZE", help="of each, such as 4GiB; default: equal shares")
+    parser.add_argument("--memory", metavar="SIZE", help="of each, such as 4GiB; default: equal shares")
     add_channel_map(parser)
     parser.add_argument(
         "--smooth", type=number(SHORTEST_LAG, LONGEST_LAG, "s"), metavar="S", help="as of replay: smooth the tracks"
@@ -115,7 +115,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Compute what is not there yet; fail where a drive did."""
-    if arguments.scheduler is not None and (arguments.workers is not None or arguments.memory != "auto"):
+    if arguments.scheduler is not None and (arguments.workers is not None or arguments.memory is not None):
         raise ConfigError("--workers and --memory are for processes of this machine; leave them out with --scheduler")
     import_extra("pyarrow", "fleet", "a run of a fleet")
     options = ReplayOptions(dict(arguments.map), arguments.smooth)

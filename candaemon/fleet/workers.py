@@ -21,6 +21,8 @@ WAITING_A_WORKER: Final = 4
 """Drives that are on their way for each of a worker's threads."""
 PATIENCE_S: Final = 300.0
 """s that a scheduler may be away, or without a worker."""
+LEAST_MEMORY: Final = 256 << 20
+"""Least memory of a worker of this machine, bytes: what its libraries take, and a drive."""
 _LEAST_WAITING: Final = 8
 _MOST_KILLED: Final = 1
 """Workers of this machine that a drive may take with it before it is set aside for the end."""
@@ -34,15 +36,17 @@ class Workers:
     Args:
         scheduler: address; None: processes of this machine.
         count: of those.
-        memory: most of each of those, such as `4GiB`; `auto`: an equal share.
+        memory: most of each of those, such as `4GiB`; None: an equal share.
         patience: s that the scheduler may be away, or without a worker.
 
     Raises:
-        ConfigError: Dask is not installed, or an address or amount is none.
-        InputError: there is no such scheduler.
+        ConfigError: Dask is not installed, an address or amount is none, or an amount is too small.
+        InputError: there is no such scheduler, or processes do not start.
     """
 
-    def __init__(self, scheduler: str | None, count: int, memory: str = "auto", patience: float = PATIENCE_S) -> None:
+    def __init__(
+        self, scheduler: str | None, count: int, memory: str | None = None, patience: float = PATIENCE_S
+    ) -> None:
         self._dask = import_extra("distributed", "fleet", "a fleet")
         for name in [each for each in logging.root.manager.loggerDict if each.startswith("distributed")]:
             logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is told by the outcomes
@@ -55,7 +59,8 @@ class Workers:
             self._client = self._local(count, memory) if scheduler is None else self._remote(scheduler)
             unfinished.pop_all()
 
-    def _local(self, count: int, memory: str) -> Any:
+    def _local(self, count: int, memory: str | None) -> Any:
+        most = "auto" if memory is None else _bytes(memory)
         folder = self._files.enter_context(TemporaryDirectory(prefix="candaemon-fleet-"))
         try:
             cluster = self._dask.LocalCluster(
@@ -64,15 +69,13 @@ class Workers:
                 processes=True,
                 host="127.0.0.1",
                 dashboard_address="127.0.0.1:0",
-                memory_limit=memory,
+                memory_limit=most,
                 local_directory=folder,
                 silence_logs=logging.CRITICAL,
                 scheduler_kwargs={"allowed_failures": _MOST_KILLED},
             )
-        except ValueError as error:
-            raise ConfigError(
-                f"--memory: found '{printable(memory)}', expected an amount such as 4GiB: {error}"
-            ) from None
+        except (RuntimeError, OSError, TimeoutError) as error:
+            raise _not_started(error) from error
         self._files.enter_context(cluster)
         return self._files.enter_context(self._dask.Client(cluster))
 
@@ -121,12 +124,14 @@ class Workers:
         """Refuse workers with other software than ours, as their results would differ.
 
         Raises:
-            InputError: names a worker and what differs.
+            InputError: names a worker and what differs; or one has ended.
         """
         try:
             found = self._client.run(software)
         except (ImportError, AttributeError) as error:
             raise InputError(f"a worker has no candaemon that fits: {error}; install the same on all") from None
+        except OSError as error:
+            raise _not_started(error) from error
         for worker, theirs in found.items():
             differs = difference(theirs, software())
             if differs:
@@ -254,6 +259,31 @@ class Workers:
             "--nthreads 1; then run the command again",
             file=self._scheduler,
         )
+
+
+def _bytes(memory: str) -> int:
+    """Return an amount of memory.
+
+    Raises:
+        ConfigError: it is none, or too small for a worker.
+    """
+    parse_bytes = import_extra("dask.utils", "fleet", "a fleet").parse_bytes
+    try:
+        found = int(parse_bytes(memory))
+    except (ValueError, OverflowError):
+        found = 0
+    if found < LEAST_MEMORY:
+        least = f"{LEAST_MEMORY >> 20}MiB"
+        raise ConfigError(f"--memory: found '{printable(memory)}', expected an amount such as 4GiB, at least {least}")
+    return found
+
+
+def _not_started(error: Exception) -> InputError:
+    """Return the error that workers ended before they had anything to do."""
+    return InputError(
+        f"workers end as they start: {printable(str(error) or type(error).__name__)}; give each more by --memory, or "
+        "start fewer by --workers; those of a cluster say why in their own logs"
+    )
 
 
 def _reason(error: BaseException) -> str:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from candaemon.errors import InputError
+from candaemon.errors import ConfigError, InputError
 from candaemon.fleet.drive_task import DriveOrder, DriveOutcome
-from candaemon.fleet.workers import WAITING_A_WORKER, Workers
+from candaemon.fleet.workers import LEAST_MEMORY, WAITING_A_WORKER, Workers
 
 
 class LostError(Exception):
@@ -123,6 +125,26 @@ def test_a_scheduler_without_a_worker_is_given_up() -> None:
     for wait in (Workers.await_worker, lambda found: list(found.outcomes(orders(3)))):
         with pytest.raises(InputError, match=r"no worker for .* s; start some, each by: dask worker"):
             wait(workers(dask, patience=0.001))
+
+
+@pytest.mark.parametrize("memory", ["-5", "0", "0.5", "much", "1e400", f"{LEAST_MEMORY - 1}"])
+def test_a_worker_has_a_least_memory(memory: str) -> None:
+    pytest.importorskip("dask", reason="needs Dask: pip install 'candaemon[fleet]'")
+    with pytest.raises(ConfigError, match=f"--memory: found '{memory}', expected an amount such as 4GiB, at least 256"):
+        Workers(None, 1, memory)
+
+
+@pytest.mark.parametrize("error", [RuntimeError("Nanny failed to start."), OSError("in <TCP (closed)>")])
+def test_workers_that_end_at_the_start_are_told(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    pytest.importorskip("dask", reason="needs Dask: pip install 'candaemon[fleet]'")
+
+    def refused(**given: object) -> None:
+        assert given["memory_limit"] == LEAST_MEMORY
+        raise error
+
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(LocalCluster=refused))
+    with pytest.raises(InputError, match=f"workers end as they start: {re.escape(str(error))}; give each more by"):
+        Workers(None, 1, f"{LEAST_MEMORY}")
 
 
 def test_all_drives_are_one_kind_of_task() -> None:
