@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -146,6 +147,7 @@ def is_log(name: str) -> bool:
 def drives_at(location: str) -> list[str]:
     """Return the logs that a location stands for: a file, a pattern, or a folder with all below it.
 
+    Links to folders are followed; a folder counts once, however many links lead to it.
     The folder of a recording of the service is one drive, and is returned itself.
 
     Raises:
@@ -163,16 +165,21 @@ def _local_drives(path: Path) -> list[str]:
         return [each for match in matches for each in (_local_drives(match) if match.is_dir() else [str(match)])]
     if not path.is_dir():
         return [str(path)]  # one that is missing is told with the drives that fail
-    if _is_recording(path):
-        return [str(path)]
-    found = []
-    for folder, below, names in os.walk(path):
-        below.sort()
-        here = Path(folder)
-        for recording in [each for each in below if _is_recording(here / each)]:
-            below.remove(recording)
-            found.append(str(here / recording))
-        found += [str(here / name) for name in sorted(names) if is_log(name)]
+    found, seen, linked = [], set[tuple[int, int]](), deque([path])
+    while linked:
+        for folder, below, names in os.walk(linked.popleft()):
+            here = Path(folder)
+            entry = here.stat()
+            if (entry.st_dev, entry.st_ino) in seen:  # a link may lead back, or to what another one leads to
+                below.clear()
+                continue
+            seen.add((entry.st_dev, entry.st_ino))
+            if _is_recording(here):
+                below.clear()
+                found.append(str(here))
+                continue
+            found += [str(here / name) for name in names if is_log(name)]
+            linked += [here / name for name in sorted(below) if (here / name).is_symlink()]
     return sorted(found)
 
 

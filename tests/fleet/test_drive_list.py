@@ -37,6 +37,19 @@ def test_a_folder_stands_for_its_logs_and_names_tell_them_apart(logs: Path) -> N
     assert names(logs / "monday") == ["drive"]
 
 
+def test_linked_folders_are_followed_once(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    far = tmp_path_factory.mktemp("far")
+    (far / "far.log").write_bytes(b"")
+    recording = far / "ring"
+    recording.mkdir()
+    (recording / "2026-11-21T22-12-52.123Z-000041.log").write_bytes(b"x")
+    (far / "back").symlink_to(logs)
+    for name in ("another", "linked"):
+        (logs / "monday" / name).symlink_to(far)
+    assert sorted(names(logs)) == ["_.hidden", "far", "monday-drive", "other", "ring", "tuesday-drive"]
+    assert [drive.logs for drive in listed(logs) if drive.name == "monday-drive"] == [(f"{logs}/monday/drive.log",)]
+
+
 def test_patterns_go_through_folders_and_a_log_named_twice_is_one(logs: Path) -> None:
     assert names(logs / "**" / "*.log*", logs / "monday" / "drive.log") == ["monday-drive", "tuesday-drive"]
 
