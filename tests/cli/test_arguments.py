@@ -85,7 +85,7 @@ def test_horizons_have_limits_each_and_together() -> None:
     [
         (["chek", "a.yaml"], "; did you mean 'check'?"),
         (["convert", "a", "b", "--force"], "usage: candaemon convert [-h]"),
-        (["check", "a", "--log", "b", "c"], "candaemon check: error: unrecognized arguments: c"),
+        (["check", "a", "--zz", "b", "c"], "candaemon check: error: unrecognized arguments: --zz"),
         (["fleet", "compare", "a", "b", "--zz"], "candaemon fleet compare: error: unrecognized arguments: --zz"),
         (["fleet", "compare", "a", "b", "--zz"], "usage: candaemon fleet compare [-h]"),
     ],
@@ -97,3 +97,13 @@ def test_what_is_mistyped_is_told_beside_what_the_command_takes(
         main(words)
     assert stop.value.code == 2
     assert expected in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("before", ["view C --port 0", "fleet run C -o R", "check C --log B", "replay C -o R"])
+def test_logs_may_follow_an_option(before: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    found: list[argparse.Namespace] = []
+    command = before.partition(" ")[0]
+    monkeypatch.setattr(f"candaemon.cli.{command}.execute", found.append)
+    assert main([*before.split(), "a.log", "b.log"]) == 0
+    assert main([*before.split()[:-2], "a.log", "b.log", *before.split()[-2:]]) == 0
+    assert [[str(log) for log in each.log] for each in found] == [["a.log", "b.log"]] * 2
