@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from threading import Lock
 from typing import IO, Any, Final
 
+from candaemon.errors import InputError
+
 LARGEST_DRIVE: Final = 4 << 30
 """Bytes of the pictures of a log that can be looked at; four hours with 64 obstacles at 20 Hz."""
 LARGEST_LIVE: Final = 128 << 20
@@ -36,6 +38,23 @@ def _segment() -> _Segment:
     segment = _Segment(file)
     weakref.finalize(segment, file.close)
     return segment
+
+
+def _write(descriptor: int, picture: bytes, at: int) -> None:
+    """Write a picture whole: a disk that is nearly full takes a part of it without an error.
+
+    Raises:
+        InputError: the disk has no room for it.
+    """
+    try:
+        while picture:
+            written = os.pwrite(descriptor, picture, at)
+            picture, at = picture[written:], at + written
+    except OSError as error:
+        raise InputError(
+            f"pictures cannot be kept there: {error.strerror}; make room, or set TMPDIR to another folder",
+            file=tempfile.gettempdir(),
+        ) from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +99,9 @@ class PictureStore:
         Args:
             time_s: its time, s; one before the latest picture's counts as that.
             picture: its bytes.
+
+        Raises:
+            InputError: the disk has no room for it.
         """
         with self._lock:
             if not self._segments or self._segments[-1].ends[-1] + len(picture) > self._segment_size:
@@ -87,7 +109,7 @@ class PictureStore:
                     return False
                 self._segments.append(_segment())
             segment = self._segments[-1]
-            os.pwrite(segment.file.fileno(), picture, segment.ends[-1])
+            _write(segment.file.fileno(), picture, segment.ends[-1])
             self._last_s = max(time_s, self._last_s) if self._after > self._first else time_s
             segment.times.append(self._last_s)
             segment.ends.append(segment.ends[-1] + len(picture))

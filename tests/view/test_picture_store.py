@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import os
+
 import pytest
 
+from candaemon.errors import InputError
 from candaemon.view import picture_store
 from candaemon.view.picture_store import PictureStore
 
@@ -43,6 +47,22 @@ def test_a_store_holds_so_many_bytes(name: str, monkeypatch: pytest.MonkeyPatch)
         assert (extent.first, extent.after, extent.first_s, extent.cut) == (4, 33, 4.0, False)
         assert store.read(0, 5) == [b"0000000004"]
         assert store.number_at(0.0) == 4
+    store.close()
+
+
+def test_a_picture_that_a_full_disk_cuts_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    store, write, room = PictureStore(), os.pwrite, 35
+
+    def filling(descriptor: int, data: bytes, at: int) -> int:
+        if at == room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(descriptor, data[: min(room - at, 7)], at)  # in parts, as a nearly full disk takes it
+
+    monkeypatch.setattr(os, "pwrite", filling)
+    with pytest.raises(InputError, match="cannot be kept there: No space left on device; make room, or set TMPDIR"):
+        filled(store, 9)
+    assert store.extent().after == 3
+    assert [int(each) for each in store.read(0, 9)] == [0, 1, 2]
     store.close()
 
 
