@@ -24,7 +24,7 @@ from candaemon.binding.bind import bind
 from candaemon.binding.bound import Binding, BoundOutput
 from candaemon.can_io.python_can import to_frame, to_message
 from candaemon.cli.arguments import SCENARIO, input_path, number, seed, speed, whole_number
-from candaemon.cli.console import can_redraw, console, say
+from candaemon.cli.console import can_redraw, console, say, warn
 from candaemon.cli.view import LARGEST_PORT, LONGEST_VIEW, PORT, require_extra, show
 from candaemon.config.load import load_config
 from candaemon.config.shipped import find_config, find_scenario
@@ -46,7 +46,7 @@ from candaemon.tracking.obstacles import STATE_NAMES
 SHORTEST_DRIVE: Final = 0.001
 """Shortest drive, s."""
 
-_DURATION_S, _VIEWED_S = 20.0, 60.0
+_DURATION_S = 20.0
 _SPEED = 4.0
 """Times real time on a terminal."""
 _HANDOVER_TIMEOUT_S = 10.0
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--duration",
         type=number(SHORTEST_DRIVE, LONGEST_DRIVE, "s"),
         metavar="S",
-        help=f"s of the drive; default: {_DURATION_S:g}, with --view {_VIEWED_S:g}",
+        help=f"s of the drive, no more than the scenario has; default: {_DURATION_S:g}, with --view all of it",
     )
     parser.add_argument("--seed", type=seed, default=1, help="of all random numbers; default: 1")
     parser.add_argument(
@@ -87,8 +87,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(arguments: argparse.Namespace) -> None:
     """Simulate a drive, track it and compare."""
     scenario = load_scenario(find_scenario(arguments.scenario))
-    duration = arguments.duration or (_VIEWED_S if arguments.view else _DURATION_S)
-    scenario = scenario.model_copy(update={"duration": min(duration, scenario.duration)})
+    longest = scenario.duration
+    if arguments.duration is not None and arguments.duration > longest:
+        warn([f"--duration: found {arguments.duration:g} s, and the scenario ends after {longest:g} s"])
+    duration = arguments.duration or (longest if arguments.view else _DURATION_S)
+    scenario = scenario.model_copy(update={"duration": min(duration, longest)})
     if arguments.view:
         require_extra()
     binding = bind(load_config(find_config(Path("demo"))))

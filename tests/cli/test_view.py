@@ -71,6 +71,22 @@ def test_the_demo_can_be_looked_at(capsys: pytest.CaptureFixture[str], monkeypat
     assert "no browser of a desktop" in said.err
 
 
+def test_the_demo_tells_that_its_scenario_is_shorter(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    seen = ["demo", "--view", "--port", "0", "--view-for", "0.01"]
+    assert main([*seen, "--duration", "41"]) == 0
+    said = capsys.readouterr().err
+    assert "warning: --duration: found 41 s, and the scenario ends after 40 s" in said
+    assert "40 s of a simulated drive" in said
+    assert main(seen) == 0
+    said = capsys.readouterr().err
+    assert "40 s of a simulated drive" in said
+    assert "warning" not in said
+
+
 def test_a_log_that_is_not_there_is_said_before_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", "esr_ins", str(tmp_path / "none.log"), "--port", "0"]) == 1
     assert "none.log" in errors(capsys)
