@@ -71,6 +71,7 @@ class Workers:
                 dashboard_address="127.0.0.1:0",
                 memory_limit=most,
                 local_directory=folder,
+                env={"TMPDIR": folder},  # a worker that is ended removes nothing itself
                 silence_logs=logging.CRITICAL,
                 scheduler_kwargs={"allowed_failures": _MOST_KILLED},
             )

@@ -73,12 +73,15 @@ def test_a_command_that_dies_leaves_nothing_half_written(
     logs: Path, whole: Path, tmp_path: Path, ending: signal.Signals
 ) -> None:
     results = tmp_path / "results"
-    running = candaemon("fleet", "run", "esr_ins", logs, "-o", results, "--workers", "1")
+    (tmp_path / "temporary").mkdir()
+    environment = os.environ | {"TMPDIR": str(tmp_path / "temporary")}
+    running = candaemon("fleet", "run", "esr_ins", logs, "-o", results, "--workers", "1", **environment)
     wait_until(some(results), PATIENCE, "first drives")
     family = psutil.Process(running.pid).children(recursive=True)
     running.send_signal(ending)
     running.communicate(timeout=PATIENCE)
     assert psutil.wait_procs(family, PATIENCE)[1] == []
+    assert ending == signal.SIGKILL or not list((tmp_path / "temporary").glob("candaemon-*"))
     found, wanted = tables(results), tables(whole)
     assert 0 < len(found) < len(wanted)
     assert {name: wanted[name] for name in found if ".incoming" not in name}.items() <= found.items()

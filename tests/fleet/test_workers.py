@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -145,6 +146,21 @@ def test_workers_that_end_at_the_start_are_told(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(LocalCluster=refused))
     with pytest.raises(InputError, match=f"workers end as they start: {re.escape(str(error))}; give each more by"):
         Workers(None, 1, f"{LEAST_MEMORY}")
+
+
+def test_temporary_files_of_workers_go_with_the_folder_of_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    found: dict[str, Any] = {}
+
+    def started(**given: Any) -> None:
+        found.update(given)
+        assert Path(given["local_directory"]).is_dir()
+        raise RuntimeError
+
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(LocalCluster=started))
+    with pytest.raises(InputError):
+        Workers(None, 1)
+    assert found["env"] == {"TMPDIR": found["local_directory"]}
+    assert not Path(found["local_directory"]).exists()
 
 
 def test_all_drives_are_one_kind_of_task() -> None:
