@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LOG",
         help=f"{LOG_FORMATS}; several are one drive; or the folder of a recording; default: the live buses",
     )
-    parser.add_argument("--speed", type=speed, default=1.0, metavar="X", help="times real time to begin with; of a log")
+    parser.add_argument("--speed", type=speed, metavar="X", help="times real time to begin with, of a log; default: 1")
     add_channel_map(parser)
     add_page_arguments(parser)
 
@@ -98,8 +98,8 @@ def execute(arguments: argparse.Namespace) -> None:
     if not logs:
         from candaemon.view.live_pictures import LiveListener  # noqa: PLC0415 - the room's libraries are an extra
 
-        if arguments.map:
-            raise ConfigError("--map is for a log")
+        if arguments.map or arguments.speed is not None:
+            raise ConfigError(f"{'--map' if arguments.map else '--speed'} is for a log; name one, or leave it out")
         listener = LiveListener(binding)
         os.nice(_NICENESS)
         title = ", ".join(f"{bus.settings.channel}" for bus in binding.buses)
@@ -115,7 +115,7 @@ def execute(arguments: argparse.Namespace) -> None:
         address,
         live=False,
         opens=arguments.open,
-        speed=arguments.speed,
+        speed=arguments.speed or 1.0,
         duration=arguments.duration,
     )
 

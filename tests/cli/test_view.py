@@ -62,6 +62,14 @@ def test_view_ends_after_its_duration(log: Path, capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().out.startswith("http://127.0.0.1:")
 
 
+@pytest.mark.parametrize(("option", "value"), [("--map", "can1=radar"), ("--speed", "3")])
+def test_what_is_for_a_log_is_refused_for_live_buses(
+    option: str, value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", "esr_ins", option, value, "--port", "0", "--duration", "0.01"]) == 2
+    assert f"{option} is for a log; name one, or leave it out" in errors(capsys)
+
+
 def test_the_demo_can_be_looked_at(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
