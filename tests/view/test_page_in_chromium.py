@@ -269,6 +269,10 @@ def test_it_goes_where_the_address_is_changed_to(page: Tab, drive: Drive) -> Non
     pause(page)
     page.do("location.hash = '#t=4'")
     page.wait("t => Math.abs(document.getElementById('road').dataset.time - t) < 0.06", drive.at(4.0).time)
+    page.do("location.hash = '#t=99999'")
+    page.wait("t => Math.abs(document.getElementById('road').dataset.time - t) < 2e-3", drive.pictures[-1].time)
+    page.page.keyboard.press("Home")
+    page.wait("document.getElementById('time').textContent.startsWith('0.00 / ')")
 
 
 def test_it_goes_on_where_it_was_after_it_slept(page: Tab, drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -307,14 +311,22 @@ def test_it_connects_again_after_the_server_was_started_again(browser: Any) -> N
         port, url = server.port, server.url
         opening = ExitStack()
         page = opening.enter_context(tab(browser, url))
+        page.page.select_option("#speed", "2")
+        page.wait("document.getElementById('speed').value === '2'")
+        page.page.keyboard.press("Escape")
+        pause(page)
+        page.seek(4.0)
+        page.wait("document.getElementById('time').textContent.startsWith('4.00 / ')")
     with opening:
         page.wait("document.getElementById('link').textContent.startsWith('no connection')")
         # whatever it asks for in that moment, its WebSocket or an icon, is refused, reset or ends without an answer
         assert all("WebSocket" in error or "net::ERR_" in error for error in page.errors), page.errors
         with served_page(show_of(pictures[:150], session="two"), port):
             page.wait("document.getElementById('link').textContent === 'connected'")
-            page.wait("t => document.getElementById('road').dataset.time >= t", pictures[20].time)
+            page.wait("document.getElementById('time').textContent.startsWith('4.00 / 7')")  # of a shorter log
             page.wait("document.querySelectorAll('#obstacles tbody tr').length > 0")
+            assert page.do("document.getElementById('play').textContent") == "Play"
+            assert page.do("document.getElementById('speed').value") == "2"
 
 
 def test_a_live_show_is_followed_and_can_be_looked_back_at(browser: Any) -> None:

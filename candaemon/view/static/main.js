@@ -39,27 +39,33 @@ function take(message) {
   redraw();
 }
 
+// As soon as the log has been read so far; where it ends before, to its end.
 function goWhereWanted() {
-  if (wanted !== null && state.last >= wanted.from(state.first)) {
-    link.say({do: "seek", t: wanted.from(state.first)});
+  if (wanted !== null && (state.complete || state.last >= wanted.from(state.first))) {
+    link.say({do: "seek", t: Math.max(Math.min(wanted.from(state.first), state.last), state.first)});
     wanted = null;
   }
 }
 
-// A connection that opens again begins to play anew: go on as before.
-function goOn() {
+// A connection that opens again begins to play anew: go on as before, at a time of the beginning.
+function goOn(from) {
   if (state.follows) return;
-  link.say({do: "seek", t: shown});
+  wanted = {from};
   link.say({do: "speed", value: state.speed});
   if (!state.playing) link.say({do: "pause"});
 }
 
 function setUp(message) {
-  if (message.session !== stage.session) {
+  const same = message.session === stage.session, [at, since] = [shown, shown - state.first];
+  if (same && shown) goOn(() => at);
+  else if (shown && !message.live && message.title === stage.title) goOn((first) => first + since);  // started again
+  else wanted = deepLink();
+  if (!same) {
     memory.clear();
     [health, status, skipped] = [null, null, 0];
+    state = {...state, first: 0, last: 0, complete: false};
     road.fitted = false;
-  } else if (shown) goOn();
+  }
   stage = road.stage = message;
   plots.modes = message.modes;
   element("title").textContent = `${message.name}: ${message.title}`;
@@ -108,7 +114,7 @@ function showControls() {
   seek.max = Math.max(state.last - state.first, 0.001);
   if (!held) seek.value = shown - state.first;
   const more = state.complete || stage.live ? "" : " …";
-  element("time").textContent = state.last ? `${(shown - state.first).toFixed(2)} / ${(state.last - state.first).toFixed(1)} s${more}` : "waiting";
+  element("time").textContent = state.last ? `${Math.max(shown - state.first, 0).toFixed(2)} / ${(state.last - state.first).toFixed(1)} s${more}` : "waiting";
   const speed = element("speed"), text = String(state.speed);
   if (![...speed.options].some((option) => option.value === text)) speed.add(new Option(text, text));
   if (document.activeElement !== speed) speed.value = text;
@@ -129,6 +135,7 @@ function chooseNext(step) {
 }
 
 function seekTo(time) {
+  wanted = null;
   const now = performance.now();
   clearTimeout(sought.timer);
   const go = () => {
