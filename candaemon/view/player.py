@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Final
 
 from candaemon.view.picture_store import PictureStore
@@ -16,7 +17,7 @@ SLOWEST_PLAY: Final = 0.05
 FASTEST_PLAY: Final = 50.0
 """Largest multiple of real time."""
 MOST_HISTORY: Final = 2000
-"""Pictures of one message after a seek; 20 s of 100 cycles/s."""
+"""Pictures of one message after a seek: all of 20 s of 100 cycles/s; of more, the newest half and some of the older."""
 LONGEST_GAP_S: Final = 5.0
 """s without a picture that are played; a longer gap is passed over."""
 
@@ -143,9 +144,19 @@ class Player:
     def _whole(self, after: int) -> Due:
         """Return the pictures that lead to an instant; the last one before it is one of them, however old it is."""
         assert self._at_s is not None  # noqa: S101 - set by the caller
-        first = max(min(self._store.number_at(self._at_s - HISTORY_S), after - 1), after - MOST_HISTORY)
+        first = min(self._store.number_at(self._at_s - HISTORY_S), after - 1)
         self._next, self._afresh = after, False
-        return Due(self._at_s, self._store.read(first, after), afresh=True, dropped=0)
+        return Due(self._at_s, self._history(first, after), afresh=True, dropped=0)
+
+    def _history(self, first: int, after: int) -> list[bytes]:
+        """Return the pictures of these numbers; where they are too many, the newest and, of all older, some."""
+        if after - first <= MOST_HISTORY:
+            return self._store.read(first, after)
+        half = MOST_HISTORY // 2
+        others = after - half - first
+        numbers = (first + k * others // half for k in range(half))
+        spread = chain.from_iterable(self._store.read(number, number + 1) for number in numbers)
+        return [*spread, *self._store.read(after - half, after)]
 
     def _further(self, after: int) -> Due:
         """Return the pictures since the last ones, no more than a message holds."""

@@ -249,6 +249,9 @@ def test_everything_has_a_key_and_help_lists_them(drive: Drive, page: Tab) -> No
     assert page.do("getComputedStyle(document.documentElement).colorScheme") != before
     page.page.keyboard.press("u")
     page.wait("document.getElementById('units').textContent === 'km/h'")
+    assert page.do("document.getElementById('colours').open")
+    page.page.keyboard.press("g")
+    assert not page.do("document.getElementById('colours').open")
     page.page.keyboard.press("?")
     assert page.do("document.getElementById('help').open")
     assert page.do("document.querySelectorAll('#keys dt').length") > 20
@@ -293,6 +296,7 @@ def test_a_laptop_and_a_tablet_show_all_of_it(browser: Any, width: int, height: 
         tab(browser, server.url, width=width, height=height, touch=True) as page,
     ):
         assert page.do("document.documentElement.scrollWidth <= innerWidth")
+        assert page.do("document.getElementById('colours').open") == (width > 900)  # px: else it covers the road
         for name in ("road", "play", "seek", "obstacles", "theme"):
             box = page.page.locator(f"#{name}").bounding_box()
             assert box is not None
@@ -343,6 +347,24 @@ def test_a_live_show_is_followed_and_can_be_looked_back_at(browser: Any) -> None
         page.page.click("#follow")
         page.wait("t => Math.abs(document.getElementById('road').dataset.time - t) < 2e-3", pictures[100].time)
         assert page.errors == []
+
+
+def test_plots_reach_20_s_back_however_many_pictures_come(page: Tab) -> None:
+    spans = """async () => {
+        const {Memory} = await import('./memory.js'), memory = new Memory(), found = [];
+        const picture = (t) => ({t, pose: [0, 0, 0], obstacles: {id: [], x: [], y: []}, scans: []});
+        for (let k = 0; k < 9000; k++) {
+            memory.add([picture(k / 300)], false);
+            if (k >= 6000) found.push([memory.latest.t - memory.pictures[0].t, memory.pictures.length]);
+        }
+        const steps = memory.pictures.slice(1).map(({t}, k) => t - memory.pictures[k].t);
+        const counts = found.map(([, count]) => count);
+        return [Math.min(...found.map(([span]) => span)), Math.max(...counts), Math.max(...steps)];
+    }"""
+    shortest, most, widest = page.do(spans)
+    assert shortest > 19.9
+    assert most <= 2000
+    assert widest < 0.025
 
 
 def test_memory_stays_flat_with_64_obstacles_at_20_hz(browser: Any) -> None:

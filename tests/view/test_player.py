@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from candaemon.view.picture_store import PictureStore
@@ -151,6 +152,10 @@ def test_a_seek_brings_so_many_pictures_and_no_more() -> None:
     due = player.due(0.0)
     assert due is not None
     assert len(due.pictures) == MOST_HISTORY
+    found, half = numbers(due), MOST_HISTORY // 2
+    assert found[0] == 1  # the plots reach back as far, whatever the rate
+    assert 3 <= np.diff(found[: half + 1]).min() <= np.diff(found[: half + 1]).max() <= 4
+    assert found[half:] == list(range(found[-1] - half + 1, found[-1] + 1))
     player = Player(drive(MOST_HISTORY / rate, rate=rate), follows=False)
     player.seek(HISTORY_S)
     due = player.due(0.0)

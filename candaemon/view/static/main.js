@@ -217,6 +217,7 @@ const KEYS = [
   [["f"], "f", "move the view right", () => road.pan(-60, 0)],
   [["u"], "u", "m/s or km/h", changeUnit],
   [["d"], "d", "dark or light", changeTheme],
+  [["g"], "g", "show or hide the legend", () => { element("colours").open = !element("colours").open; }],
   [["?", "h"], "?", "these keys", () => element("help").showModal()],
 ];
 
@@ -255,6 +256,7 @@ element("seek").onchange = (event) => {
 for (const end of ["pointerup", "pointercancel", "blur"]) {  // back where it began, it does not change
   element("seek").addEventListener(end, () => { held = false; });
 }
+element("colours").open = !matchMedia("(max-width: 900px)").matches;  // where it would cover much of the road
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => setTheme(null));
 setTheme(localStorage.getItem("theme"));
 setUnit(UNITS.find((unit) => unit.name === localStorage.getItem("unit")) ?? UNITS[0]);

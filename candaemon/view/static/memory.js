@@ -21,8 +21,20 @@ export class Memory {
     const latest = this.latest;
     if (!latest) return;
     let old = 0;
-    while (latest.t - this.pictures[old].t > LONGEST_S || this.pictures.length - old > MOST) old++;
+    while (latest.t - this.pictures[old].t > LONGEST_S) old++;
     if (old) this.pictures.splice(0, old);
+    if (this.pictures.length > MOST) this.thin();
+  }
+
+  // Many sensors make more pictures than can be held: of the older half, those some time apart.
+  thin() {
+    const whole = this.pictures.length - MOST / 2, apart = LONGEST_S / (MOST / 2);
+    let kept = -Infinity;
+    this.pictures = this.pictures.filter(({t}, k) => {
+      if (k < whole && t - kept < apart) return false;
+      kept = t;
+      return true;
+    });
   }
 
   // Pictures of the last seconds, oldest first.
