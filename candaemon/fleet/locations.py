@@ -179,7 +179,8 @@ def _local_drives(path: Path) -> list[str]:
                 found.append(str(here))
                 continue
             found += [str(here / name) for name in names if is_log(name)]
-            linked += [here / name for name in sorted(below) if (here / name).is_symlink()]
+            below.sort()  # in whatever order a file system tells them, the same link counts
+            linked += [here / name for name in below if (here / name).is_symlink()]
     return sorted(found)
 
 

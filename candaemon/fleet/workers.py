@@ -21,7 +21,7 @@ WAITING_A_WORKER: Final = 4
 """Drives that are on their way for each of a worker's threads."""
 PATIENCE_S: Final = 300.0
 """s that a scheduler may be away, or without a worker."""
-LEAST_MEMORY: Final = 256 << 20
+LEAST_MEMORY: Final = 512 << 20
 """Least memory of a worker of this machine, bytes: what its libraries take, and a drive."""
 _LEAST_WAITING: Final = 8
 _MOST_KILLED: Final = 1

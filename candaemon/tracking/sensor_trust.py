@@ -33,6 +33,8 @@ from candaemon.tracking.update import PredictedReflections
 
 REACH: Final = 8.0
 """m between a detection and the reflection it may be of."""
+MOST_PAIRS: Final = 256
+"""Detections and reflections within reach, of which an offset that is common to them is told."""
 MOST: Final = 400.0
 """Factor on the variance from which on a scan is not used at all."""
 _NONE = np.empty(0, dtype=np.intp)
@@ -59,6 +61,7 @@ _LEAST_SPEED = 0.5  # m/s; slower, nothing changes from scan to scan, and the sa
 _CLEARLY = 0.15  # of `REACH`, by which objects must lie nearer there to fit better elsewhere
 _IN_PLACE = 1.0  # m by which objects are off as a rule: of less no other explanation is sought
 _COMMON = 1.0  # m, within which objects are off by as much
+_NEARLY = 4  # of so many detections another offset may explain one less
 _AGREES = 0.6  # of the limits of a bias, within which a sensor is right again
 
 
@@ -513,17 +516,26 @@ def _of_a_common_offset(told: _Matches, detections: Detections, expected: Predic
 
 
 def _common_offset(detections: Detections, expected: PredictedReflections) -> tuple[float, float]:
-    """Return by how much most detections are off what other sensors show, along and across their lines of sight, m."""
+    """Return by how much most detections are off what other sensors show, along and across their lines of sight, m.
+
+    Of a queue all but the last are as well off by the distance of two cars: of offsets that explain nearly as many, the
+    least counts.
+    """
     others = np.flatnonzero(expected.confirmed & expected.by_others)
     apart = detections.measurement.position[:, None] - expected.position[others]
     row, track = np.nonzero(np.hypot(apart[..., 0], apart[..., 1]) < REACH)
     if not len(row):
         return 0.0, 0.0
+    if len(row) > MOST_PAIRS:
+        some = np.linspace(0, len(row) - 1, MOST_PAIRS).astype(np.intp)
+        row, track = row[some], track[some]
     _, sight, across = _lines_of_sight(detections.measurement)
     off = np.stack([(apart[row, track] * axis[row]).sum(axis=1) for axis in (sight, across)], axis=1)
     alike = (np.abs(off[:, None] - off) < _COMMON).all(axis=2)
     share_it = (alike.astype(np.float64) @ (row[:, None] == np.unique(row)) > 0.0).sum(axis=1)
-    along_sight, aside = np.median(off[alike[share_it.argmax()]], axis=0).tolist()
+    explaining = share_it >= share_it.max() - share_it.max() // _NEARLY
+    least = np.where(explaining, np.hypot(off[:, 0], off[:, 1]), np.inf).argmin()
+    along_sight, aside = np.median(off[alike[least]], axis=0).tolist()
     return along_sight, aside
 
 

@@ -131,7 +131,7 @@ def test_a_scheduler_without_a_worker_is_given_up() -> None:
 @pytest.mark.parametrize("memory", ["-5", "0", "0.5", "much", "1e400", f"{LEAST_MEMORY - 1}"])
 def test_a_worker_has_a_least_memory(memory: str) -> None:
     pytest.importorskip("dask", reason="needs Dask: pip install 'candaemon[fleet]'")
-    with pytest.raises(ConfigError, match=f"--memory: found '{memory}', expected an amount such as 4GiB, at least 256"):
+    with pytest.raises(ConfigError, match=f"--memory: found '{memory}', expected an amount such as 4GiB, at least 512"):
         Workers(None, 1, memory)
 
 

@@ -24,7 +24,7 @@ from candaemon.radar.detections import Detections
 from candaemon.radar.scan import Scan
 from candaemon.simulation.scenario import Scenario
 from candaemon.simulation.simulate import simulate
-from candaemon.tracking.sensor_trust import Fault, SensorTrust, SensorTrustState
+from candaemon.tracking.sensor_trust import MOST_PAIRS, REACH, Fault, SensorTrust, SensorTrustState
 from candaemon.tracking.update import PredictedReflections
 from tests.accuracy.simulated_runs import scenario_of
 from tests.support.bound import binding
@@ -216,6 +216,31 @@ def test_a_bias_that_puts_each_object_beside_another_is_found() -> None:
             trust, StandingTracker(cars), 1.0 + 0.05 * scan, cars + np.array([5.0, 0.0]) + rng.normal(0.0, 0.1, (3, 2))
         )
     assert trust.fault(0) is Fault.BIASED
+
+
+def test_a_bias_of_many_objects_is_found_among_so_many_pairs() -> None:
+    trust, rng = pair(), np.random.default_rng(1)
+    things = np.stack([rng.uniform(10.0, 90.0, 80), rng.uniform(-20.0, 20.0, 80)], axis=1)
+    apart = things[:, None] - things
+    assert np.count_nonzero(np.hypot(apart[..., 0], apart[..., 1]) < REACH) > MOST_PAIRS
+    for scan in range(60):
+        off = np.array([5.0 if scan >= 40 else 0.0, 0.0])
+        judged(trust, StandingTracker(things), 1.0 + 0.05 * scan, things + off + rng.normal(0.0, 0.05, things.shape))
+        assert scan >= 40 or trust.fault(0) is Fault.NONE
+    assert trust.fault(0) is Fault.BIASED
+
+
+@pytest.mark.parametrize(("cars", "gap", "lanes"), [(5, 1.5, 1), (5, 2.0, 2), (6, 1.5, 3)])
+def test_a_sensor_that_shows_the_other_ends_of_a_queue_is_not_off(cars: int, gap: float, lanes: int) -> None:
+    """By a car's length all rears would lie where fronts are; by the gap, nearly all."""
+    trust, rng = pair(), np.random.default_rng(1)
+    rears = np.array(
+        [(8.0 + 2.0 * lane + each * (4.5 + gap), 3.5 * lane) for lane in range(lanes) for each in range(cars)]
+    )
+    for scan in range(60):
+        tracker = StandingTracker(rears + np.array([4.5, 0.0]), obstacle=np.arange(len(rears)))
+        judged(trust, tracker, 1.0 + 0.05 * scan, rears + rng.normal(0.0, 0.1, rears.shape))
+        assert trust.fault(0) is Fault.NONE
 
 
 @dataclass(frozen=True, slots=True)
