@@ -11,7 +11,7 @@ from typing import Final
 
 from candaemon.arrays import Floats
 
-REVISION: Final = 147
+REVISION: Final = 148
 """Of the kernels that this code calls: others, left in a checkout by an earlier build, are not used."""
 WIDEST: Final = 16
 """Components of a state that the kernels of updates one after another have room for."""

@@ -20,7 +20,7 @@ from math import asin, cos, hypot, remainder, sin
 
 import numpy as np
 
-REVISION = 147
+REVISION = 148
 
 cdef double LEAST_VARIANCE = 1e-100
 cdef double LOST = 1e-13
@@ -2942,23 +2942,33 @@ def speeds_of_slides(
     object[double, ndim=2, mode="strided"] axis,
     object[double, ndim=1, mode="strided"] length,
     object[double, ndim=1, mode="strided"] width,
+    object[double, ndim=1, mode="strided"] length_variance,
+    object[double, ndim=1, mode="strided"] extent,
     object[unsigned char, ndim=1, mode="strided"] confirmed,
     object[unsigned char, ndim=1, mode="strided"] directed,
+    object[long long, ndim=1, mode="strided"] last_ns,
+    object[Py_ssize_t, ndim=1, mode="strided"] body,
+    object[long long, ndim=1, mode="strided"] reflection_ns,
     double east,
     double north,
     double own_east,
     double own_north,
     int rounds,
     double least,
+    double told_length,
+    double small,
+    double enough,
+    double truck_length,
     double beside,
     double step,
 ):
     """Return how fast what is seen of bodies slides along them as they pass near us (n,), None: of none.
 
-    We are at a place and move at a velocity. Only confirmed bodies of known axis count that are nearer than so far; the
-    points of them that face us are compared with those a step later.
+    We are at a place and move at a velocity. Only confirmed bodies of known axis count that are nearer than so far, and
+    of those of known size that are no longer than a truck only those of which their last scan showed one reflection
+    (m,); the points of them that face us are compared with those a step later.
     """
-    cdef Py_ssize_t n = len(length), m = 0, group, first, lanes, l, t
+    cdef Py_ssize_t n = len(length), m = 0, group, first, lanes, l, t, shown
     cdef double x, y, c, s
     cdef double eye[2][LANES]
     cdef double passing[2][LANES]
@@ -2969,7 +2979,15 @@ def speeds_of_slides(
     cdef object[Py_ssize_t, ndim=1, mode="c"] rows = rows_array
     for t in range(n):
         x, y = mean[t, 0] - east, mean[t, 1] - north
-        if x * x + y * y < beside * beside and confirmed[t] and directed[t]:
+        if not (x * x + y * y < beside * beside and confirmed[t] and directed[t]):
+            continue
+        shown = 0
+        if length[t] <= truck_length and has_size(
+            length[t], length_variance[t], extent[t], told_length, small, enough
+        ):
+            for l in range(len(body)):
+                shown += body[l] == t and reflection_ns[l] == last_ns[t]
+        if shown < 2:
             rows[m] = t
             m += 1
     if not m:

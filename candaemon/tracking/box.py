@@ -309,14 +309,15 @@ def facing_offsets(bodies: Bodies, pose: EgoPose) -> Floats:
 def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
     """Return how fast what is seen of bodies would slide along them as they pass near us (k,), m/s; None: of none.
 
-    A vehicle of which we see the side pass by shows another point of it all the time, whatever its size is. What slides
-    is slower than the vehicle, which seems to brake where nothing else explains it.
+    A vehicle of which we see the side pass by shows another point of it all the time. What slides is slower than the
+    vehicle, which seems to brake where nothing else explains it. A car of known size of which one scan shows several
+    points does not slide: where they all are slower, it brakes.
 
     Args:
         bodies: of the time before.
         pose: of the vehicle, whose origin they face.
     """
-    obstacles, mean = bodies.obstacles, bodies.moments().mean
+    obstacles, reflections, mean = bodies.obstacles, bodies.reflections, bodies.moments().mean
     if compiled.in_use:
         return compiled.kernels.speeds_of_slides(
             mean,
@@ -324,20 +325,32 @@ def slides(bodies: Bodies, pose: EgoPose) -> Floats | None:
             obstacles.axis,
             obstacles.length,
             obstacles.width,
+            obstacles.length_variance,
+            obstacles.extent,
             obstacles.confirmed,
             obstacles.directed,
+            obstacles.last_ns,
+            reflections.body,
+            reflections.last_ns,
             pose.east,
             pose.north,
             pose.ve,
             pose.vn,
             ROUNDS,
             LEAST,
+            TOLD_LENGTH,
+            SMALL,
+            ENOUGH,
+            TRUCK_LENGTH,
             _BESIDE,
             _SLIDE_STEP,
         )
     sight = mean[:, POSITION] - np.array([pose.east, pose.north])
     near = (sight * sight).sum(axis=1) < _BESIDE * _BESIDE
-    near &= obstacles.confirmed & obstacles.directed
+    shown = reflections.body[reflections.last_ns == obstacles.last_ns[reflections.body]]
+    one = np.bincount(shown, minlength=len(obstacles)) < 2
+    slides = ~obstacles.sized | (obstacles.length > TRUCK_LENGTH) | one
+    near &= obstacles.confirmed & obstacles.directed & slides
     rows = near.nonzero()[0]
     if not len(rows):
         return None
@@ -356,7 +369,8 @@ def follow_slides(bodies: Bodies, sliding: Floats, dt: float) -> None:
 
     How far the bias has come along a body is where it shows another part. The reference point of which `follow_aspect`
     knows the way stays, and the reflections have slid: if their bias faded, what is seen would draw that point along.
-    That of another body is what is seen, and follows. The bodies keep their speeds.
+    Where no size is known they slide as far as the middle: from there on it is a longer body, of which the reference
+    point follows what is seen, as it does of any other. The bodies keep their speeds.
 
     Args:
         bodies: predicted.
@@ -365,12 +379,14 @@ def follow_slides(bodies: Bodies, sliding: Floats, dt: float) -> None:
     """
     obstacles, reflections, farthest = bodies.obstacles, bodies.reflections, np.abs(sliding) * dt
     along = (bodies.moments().mean[:, BIAS] * obstacles.axis).sum(axis=1)
-    step = np.clip(along, -farthest, farthest)[:, None] * obstacles.axis
-    bodies.settle(step)
-    slid = np.where(_shows_its_aspect(obstacles)[:, None], step, 0.0)
+    step = np.clip(along, -farthest, farthest)
+    bodies.settle(step[:, None] * obstacles.axis)
+    place = to_travel_axes(obstacles.facing, obstacles.axis)[:, 0] + reflections.offset[obstacles.leader, 0]
+    to_middle = np.clip(place + step, np.minimum(place, 0.0), np.maximum(place, 0.0)) - place
+    slid = np.where(obstacles.sized, step, to_middle) * _shows_its_aspect(obstacles)
     if slid.any():
-        reflections.offset += to_travel_axes(slid, obstacles.axis).take(reflections.body, axis=0)
-        bodies.shift(-slid)
+        reflections.offset[:, 0] += slid.take(reflections.body)
+        bodies.shift(-slid[:, None] * obstacles.axis)
 
 
 def follow_aspect(bodies: Bodies, pose: EgoPose, dt: float) -> None:

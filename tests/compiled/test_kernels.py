@@ -606,15 +606,21 @@ def test_axes_reports_and_reference_points_of_bodies(extra: int, monkeypatch: py
 
 
 def test_how_fast_bodies_that_pass_slide(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(box, "_BESIDE", 60.0)  # so that there are some of each kind
+
     def computed() -> list[Floats]:
-        bodies = bodies_on_road(60, 9)
+        bodies, found = bodies_on_road(60, 60), list[Floats]()
         bodies.obstacles.directed[::2] = True
-        bodies.obstacles.length_variance[:] = 4.0
-        sliding = box.slides(bodies, POSE)
-        assert sliding is not None
-        assert 3 < np.count_nonzero(sliding) < 20
-        assert box.slides(bodies, replace(POSE, east=100.0)) is None
-        return [sliding]
+        bodies.obstacles.length_variance[:] = np.where(np.arange(60) % 3, 0.01, 4.0)
+        bodies.reflections.last_ns[:] = bodies.obstacles.last_ns[bodies.reflections.body]
+        for shown_before in (len(bodies.reflections), len(bodies)):  # all in the last scan, or of each body one
+            bodies.reflections.last_ns[shown_before:] -= 1
+            sliding = box.slides(bodies, POSE)
+            assert sliding is not None
+            found.append(sliding)
+        assert 3 < np.count_nonzero(found[0]) < np.count_nonzero(found[1]) < 60
+        assert box.slides(bodies, replace(POSE, east=1000.0)) is None
+        return found
 
     both(monkeypatch, computed)
 
